@@ -138,6 +138,18 @@ class DataArguments(ReadOptions):
         console.say_read(study.source.read, study.source.notes)
         return study
 
+    def refuse_unknown(self, model: str | None) -> None:
+        """Refuse a model that does not exist and runs that are no numbers, before anything is read.
+
+        Raises:
+            InputError: it is so.
+        """
+        from estimation.models import MODELS  # noqa: PLC0415, as above
+
+        _run_numbers(self.held_out)
+        if model is not None:
+            MODELS[model]
+
     def say_left_out(self) -> None:
         """Say that runs held out by choice are left out, in a command that judges no model on them."""
         if self.held_out:

@@ -14,6 +14,8 @@ from robot_io.types import FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
 _SHARE = 0.35  # of the effort without it, that an effect is drawn with
+_NEXT = 1.0 / 3.0  # of each gain's share that the next one has: alike, they could cancel
+_TRIED = 8  # starts of an effect without gains
 _RUNS = 3  # of the user's motion that are simulated
 _PLAIN = {"stiffness.k": 500.0, "damping.c": 4.0, "inertia.m": 0.02, "viscous_friction.d": 0.3}
 
@@ -30,7 +32,7 @@ class Example:
 
     @classmethod
     def plain(cls, effect: Effect, kind: ChannelKind) -> "Example | None":
-        """The effect on two plain presses or swings; None where it needs more than those.
+        """The effect on two plain presses or swings; None where that shows nothing of it.
 
         Beside a spring and damper, or a mass with viscous friction; if it is one of these, beside the other.
         """
@@ -40,7 +42,8 @@ class Example:
         if effect.name in {one.name for one in model.effects}:
             without = model.without(effect.name).predict(data, values)
             return cls(effect, replace(data, effort=without), model, values)
-        return cls(effect, data, model.with_effect(effect), sized(data, model, values, effect))
+        made = cls(effect, data, model.with_effect(effect), sized(data, model, values, effect))
+        return made if np.any(made.effort() != data.effort) else None
 
     @classmethod
     def beside(cls, fitted: Fitted, effect: Effect) -> "Example":
@@ -78,11 +81,20 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
     """Parameters of a model with one effect more, of a size that is well seen beside the data's effort."""
     starts = effect.starts(data)
-    inner = dict(starts[len(starts) // 2])
-    values = {**base, **{f"{effect.name}.{name}": value for name, value in inner.items()}}
+    tried = [starts[len(starts) // 2]] if effect.gains else starts[:: -(-len(starts) // _TRIED)]
+    of_start = [{**base, **{f"{effect.name}.{name}": value for name, value in one.items()}} for one in tried]
+    wanted = _SHARE * _rms(data.effort)
+    if not effect.gains:
+        with_effect = model.with_effect(effect)
+        differ = [_rms(with_effect.predict(data, values) - data.effort) for values in of_start]
+        return of_start[int(np.argmin(np.abs(np.array(differ) - wanted)))]
+    values = of_start[0]
     if isinstance(effect, AdditiveEffect):
-        for column, gain in zip(effect.columns(data, inner).T, effect.gains, strict=True):
-            length = float(np.sqrt(np.mean(column**2)))
-            wanted = _SHARE * float(np.sqrt(np.mean(data.effort**2))) / length if length > 0.0 else 0.0
-            values[f"{effect.name}.{gain.name}"] = wanted
+        for column, gain in zip(effect.columns(data, tried[0]).T, effect.gains, strict=True):
+            values[f"{effect.name}.{gain.name}"] = wanted / length if (length := _rms(column)) > 0.0 else 0.0
+            wanted *= _NEXT
     return values
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

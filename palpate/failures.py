@@ -8,6 +8,7 @@ import traceback
 from typing import Any
 
 import typer
+from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from palpate.answer import Answer
@@ -21,6 +22,7 @@ FAILED = 1
 DISK_FULL = 3
 INTERRUPTED = 130
 DEBUG_VARIABLE = "PALPATE_DEBUG"
+_MOST_SHOWN = 60  # characters of a value that is refused
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
@@ -103,7 +105,11 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
 def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context else ""
-    return error.format_message().replace("Value error, ", "").rstrip(".") + hint
+    text = error.format_message().replace("Value error, ", "").partition(", unable to parse")[0]
+    if isinstance(error.__cause__, ValidationError):
+        given = str(error.__cause__.errors(include_url=False)[0]["input"])[:_MOST_SHOWN]
+        text = text.replace(": Input should", f": '{given}' should", 1)
+    return text.rstrip(".") + hint
 
 
 def _give_up_output() -> int:

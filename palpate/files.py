@@ -94,6 +94,8 @@ def output_folder(folder: Path) -> Path:
         make_folder(folder)
         with tempfile.TemporaryFile(dir=folder):  # rights alone do not tell: think of /proc
             pass
+    except FileExistsError as error:
+        raise InputError(f"output folder {folder}: is a file, not a folder; choose another name") from error
     except OSError as error:
         raise InputError(f"output folder {folder}: cannot be written to ({error.strerror})") from error
     return folder

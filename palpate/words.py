@@ -1,5 +1,6 @@
 """Small things said the same way everywhere."""
 
+import math
 import shlex
 from pathlib import Path
 
@@ -74,17 +75,18 @@ def chance(p_value: float) -> str:
 def significant(value: float, uncertainty: float | None = None) -> str:
     """A value with as many digits as its uncertainty allows (two of the uncertainty's), or five in all.
 
-    Of what is not determined, with an uncertainty without bound, two digits show the size.
+    Of what is not determined, with an uncertainty without bound or none that is known (NaN), two digits show
+    the size. What rounds to zero has no sign.
     """
-    if uncertainty == float("inf"):
-        return f"{value:.2g}"
+    if uncertainty is not None and not math.isfinite(uncertainty):
+        return f"{value:z.2g}"
     if uncertainty is None or not uncertainty > 0:
-        return f"{value:.5g}"
+        return f"{value:z.5g}"
     decimals = max(0, 1 - _exponent(uncertainty))
     if decimals > _MOST_DECIMALS:
         digits = _exponent(value) - _exponent(uncertainty) + 2
-        return f"{value:.{min(max(digits, 1), _MOST_DIGITS)}g}"
-    return f"{value:.{decimals}f}"
+        return f"{value:z.{min(max(digits, 1), _MOST_DIGITS)}g}"
+    return f"{value:z.{decimals}f}"
 
 
 def _exponent(value: float) -> int:

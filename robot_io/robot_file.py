@@ -21,6 +21,9 @@ Name = Annotated[
 Text = Annotated[str, Field(min_length=1)]
 
 
+_SLOWEST_RAD_S2 = 1.0  # acceleration by a joint's torque limit: less would be of no use in an arm
+
+
 class BusSection(FileModel):
     """A bus: its driver, and settings that the driver itself checks."""
 
@@ -142,6 +145,7 @@ def _from_document(document: YamlDocument) -> RobotFile:
     robot_file = validate(RobotFile, document.data, document)
     robot_file._document = document
     _check_joint_counts(robot_file)
+    _check_rotors(robot_file)
     _check_home(robot_file)
     _check_buses(robot_file)
     return robot_file
@@ -157,6 +161,14 @@ def _check_joint_counts(robot_file: RobotFile) -> None:
         if len(values) != count:
             problem = f"has {len(values)} values, home_rad has {count}: one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
+
+
+def _check_rotors(robot_file: RobotFile) -> None:
+    for joint, inertia in enumerate(robot_file.rotor_inertia_kg_m2 or ()):
+        most = robot_file.limits.torque_nm[joint] / _SLOWEST_RAD_S2
+        if inertia > most:
+            problem = f"give 0 to {most:g} kg m2: with more, the torque limit needs over 1 s to reach 1 rad/s"
+            raise input_error(robot_file.document, ("rotor_inertia_kg_m2", joint), problem, inertia)
 
 
 def _check_home(robot_file: RobotFile) -> None:

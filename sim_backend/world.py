@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from robot_io.clip import clip
 from robot_io.errors import InputError
+from robot_io.files.safe_yaml import read_text
+from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 from sim_backend.contact import ComplianceObject, Contact
 from sim_backend.dynamics_urdf import dynamics_urdf
@@ -265,3 +267,24 @@ class World:
     def close(self) -> None:
         """Free what the engine holds. Can be called again."""
         self._engine.close()
+
+
+def world_of(
+    robot_file: RobotFile, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
+) -> World:
+    """The world of the arm that a robot file describes; see `World`.
+
+    Raises:
+        InputError: as `World`, or the URDF cannot be read; it names both files.
+    """
+    try:
+        arm = ArmDescription(
+            read_text(robot_file.urdf_path),
+            robot_file.tip_frame,
+            robot_file.sensor_axis_tip,
+            robot_file.home_rad,
+            robot_file.rotor_inertia_kg_m2 or (),
+        )
+        return World(arm, scenario, effects, start_s)
+    except (OSError, ValueError) as error:  # an InputError is a ValueError
+        raise InputError(f"{robot_file.path} with {robot_file.urdf}: {error}") from error

@@ -33,7 +33,7 @@ def run_loop(
     *,
     rate_hz: float,
     observer: Observer | None = None,
-    stop: Callable[[], bool] = lambda: False,
+    stop: Callable[[], str] = lambda: "",
 ) -> LoopResult:
     """Run a task until it is done, stopped or tripped; then see that the torque is off.
 
@@ -47,7 +47,7 @@ def run_loop(
     The robot is configured and not active; on return it is deactivated, not closed. The guard is armed;
     unless the task was done it is tripped on return, until it is re-armed. The log takes the records of the
     stream "tick" and the events, and stays open. The observer is called after each command; `stop` is asked
-    once a tick, and true ends the run.
+    once a tick, and ends the run by giving a reason that is not empty.
 
     Returns:
         How it ended; `LoopResult.raise_for_trip` turns a bad end into an error.

@@ -49,7 +49,7 @@ class InterruptFlag:
 class WayOut:
     """Turns requests to stop and failures into trips of the guard, each logged once.
 
-    `stop` is asked once a tick; true ends the run.
+    `stop` is asked once a tick; a reason, not empty, ends the run.
     """
 
     guard: Guard
@@ -57,7 +57,7 @@ class WayOut:
     clock: Clock
     journal: Journal
     interrupt: InterruptFlag
-    stop: Callable[[], bool]
+    stop: Callable[[], str]
     error: Exception | None = None  # what tripped the guard, if an exception did
     _on_request: bool = False
     _cause: str = ""
@@ -85,11 +85,13 @@ class WayOut:
             self.guard.trip(f"interrupted by the user ({self.interrupt.signal_name})")
             return
         try:
-            self._on_request = self.stop()
+            reason = self.stop()
         except Exception as error:
             self.fail("asking whether to stop", error)
-        if self._on_request:
-            self.guard.trip("stopped on request")
+            return
+        if reason:
+            self._on_request = True
+            self.guard.trip(f"stopped: {reason}")
 
     def fail(self, what: str, error: BaseException) -> None:
         """Trip for an exception, or log it if the guard is tripped already."""

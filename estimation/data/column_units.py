@@ -8,11 +8,10 @@ from estimation.data.choose_columns import Key
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, Role, is_meant, si_unit, unit_in_name
 from estimation.data.table import Table
-from estimation.data.units import SI, dimension_of, factor_to_si, normalise, scaled_unit
+from estimation.data.units import SI, dimension_of, factor_to_si, likely_time_unit, normalise, scaled_unit
 from robot_io.errors import InputError
 
-_LARGE = {  # a row, or in all: the unit that is likely above
-    "time": (0.5, "ms"),
+_LARGE = {  # the unit that is likely where the numbers span more
     "displacement": (0.2, "mm"),
     "position": (4.0 * np.pi, "deg"),
 }
@@ -81,9 +80,10 @@ def check_all_say_their_units(
 def _likely_unit(table: Table, role: Role, column: str) -> str:
     """The SI unit, or where the numbers are large for that, the one that laboratories take."""
     span = float(np.ptp(table.numbers(column))) if table.is_numeric(column) else 0.0
+    if role.quantity == "time":
+        return likely_time_unit(span / max(len(table) - 1, 1))
     most, other = _LARGE.get(role.quantity, (np.inf, ""))
-    per_row = span / max(len(table) - 1, 1) if role.quantity == "time" else span
-    return other if per_row > most else si_unit(QUANTITIES[role.quantity][0])
+    return other if span > most else si_unit(QUANTITIES[role.quantity][0])
 
 
 def _said_unit(options: ImportOptions, role: Role, column: str) -> str:

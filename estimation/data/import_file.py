@@ -17,6 +17,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from estimation.data.press_phases import press_phases
 from estimation.data.table import Table, read_table
+from estimation.data.units import SLOWEST_S, likely_time_unit
 from estimation.signals.pieces import number_pieces
 from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
@@ -26,7 +27,7 @@ _WRONG_SCALE = 4.0  # ratio of a given velocity to the derived one beyond which 
 _RELATED = 0.5  # correlation of the two above which that ratio means anything
 _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
-_QUICKEST_S, _SLOWEST_S = 1e-5, 0.5  # time from sample to sample, beyond which its unit is asked about
+_QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
 _DEFAULT = ImportOptions()
 
 
@@ -89,11 +90,11 @@ def _read(columns: Columns) -> str:
 def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
     """A word on steps of time that hardly any recording has, and that a mistaken unit makes."""
     step_s = sample_time(rows.time_s, rows.run)
-    if not _QUICKEST_S <= step_s <= _SLOWEST_S:
-        column, unit = columns.name(("time", 0)), "ms" if step_s > _SLOWEST_S else "s"
+    if not _QUICKEST_S <= step_s <= SLOWEST_S:
+        time = columns.assigned["time", 0]
         yield (
-            f"column '{column}': samples are {step_s:.3g} s apart; where one unit is called another, say the "
-            f"right one, such as --unit time={unit}"
+            f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
+            f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
         )
 
 

@@ -10,6 +10,7 @@ from robot_io.errors import InputError
 _LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
+SLOWEST_S = 0.5  # time from sample to sample, beyond which another unit of time is likelier
 _STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it stands for a force
 _POUND = 0.45359237 * _STANDARD_GRAVITY
 _FORCE = {
@@ -55,7 +56,8 @@ _SPELT: Mapping[str, str] = MappingProxyType(
         for unit, spellings in {
             "s": "sec secs second seconds sek sekunden",
             "ms": "msec msecs millisecond milliseconds",
-            "us": "usec microseconds",
+            "us": "usec usecs microsecond microseconds",
+            "ns": "nsec nsecs nanosecond nanoseconds",
             "min": "minute minutes",
             "mm": "millimeter millimeters millimetre millimetres",
             "cm": "centimeter centimetre",
@@ -101,6 +103,11 @@ def normalise(unit: str) -> str:
 def dimension_of(unit: str) -> str | None:
     """The dimension that a unit measures, or None if it is not known."""
     return next((dimension for dimension, units in SI.items() if unit in units), None)
+
+
+def likely_time_unit(step: float) -> str:
+    """The largest unit of time in which samples that are this far apart are less than `SLOWEST_S` apart."""
+    return next((unit for unit in ("s", "ms", "us") if step * _TIME[unit] <= SLOWEST_S), "ns")
 
 
 def factor_to_si(unit: str, dimension: str, where: str) -> float:

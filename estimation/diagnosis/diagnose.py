@@ -21,6 +21,7 @@ from estimation.diagnosis.of_runs import vary
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
+from estimation.end_workers import end_workers
 from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
@@ -69,7 +70,11 @@ def diagnose(
         with ProcessPoolExecutor(
             min(processes, len(jobs)), get_context("fork"), initializer=_end_when_told
         ) as pool:
-            found = list(_counted(pool.map(work, jobs), channels, progress))
+            try:
+                found = list(_counted(pool.map(work, jobs), channels, progress))
+            except BaseException:  # a signal, above all: nobody waits for the fits that are going on
+                end_workers(pool)
+                raise
     name = "+".join(dict.fromkeys(one.name for one in models))
     return Diagnosis(file=file, model=name, channels=found)
 

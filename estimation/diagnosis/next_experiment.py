@@ -52,7 +52,7 @@ def separating(effect: Effect, fits: Mapping[str, Fit], data: ChannelData) -> Ne
         words = choice.experiment.words
     else:
         hint = next((effect.confused_with[name] for name in names if name in effect.confused_with), _WIDER)
-        words = f"{hint} (so far {extent(data)})"
+        words = f"{hint} ({_recorded(data)})"
     return NextExperiment(
         purpose=f"tell {effect.name} from {', '.join(name for name in names if name != effect.name)}",
         separates=names,
@@ -65,7 +65,7 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
     """The experiment that shows more of an effect that nobody has named."""
     first = signals[0] if signals else "position"
     recorded = f"repeat the same motion at different values of {first}, each kept while it lasts"
-    words = recorded if first in data.recorded else f"{_BY_SIGNAL.get(first, _WIDER)} (so far {extent(data)})"
+    words = recorded if first in data.recorded else f"{_BY_SIGNAL.get(first, _WIDER)} ({_recorded(data)})"
     return NextExperiment(
         purpose="show what the remaining error depends on: " + (", ".join(signals) or "nothing found yet"),
         separates=[],
@@ -74,11 +74,20 @@ def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
     )
 
 
+def _recorded(data: ChannelData) -> str:
+    """What the user's own motion was, to change it from there."""
+    return f"the motion recorded here goes {extent(data)}"
+
+
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
     """The experiment that makes up for data that cannot say anything."""
-    words = _FREE if kind is ChannelKind.CONTACT else _WIDER
+    words, remedy = _FREE if kind is ChannelKind.CONTACT else _WIDER, reason.partition("; ")[2]
     if reason.startswith(SINGLE_RUN):
         words = _RUNS
     elif FEW_READINGS in reason:
         words = _COARSE
+    elif remedy.startswith("check"):
+        words = remedy
+    elif remedy.endswith("?"):  # no other motion helps against a wrong unit or column
+        words = "check units and columns of this recording"
     return NextExperiment(purpose="make a diagnosis possible", separates=[], instruction=words, probe={})

@@ -66,6 +66,12 @@ def spoilt(data: ChannelData, model: Model) -> str | None:
     return _first((unchanging, *_OF_THE_SIGNALS, at_its_end), good) or angle_in_degrees(good, model)
 
 
+def of_runs_left(reason: str, left: int, recorded: int) -> str:
+    """A reason of `refuse` where some runs were held out by choice: it says how many are left of all."""
+    few = f"{SINGLE_RUN} is left of {recorded}, the others are held out"
+    return reason.replace(SINGLE_RUN, few, 1) if left < recorded else reason
+
+
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     """What of each kind of check of `refuse` speaks against this channel; empty where nothing does.
 
@@ -114,7 +120,7 @@ def _runs(data: ChannelData) -> str | None:
         presses = _presses(data)
         if presses > 1:
             return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
-        return f"{SINGLE_RUN}, so nothing can be held out to judge by; record at least three runs"
+        return f"{SINGLE_RUN}, so there is no other to judge by; record at least three runs"
     ranges = [np.ptp(part) for part in np.array_split(data.position, 5)]
     if min(ranges) < _COVERED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"

@@ -86,7 +86,9 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
         if model == FITTED_ARM_MODEL:  # its joints share what all runs say of their masses
             raise InputError(f"model '{model}' judges each run by the others: leave out held_out")
         if not len(np.setdiff1d(data.runs, held_out)):
-            raise InputError(f"channel '{data.name}': leave at least one run to be fitted to")
+            raise InputError(
+                f"channel '{data.name}': all runs are held out; leave at least one run to fit to"
+            )
         sha256 = hashlib.sha256(f"{sha256} {held_out}".encode()).hexdigest()  # other data to any fit
     return StudyChannel(data, MODELS[model]().build(context), context, sha256, held_out=held_out)
 

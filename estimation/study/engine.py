@@ -20,7 +20,7 @@ from estimation.fit.load import LOAD, with_load
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
-from estimation.gate import refuse, usable
+from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
 from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
@@ -141,7 +141,8 @@ def fit(
         if parent is not None:
             return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
         if reason := refuse(data.select(good), model):
-            raise InputError(f"channel '{data.name}': {reason}")
+            said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
+            raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
 
 

@@ -7,6 +7,7 @@ from estimation.diagnosis.doubt import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
+from estimation.gate import of_runs_left
 from estimation.study.channels import StudyChannel
 from estimation.study.engine import Fitted
 from estimation.study.fits import Fits
@@ -17,8 +18,11 @@ MOST_FITTED = 3  # candidates that are fitted as `add` would
 
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
-    if found.baseline is None or found.noise_floor is None or channel.held_out:
-        return found  # a diagnosis judges each run that is fitted by the others
+    if channel.held_out:  # a diagnosis judges each run that is fitted by the others
+        said = of_runs_left(found.reason, len(channel.to_fit.runs), len(channel.data.runs))
+        return found.model_copy(update={"reason": said})
+    if found.baseline is None or found.noise_floor is None:
+        return found
     names = [entry.effect for entry in found.accepted]
     fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]

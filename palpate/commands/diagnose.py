@@ -149,7 +149,8 @@ def _next(  # noqa: PLR0917, what was typed and found
             yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
         yield f"palpate diagnose {again} --effect my_effects.py:MyEffect", "try a hypothesis of your own"
     if all(study.refusal(study.channel(one.channel)) for one in diagnosis.channels):
-        if study.source.session is None and data.file.is_file():
+        too_little = any("; record" in one.reason for one in diagnosis.channels)
+        if too_little and study.source.session is None and data.file.is_file():
             yield f"palpate import {path_typed(data.file)} FILE ... --look", "further files are further runs"
         yield f"palpate estimate {data.typed(model=asked['model'])}", "parameters, as far as they go"
         return

@@ -54,8 +54,8 @@ def command(  # noqa: PLR0917, one parameter an option
     if other is None and HAPTIC in found.stream_names:
         raise InputError(f"{session}: is a leader's session: give that of its follower as well")
     pixels = _size(size)
-    if at_s is not None and not 0.0 <= at_s < math.inf:
-        raise InputError(f"--at-s {at_s:g}: give seconds from the start of the session, such as 2.5")
+    if at_s is not None:
+        _check_moment(at_s, screenshot)
     for output in (save, screenshot):
         if output is not None:
             output_file(output, force=force, keep=[session, *filter(None, [other])])
@@ -86,6 +86,13 @@ def command(  # noqa: PLR0917, one parameter an option
         console.next_steps(
             (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")
         )
+
+
+def _check_moment(at_s: float, screenshot: Path | None) -> None:
+    if not 0.0 <= at_s < math.inf:
+        raise InputError(f"--at-s {at_s:g}: give seconds from the start of the session, such as 2.5")
+    if screenshot is None:
+        raise InputError(f"--at-s {at_s:g}: is the moment of a picture; add --screenshot FILE.png")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -84,7 +84,10 @@ def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
     try:
         return validate(ProbingPlan, plan.model_dump() | changes)
     except InputError as error:  # of plan and options together
-        raise InputError(f"probing plan: {error}") from error
+        key, _, problem = str(error).partition(": ")
+        typed = key in changes and key != "speeds_m_s"  # whose option has another unit
+        said = f"--{key.replace('_', '-')}: {problem}" if typed else f"probing plan: {error}"
+        raise InputError(said) from error
 
 
 def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:

@@ -51,19 +51,25 @@ def command(
     """
     if riddle and data.file != Path():
         raise InputError("--riddle probes an object of its own: leave out the file")
+    if foxglove is not None and foxglove == port != 0:
+        raise InputError(f"--port {port} and --foxglove {foxglove}: give them different ports")
     if not data.file.is_dir():
         existing_file(data.file, "session or data file")
-    early = _early_server(port)
+    data.refuse_unknown(model)
     is_folder = data.file.is_dir()
     folder, file = (data.file, None) if is_folder else (data.file.parent, data.file)
     home = Home(folder, file, riddle)
     home.open = lambda path, options: _bench(data, path, options, model)
-    address = f"http://{LOOPBACK}:{early.port}"
-    console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
+    if file is not None and data.held_out:
+        home.bench = _bench(data, file, data.options, model)  # a run that is not there is refused here
+    early = _early_server(port)
     if foxglove is not None:
         from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
 
         home.feed = Feed(LOOPBACK, foxglove)
+    address = f"http://{LOOPBACK}:{early.port}"
+    console.stdout().print(f"workbench: [bold]{address}[/bold]  (Ctrl-C ends it)")
+    if home.feed is not None:
         console.stdout().print(f"Foxglove:  [bold]ws://{LOOPBACK}:{home.feed.port}[/bold]")
     if not no_browser:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()
@@ -72,7 +78,7 @@ def command(
             home.raw = raw_curves(file)
     if riddle:
         home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
-    elif file is not None:
+    elif file is not None and home.bench is None:
         home.read(lambda: _bench(data, file, data.options, model), f"reading {file.name}")
     early.answer_with(home.waiting)
     # a second or two to import; whoever asks meanwhile sees what was measured
@@ -94,7 +100,7 @@ def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str |
         fresh_runs=options.fresh,
         runs=options.runs,
     )
-    return Bench(given.study(model), given.typed())
+    return Bench(given.study(model), given.typed(**{"held-out": None}))  # the bench knows those itself
 
 
 def _posed() -> Path:

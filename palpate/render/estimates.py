@@ -308,7 +308,7 @@ def with_interval(parameter: ParameterEstimate) -> str:
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"
     if not np.isfinite(half):
-        return f"{significant(parameter.value)} ({NOT_DETERMINED})"
+        return f"{significant(parameter.value, half)} ({NOT_DETERMINED})"
     return f"{significant(parameter.value, half)} ± {significant(half, half)}"
 
 
@@ -321,5 +321,5 @@ def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
     """Deviation from the truth in percent, absolute where the truth is zero."""
     if truth[parameter.name] == 0:
-        return f"{parameter.value:+.2g}"
-    return f"{error_percent(parameter, truth):+.2f} %"
+        return f"{parameter.value:+z.2g}"
+    return f"{error_percent(parameter, truth):+z.2f} %"

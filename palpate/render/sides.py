@@ -115,17 +115,15 @@ def _of_parameters(found: Sides) -> Iterator[str]:
 def _relative(one: ParameterDifference) -> str:
     if one.first is None or not one.first.value:
         return ""
-    return f" ({_PERCENT * one.value / abs(one.first.value):+.2g} %)"
+    return f" ({_PERCENT * one.value / abs(one.first.value):+z.2g} %)"
 
 
 def difference_text(one: ParameterDifference) -> str:
     """A difference with half of its 95 % interval, or as much of it as is known."""
     if not np.isfinite(one.value):
         return "–"
-    if not np.isfinite(one.half):
-        return f"{one.value:+.4g}"
-    value = significant(one.value, one.half)
-    return f"{value if float(value) else value.lstrip('-')} ± {significant(one.half, one.half)}"
+    half = f" ± {significant(one.half, one.half)}" if np.isfinite(one.half) else ""
+    return f"{significant(one.value, one.half)}{half}"
 
 
 def print_pair(console: Console, view: PairView) -> None:
@@ -154,22 +152,32 @@ def difference_table(differences: Sequence[ParameterDifference], width: int) -> 
     """Each parameter on both sides, and by how much it differs; below each other where columns are few."""
     names = ("A", "B", "B − A")
     beside = _table_of_differences(differences, names)
-    return beside if natural_width(beside) <= width else _table_of_differences(differences, names, "\n")
+    below = _table_of_differences(differences, names, "\n")
+    narrow = _table_of_differences(differences, names, "\n", narrow=True)
+    return next((one for one in (beside, below) if natural_width(one) <= width), narrow)
 
 
 def _table_of_differences(
-    differences: Sequence[ParameterDifference], names: tuple[str, ...], between: str = ""
+    differences: Sequence[ParameterDifference],
+    names: tuple[str, ...],
+    between: str = "",
+    *,
+    narrow: bool = False,
 ) -> Table:
-    """One row a parameter; with something `between`, its numbers are in one cell."""
+    """One row a parameter; with something `between`, its numbers are in one cell; narrow, its unit is not."""
     right = (between.join(names),) if between else names
-    made = table("", "parameter", *right, "unit", right=right)
+    made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
     for one in differences:
         values = (significant(each.value, each.std_err) if each else "–" for each in (one.first, one.second))
         color = "yellow" if one.differs else "default"
         numbers = (*values, f"[{color}]{difference_text(one)}[/]")
         cells = (between.join(numbers),) if between else numbers
         effect, _, name = one.name.rpartition(".")
-        made.add_row(f"[dim]{safe(effect)}.[/dim]{safe(name)}", *cells, safe(one.unit))
+        first, unit = f"[dim]{safe(effect)}.[/dim]", safe(one.unit)
+        if narrow:
+            made.add_row(f"{first}\n  {safe(f'{name} [{one.unit}]')}", *cells)
+        else:
+            made.add_row(first + safe(name), *cells, unit)
     return made
 
 

@@ -13,7 +13,7 @@ from rich.text import Text
 from estimation.diagnosis.result import Accepted
 from estimation.effects.contact_offset import ContactOffset
 from estimation.study import Revision
-from palpate.console import table
+from palpate.console import natural_width, table
 from palpate.render.view import (
     FAR,
     NOISE,
@@ -43,13 +43,14 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         if number:
             console.print()
         console.print(headline(channel.verdict))
+        width = console.width - 2  # of what stands below it
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
         if channel.accepted:
-            parts += [fall_table(channel, console.width), *map(_signature, channel.accepted)]
+            parts += [fall_table(channel, width), *map(_signature, channel.accepted)]
         if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
-            parts.append(parameter_table(channel.parameters))
+            parts.append(parameter_table(channel.parameters, width))
         if channel.ranking:
-            parts.append(_ranking(channel, console.width))
+            parts.append(_ranking(channel, width))
         if channel.next_experiment is not None:
             plan = channel.next_experiment
             parts.append(
@@ -72,7 +73,7 @@ def print_stages(console: Console, channel: ChannelView) -> None:
     """How the error falls with what was added, and the parameters of the last stage."""
     _print_verdict(console, channel.verdict)
     console.print(fall_table(channel, console.width))
-    console.print(parameter_table(channel.parameters))
+    console.print(parameter_table(channel.parameters, console.width))
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
@@ -139,14 +140,19 @@ def grade(times: float) -> str:
 
 
 def fall_table(channel: ChannelView, width: int) -> Table:
-    """The error in held-out runs, one row a stage, down to the noise floor."""
-    error = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]")
+    """The error in held-out runs, one row a stage, down to the noise floor; narrow, without bars."""
+    made = _fall_table(channel, width, narrow=False)
+    return made if natural_width(made) <= width else _fall_table(channel, width, narrow=True)
+
+
+def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
+    error = "held-out\nerror" + ("\n" if narrow else " ") + safe(f"[{channel.axes.effort_unit}]")
     kept = ["" if stage.number is None else str(stage.number) for stage in channel.stages]
-    number = ("revision",) if any(kept) else ()
+    number = ("no." if narrow else "revision",) if any(kept) else ()
     evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
     last = ("p",) if evidence else ()
-    right = ("revision", error, "× floor", "p")
-    made = table("", *number, "model", error, "× floor", "", *last, right=right)
+    right = (*number, error, "× floor", "p")
+    made = table("", *number, "model", error, "× floor", *[""] * (not narrow), *last, right=right)
     worst = max(value for _, value in channel.fall)
     for row, (label, value) in enumerate(channel.fall):
         times = channel.times_floor(value)
@@ -156,23 +162,31 @@ def fall_table(channel: ChannelView, width: int) -> Table:
             name,
             f"{value:.4g}",
             f"{times:.2f}",
-            _bar(value / worst, grade(times), width),
+            *[_bar(value / worst, grade(times), width)] * (not narrow),
             *[evidence.get(label, "")] * len(last),
         )
     floor, bar = f"[dim]{channel.floor:.4g}[/dim]", _bar(channel.floor / worst, "bright_black", width)
-    made.add_row(*[""] * len(number), "[dim]noise floor[/dim]", floor, "", bar)
+    made.add_row(*[""] * len(number), "[dim]noise floor[/dim]", floor, "", *[bar] * (not narrow))
     return made
 
 
-def parameter_table(parameters: Sequence[ParameterView]) -> RenderableType:
-    """Parameters with 95 % intervals."""
+def parameter_table(parameters: Sequence[ParameterView], width: int) -> RenderableType:
+    """Parameters with 95 % intervals; narrow, each with its unit below its effect's name."""
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
-    made = table("", "parameter", "value", "95 % interval", "unit", right=("value", "95 % interval"))
+    made = _parameter_table(parameters, narrow=False)
+    return made if natural_width(made) <= width else _parameter_table(parameters, narrow=True)
+
+
+def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Table:
+    units = () if narrow else ("unit",)
+    made = table("", "parameter", "value", "95 % interval", *units, right=("value", "95 % interval"))
     for one in parameters:
-        value, half = with_interval(one)
-        name = f"[dim]{safe(one.effect)}.[/dim]{safe(one.name)}"
-        made.add_row(name, value, half, safe(one.unit))
+        effect, name, unit = f"[dim]{safe(one.effect)}.[/dim]", safe(one.name), safe(one.unit)
+        if narrow:
+            made.add_row(f"{effect}\n  {name} {safe(f'[{one.unit}]')}", *with_interval(one))
+        else:
+            made.add_row(effect + name, *with_interval(one), unit)
     if any(one.effect == ContactOffset.name for one in parameters):
         made.caption = f"{ContactOffset.name}: how much deeper the surface lies than it was first taken to be"
         made.caption_justify = "left"
@@ -184,7 +198,7 @@ def with_interval(one: ParameterView) -> tuple[str, str]:
     if one.at_bound:
         return significant(one.value), AT_BOUND
     if not one.half < float("inf"):  # NaN is not
-        return significant(one.value), NOT_DETERMINED
+        return significant(one.value, one.half), NOT_DETERMINED
     value, half = significant(one.value, one.half), significant(one.half, one.half)
     if abs(one.upper + one.lower - 2 * one.value) < _LOPSIDED * one.half:
         return value, f"± {half}"

@@ -93,14 +93,17 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
 
 
 def drawn(example: Example, width: int) -> Iterator[Text]:
-    """An example with characters: effort over position and, where there is room, over time."""
+    """An example with characters: effort over position or velocity and, where there is room, over time."""
     data, axes = example.data, axes_of(example.data.kind)
-    position = data.position * (1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI)
     before, after = data.effort, example.effort()
     room = width - 4
     sides = 2 if room >= 2 * _NARROWEST + 3 else 1
     wide = min((room - 3 * (sides - 1)) // sides, _WIDEST)
-    curves = [(f"over {axes.position}", position), ("over time", one_after_the_other(data))][:sides]
+    over = axes.velocity, data.velocity
+    if not _is_of_velocity(example.effect, data.kind):
+        over = axes.position, data.position
+    in_unit = over[1] * (1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI)
+    curves = [(f"over {over[0]}", in_unit), ("over time", one_after_the_other(data))][:sides]
     what = f"{safe(axes.effort)}, {np.min([before, after]):.3g} to {np.max([before, after]):.3g}:"
     marks = f"[{palette.BASE}]· without it[/], [{palette.MODEL}]⣿ with {safe(example.effect.name)}[/]"
     caption = Text.from_markup(f"{what} {marks}")
@@ -109,6 +112,13 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
         drawing((x, before, palette.BASE), (x, after, palette.MODEL), wide, _TALLEST) for _, x in curves
     ]
     yield from beside([title for title, _ in curves], panels)
+
+
+def _is_of_velocity(effect: Effect, kind: ChannelKind) -> bool:
+    """Whether an effect shows over velocity best: a joint's friction that no place and no past alters."""
+    if kind is ChannelKind.CONTACT or {"position", "past motion"} & set(effect.signals):
+        return False
+    return effect.signals[0] in {"velocity", "direction"}
 
 
 def _channels(effect: Effect) -> list[str]:

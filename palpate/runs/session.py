@@ -67,9 +67,10 @@ class ArmSession:
     sealed: Path | None  # file with what is hidden in the simulated world, None if nothing is
     world: Callable[[], World] | None  # gives the simulated world, None with hardware
 
-    def unlogged(self) -> bool:
-        """Whether a real arm moves and nothing of it is kept any longer, for whatever reason."""
-        return self.world is None and self.log.failure is not None
+    def unlogged(self) -> str:
+        """Why nothing of a real arm's motion is kept any longer; empty while it is, or where none moves."""
+        failure = None if self.world is not None else self.log.failure
+        return "" if failure is None else f"its session is no longer written ({failure})"
 
 
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:

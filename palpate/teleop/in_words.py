@@ -19,7 +19,7 @@ def in_words(estimate: ObjectEstimate) -> str:
 def _parameter(one: Parameter) -> str:
     name, half = _SHORT.get(one.name, one.name), 0.5 * (one.upper - one.lower)
     if not (isfinite(half) and half > 0.0):
-        return f"{name} {significant(one.value)} {one.unit}"
+        return f"{name} {significant(one.value, half)} {one.unit}"
     return f"{name} {significant(one.value, half)} ± {significant(half, half)} {one.unit}"
 
 

@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 from estimation.effect import Effect
+from estimation.end_workers import end_workers
 from estimation.study import StudyChannel, engine
 from palpate.study import Study
 
@@ -48,11 +49,7 @@ class Ahead:
         if self not in _working:
             return
         _working.discard(self)
-        for process in list((self._pool._processes or {}).values()):
-            process.terminate()
-        # else half a result would be waited for: only the process that ended could complete it
-        self._pool._result_queue._writer.close()  # type: ignore[attr-defined]
-        self._pool.shutdown(cancel_futures=True)
+        end_workers(self._pool)
 
 
 _working: set[Ahead] = set()

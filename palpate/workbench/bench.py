@@ -68,7 +68,7 @@ class Bench:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
-        self.whole: Bench | None = None  # with the runs that were taken out, and none held out by choice
+        self.whole: Bench | None = None  # with the runs that were taken out, as the page was opened
         self.out: tuple[int, ...] = ()
         self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
@@ -223,7 +223,7 @@ class Bench:
         """
         whole = self.whole or self
         held = sorted(set(held_out) - set(out))
-        if not (out or held):
+        if not out and held == list(whole.study.held_out):
             return whole
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):

@@ -52,7 +52,8 @@ class Feed:
                 name="palpate", host=host, port=port, message_backlog_size=_MOST_WAITING
             )
         except (OSError, RuntimeError) as error:
-            raise InputError(f"--foxglove {port}: {error}; another, or 0 for any free one") from error
+            said = f"--foxglove {port}: in use, or not permitted; another, or 0 for any free one"
+            raise InputError(said) from error
         self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
         self.port = int(self._server.port)
         self._lock = Lock()  # pages follow a session in threads of their own

@@ -46,6 +46,21 @@ def matching(pattern: str, words: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def between(low: float, high: float, unit: str) -> AfterValidator:
+    """What a number must lie between, and how a person is told so."""
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise PydanticCustomError("outside", "give {words}", {"words": f"{low:g} to {high:g} {unit}"})
+        return value
+
+    return AfterValidator(check)
+
+
+ZeroAngle = Annotated[Number, between(-25.0, 25.0, "rad")]
+"""A joint angle where its drive shows zero: four turns at most, more than a drive counts from power-up."""
+
+
 def problem_at(key: str, text: str) -> PydanticCustomError:
     """What a model finds wrong with a key below it, such as `values.scale`, whose line the error names."""
     return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})

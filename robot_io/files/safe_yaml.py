@@ -71,7 +71,7 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
     except yaml.YAMLError as error:
         raise InputError(f"{origin}: {one_line(str(error))}") from error
     if not isinstance(data, dict):
-        raise InputError(f"{origin}: holds {data!r:.60}, expected 'key: value' lines")
+        raise InputError(f"{origin}: begins with '{one_line(text)[:60]}', expected 'key: value' lines")
     return YamlDocument(origin, text, data, lines)
 
 

@@ -54,7 +54,7 @@ def scan(data: bytes) -> Scan:
         scanner.run()
     except (struct.error, UnicodeDecodeError, McapError, RuntimeError) as error:
         if scanner.closed:
-            raise SessionError(f"damaged: {error}") from error
+            raise _damaged(error) from error
     except SessionError:
         if scanner.closed:
             raise
@@ -62,6 +62,16 @@ def scan(data: bytes) -> Scan:
         raise SessionError("damaged: its end is there, but not all that comes before")
     _put_in_order(scanner.found)
     return scanner.found
+
+
+def _damaged(error: Exception) -> SessionError:
+    """What is wrong with a file, in our words where those of the library are about Python."""
+    match error:
+        case UnicodeDecodeError():
+            return SessionError("damaged: a text in it is not UTF-8")
+        case struct.error():
+            return SessionError("damaged: a record in it is too short")
+    return SessionError(f"damaged: {error}")
 
 
 def _put_in_order(found: Scan) -> None:
@@ -94,7 +104,7 @@ class Growing:
                 scanner.take(opcode, data[start:end])
                 self.read_bytes += end - start + _RECORD.size
         except (struct.error, UnicodeDecodeError, McapError, RuntimeError) as error:
-            raise SessionError(f"damaged: {error}") from error
+            raise _damaged(error) from error
         found.complete = data.endswith(MCAP0_MAGIC)
         return found
 

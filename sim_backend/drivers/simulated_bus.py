@@ -6,13 +6,13 @@ import numpy as np
 
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
-from robot_io.errors import InputError, LifecycleError
+from robot_io.errors import LifecycleError
 from robot_io.files.file_model import FileModel, input_error
 from robot_io.interfaces import Bus
 from robot_io.types import FloatArray
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.sensors import Sample
-from sim_backend.world import ArmDescription, World
+from sim_backend.world import World, world_of
 
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
 
@@ -82,17 +82,7 @@ class SimulatedBus(Bus):
 
         InputError: the physics engine cannot load the URDF, or it does not fit the robot file.
         """
-        robot = self._robot_file
-        try:
-            urdf_text = robot.urdf_path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{robot.urdf_path}: cannot be read ({error})") from error
-        rotors = robot.rotor_inertia_kg_m2 or ()
-        arm = ArmDescription(urdf_text, robot.tip_frame, robot.sensor_axis_tip, robot.home_rad, rotors)
-        try:
-            self._world = World(arm, self.scenario, start_s=self._clock.now_s())
-        except InputError as error:
-            raise InputError(f"{robot.path} with {robot.urdf}: {error}") from error
+        self._world = world_of(self._robot_file, self.scenario, start_s=self._clock.now_s())
         self._world.held = True
 
     def activate(self) -> None:

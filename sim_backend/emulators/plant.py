@@ -6,7 +6,7 @@ from robot_io.robot_file import RobotFile
 from robot_io.types import Status
 from sim_backend.hooks import NO_EFFECTS, Effects
 from sim_backend.scenario import Scenario
-from sim_backend.world import ArmDescription, World
+from sim_backend.world import world_of
 
 _REST_SHARE = 0.04  # of a joint's torque limit
 
@@ -39,14 +39,7 @@ class Plant:
     def __init__(
         self, robot_file: RobotFile, scenario: Scenario, start_s: float, effects: Effects = NO_EFFECTS
     ) -> None:
-        arm = ArmDescription(
-            robot_file.urdf_path.read_text(encoding="utf-8"),
-            robot_file.tip_frame,
-            robot_file.sensor_axis_tip,
-            robot_file.home_rad,
-            robot_file.rotor_inertia_kg_m2 or (),
-        )
-        self.world = World(arm, scenario, effects, start_s=start_s)
+        self.world = world_of(robot_file, scenario, effects, start_s)
         self.world.held = True
         self._torque_nm = [0.0] * self.world.joint_count
         self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]

@@ -57,7 +57,7 @@ class SimulatedArm:
         speed_rad_s = np.abs(truth.joint_velocity_rad_s).max()
         self.rows.append((truth.time_s, truth.tip_position_world_m[2], truth.force_n, speed_rad_s))
 
-    def run(self, stop=lambda: False) -> LoopResult:
+    def run(self, stop=lambda: "") -> LoopResult:
         """Probe until it is done or stopped."""
         return run_loop(self.robot, self.guard, self.task, self.clock, self.log, rate_hz=1000.0, stop=stop)
 

@@ -121,10 +121,10 @@ def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
 
 def test_what_stop_asks_for_is_a_safe_stop():
     arm, task = Arm(), Swing()
-    result, log = run(arm, task, stop=lambda: task.steps >= 40)
+    result, log = run(arm, task, stop=lambda: "enough is known" * (task.steps >= 40))
     assert result.outcome is Outcome.STOPPED
-    assert result.cause == "stopped on request"
-    assert log.texts("stop") == ["stopped on request"]
+    assert result.cause == "stopped: enough is known"
+    assert log.texts("stop") == ["stopped: enough is known"]
     assert log.texts("trip") == []
     assert log.column("phase")[-1] == Phase.STOPPED
     assert np.abs(arm.sent_nm[-1]).max() == 0.0

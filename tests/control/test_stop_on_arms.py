@@ -38,14 +38,14 @@ def stop_in(name: str, phase: Phase, ticks: int, *, gravity=True, stiffness=500.
     """Probe, and ask for a stop `ticks` after the arm was first seen in a phase."""
     arm, left = SimulatedArm(name, PLAN, kelvin_voigt(stiffness), gravity), ticks
 
-    def stop() -> bool:
+    def stop() -> str:
         nonlocal left
         records = arm.log.records
         left -= bool(records) and records[-1]["phase"] == phase
-        return left <= 0
+        return "it is time" if left <= 0 else ""
 
     with closing(arm.robot):
-        assert arm.run(stop).cause == "stopped on request"
+        assert arm.run(stop).cause == "stopped: it is time"
         ended = len(arm.rows)
         arm.wait(0.4)
     table = arm.truth

@@ -381,6 +381,14 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             {},
             "do not say their units; say them, as in --unit force=N --unit time=s",
         ),
+        *(
+            (
+                {"time_s": None, "time": scale * T},
+                {},
+                f"does not say its unit; say it, as in --unit time={unit}",
+            )
+            for scale, unit in ((1, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns"))
+        ),
         ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
@@ -471,6 +479,7 @@ def test_arrays_that_make_no_table_are_named(tmp_path):
     ("columns", "name", "kind"),
     [
         ({"time_ms": 1e3 * T, "displacement_mm": 1e3 * X, "force_mN": 1e3 * F}, "contact", "CONTACT"),
+        ({"Time [nanoseconds]": 1e9 * T, "displacement_m": X, "force_N": F}, "contact", "CONTACT"),
         ({"time_s": T, "displacement_um": 1e6 * X, "force_kN": 1e-3 * F}, "contact", "CONTACT"),
         ({"time_s": T, "depth_mm": 1e3 * X, "force_n": F}, "contact", "CONTACT"),
         ({"time_s": T, "position_deg": np.degrees(X), "torque_mNm": 1e3 * F}, "joint_1", "REVOLUTE"),

@@ -123,7 +123,10 @@ def test_more_runs_than_presses_are_refused(press):
             {WAY: None, "Position [mm]": 1e3 * presses()[1]},
             "go together as those of a press; if it is",
         ),
-        ({TIME: 1e3 * presses()[0]}, "samples are 4 s apart; .* --unit time=ms"),
+        *(
+            ({TIME: scale * presses()[0]}, f"samples are {step} s apart; .* --unit time={unit}$")
+            for scale, step, unit in ((1e3, "4", "ms"), (1e6, r"4e.03", "us"), (1e9, r"4e.06", "ns"))
+        ),
         (
             {WAY: some(1e3 * presses()[1], 4)},
             "'Travel .mm.' has a value in 25 % of the rows: the rows that",

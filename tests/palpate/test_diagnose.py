@@ -91,6 +91,25 @@ def test_data_that_cannot_say_gets_the_reason(tmp_path):
     assert words[0] == "diagnose"
 
 
+def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
+    still = write_presses(tmp_path / "still.csv")
+    header, *rows = still.read_text().splitlines()
+    same = [",".join([*row.split(",")[:2], "1.0", row.split(",")[3]]) for row in rows]
+    still.write_text("\n".join([header, *same]) + "\n")
+    result = run("diagnose", still)
+    assert "the effort never changes" in result.stdout
+    assert [words[0] for words in next_commands(result)] == ["estimate"]
+
+
+@pytest.mark.parametrize(
+    ("command", "more"), [("diagnose", ()), ("compare", ()), ("add", ("cubic_stiffness",))]
+)
+def test_runs_that_are_left_when_others_are_held_out_are_counted(command, more, tmp_path):
+    two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04))
+    result = run(command, two, *more, "--held-out", 1)
+    assert "a single run is left of 2, the others are held out" in result.stdout + result.stderr
+
+
 def rewritten(path, name, values, change):
     """The file with one more column, a number for each run, and with rows changed by that."""
     rows, header = np.loadtxt(path, delimiter=",", skiprows=1), path.read_text().split("\n", 1)[0]

@@ -11,7 +11,7 @@ from docs.make_effects import DOCUMENT, renewed
 from estimation.effects import EFFECTS
 from palpate.example import Example
 from palpate.render.characters import drawing
-from palpate.render.vocabulary import kind_of, library, print_effect, print_library
+from palpate.render.vocabulary import drawn, kind_of, library, print_effect, print_library
 from tests.palpate.cli import assert_refused, next_commands, run
 
 BLANK = "⠀"
@@ -67,11 +67,20 @@ def test_lists_and_drawings_fit_the_terminal_and_break_no_name(width):
     assert set(EFFECTS) <= set(out.getvalue().split())
 
 
-@pytest.mark.parametrize("name", ["stiffness", "cubic_stiffness", "coulomb_friction", "lag"])
-def test_an_example_differs_from_the_model_without_it(name):
-    effect = EFFECTS[name]()
+def test_every_example_that_is_drawn_shows_something():
+    examples = {one.name: example for one in library() if (example := Example.plain(one, kind_of(one)))}
+    for name, example in examples.items():
+        share = np.abs(example.effort() - example.data.effort).max() / np.ptp(example.data.effort)
+        assert share > (0.02 if name == "damping" else 0.05), name  # the damping of the plain model is small
+    assert len(examples) > 35
+
+
+def test_friction_that_differs_between_directions_is_drawn_so_over_velocity():
+    effect = EFFECTS["asymmetric_friction"]()
     example = Example.plain(effect, kind_of(effect))
-    assert np.ptp(example.effort() - example.data.effort) > 0.1 * np.ptp(example.data.effort)
+    effort, v = example.effort() - example.data.effort, example.data.velocity
+    assert effort[v > 1.0].mean() > 2.0 * -effort[v < -1.0].mean() > 0.0
+    assert "over velocity [rad/s]" in next(line.plain for line in drawn(example, 120) if "over" in line.plain)
 
 
 def test_what_needs_an_arm_has_no_plain_example():

@@ -28,6 +28,37 @@ main.main()
 """
 
 
+DIAGNOSING = """
+import os, sys, time
+import numpy as np
+from palpate import Study, main
+from estimation.diagnosis import diagnose
+module = sys.modules["estimation.diagnosis.diagnose"]
+def judge(*_):
+    os.write(1, b"begun\\n")
+    time.sleep(60)
+module.diagnose_channel = judge
+def run():
+    t = np.arange(0.0, 1.0, 0.01)
+    joint = {"position_{}_rad": np.sin(t), "torque_{}_Nm": np.cos(t)}
+    both = {name.format(number): values for number in (1, 2) for name, values in joint.items()}
+    channels = Study({"time_s": t, **both}).channels
+    rng = np.random.default_rng(0)
+    diagnose([one.data for one in channels], [one.model for one in channels], rng=rng, processes=2)
+main.run = run
+main.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
+    with subprocess.Popen([sys.executable, "-c", DIAGNOSING], stdout=subprocess.PIPE, cwd=ROOT) as program:
+        assert [program.stdout.readline() for _ in range(2)] == [b"begun\n"] * 2
+        program.send_signal(number)
+        assert program.wait(30) == 128 + number
+        assert program.stdout.read() == b""  # comes to its end once no worker holds it open
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_program_that_is_ended_leaves_no_half_of_a_file(number, tmp_path):
     command = [sys.executable, "-c", HALF_WRITTEN, str(tmp_path / "x")]
@@ -46,6 +77,6 @@ def test_only_a_real_arm_is_ended_when_nobody_writes_its_log_any_more(world, end
     assert not arm.unlogged()
     log._process.kill()
     log._process.wait()
-    assert arm.unlogged() is ends
+    assert arm.unlogged() == ("its session is no longer written (the writer process ended with -9)" * ends)
     with pytest.raises(SessionError, match="writer process ended with -9"):
         log.close()

@@ -21,6 +21,9 @@ WHERE = ImportOptions(where={"run": "0,2"})
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
         (("--context", "force_N"), ("--context force_N", "made of that column")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
+        (("--runs", "0"), ("'--runs': '0' should be greater than or equal to 1", "--help")),
+        (("--runs", "many"), ("'--runs': 'many' should be a valid integer (see",)),
+        (("--held-out", "0,1,2,3"), ("contact", "all runs are held out; leave at least one run to fit to")),
         (("--urdf", "DATA"), ("hardening.csv", "not a readable URDF")),
         (("--urdf", "ARM", "--tip-frame", "zz"), ("arm.urdf: no frame is called 'zz'", "Valid:")),
     ],
@@ -49,6 +52,11 @@ def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_p
 def test_a_moment_that_is_none_is_refused(value, tmp_path):
     synthetic_session(tmp_path / "x.mcap")
     assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", value), "--at-s", "seconds")
+
+
+def test_a_moment_without_a_picture_is_refused(tmp_path):
+    synthetic_session(tmp_path / "x.mcap")
+    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", 1), "--at-s 1", "--screenshot FILE.png")
 
 
 def test_a_size_in_other_digits_is_refused(tmp_path):

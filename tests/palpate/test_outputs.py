@@ -97,8 +97,10 @@ def test_an_empty_argument_is_no_name(option, hardening):
     assert_refused(run("diagnose", hardening, *empty), "empty", option)
 
 
-def test_a_folder_that_takes_no_files_is_refused_before_any_work(tmp_path):
+def test_a_folder_that_takes_no_files_is_refused_before_any_work(hardening):
     assert_refused(run("probe", "-o", "/proc/x.mcap"), "output folder /proc", "cannot be written to")
+    told = run("diagnose", hardening, "--out", hardening)
+    assert_refused(told, "hardening.csv: is a file, not a folder")
     with pytest.raises(InputError, match="is no file that could be replaced"):
         output_file(Path("/dev/null"), force=True)
 

@@ -2,17 +2,26 @@
 
 import io
 import sys
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
+from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.study import Revision
 from estimation.study.sides import ParameterDifference
 from palpate import console
 from palpate.render.estimates import estimate_table
 from palpate.render.sides import difference_table
-from palpate.render.terminal import print_comparison, print_diagnosis, print_revisions
+from palpate.render.terminal import (
+    fall_table,
+    parameter_table,
+    print_comparison,
+    print_diagnosis,
+    print_revisions,
+)
+from palpate.render.view import ParameterView
 from palpate.study import Study
 from palpate.study_view import view_of
 from palpate.words import count, safe
@@ -90,6 +99,32 @@ def test_the_table_of_differing_parameters_breaks_no_word(width):
     shown = printed(difference_table([ParameterDifference(name, "m", *sides)], width), width)
     assert {name, "-0.000329", "-0.000364", "-0.000035", "±", "m"} <= set(shown.split())
     assert all(len(line.rstrip()) <= width for line in shown.splitlines())
+
+
+LONG = max(EFFECTS, key=len)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_tables_of_parameters_break_no_name_of_an_effect(width):
+    one = ParameterView(LONG, "transition", 0.0123, 0.0113, 0.0133, "N m s^2/rad^2")
+    sides = [
+        ParameterEstimate(f"{LONG}.transition", one.unit, value, 0.003, (0.0, 1.0)) for value in (1.0, 2.0)
+    ]
+    differing = difference_table([ParameterDifference(f"{LONG}.transition", one.unit, *sides)], width)
+    for made in (parameter_table([one], width), differing):
+        lines = printed(made, width).splitlines()
+        assert any(LONG in line for line in lines)
+        assert any("transition" in line for line in lines)
+        assert max(map(len, lines)) <= width
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_table_of_stages_breaks_no_name_of_an_effect(hardening, width):
+    study = Study(hardening, keep=False)
+    (view,) = view_of(study, [study.add("cubic_stiffness").result]).channels
+    assert any(stage.number is not None for stage in view.stages)
+    shown = printed(fall_table(replace(view, fall=(view.fall[0], (f"+ {LONG}", 0.1))), width), width)
+    assert any(f"+ {LONG}" in line for line in shown.splitlines())
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

@@ -83,6 +83,10 @@ def test_it_cannot_be_changed():
         ({"torque_rate_nm_s": "[1, 2]"}, "limits: torque_rate_nm_s has 2 values, torque_nm has 3"),
         ({"position_min_rad": "[1, 0, 0]"}, "limits: position_min_rad 1.0 is not below position_max_rad 0.4"),
         ({"position_min_rad": "[-2.6, 2.6, -2.6]"}, "limits: position_min_rad 2.6 is not below"),
+        (
+            {"home_rad": "[-1, 1, 1]\nrotor_inertia_kg_m2: [0.1, 300, 0.1]"},
+            "rotor_inertia_kg_m2 entry 2: give 0 to 15 kg m2: with more, the torque limit",
+        ),
         ({"force_n": None}, " line 12, limits.force_n: is missing"),
         (
             {"safe_state": "{damping_nms_rad: [1, 1], stop_time_s: 1}"},

@@ -6,14 +6,40 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError
+from robot_io.robot_file import load_robot_file
 from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
 from sim_backend.hooks import ContactEffect, Effects, JointEffect, SensorEffect
-from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, shipped_arm, slider, watch
+from sim_backend.world import world_of
+from tests.sim_backend.parts import (
+    ARMS_DIR,
+    GRAVITY_M_S2,
+    column,
+    make_world,
+    scenario,
+    shipped_arm,
+    slider,
+    watch,
+)
 
 WEIGHT_N = GRAVITY_M_S2  # of the slider's 1 kg
 OWN_CONTACT = pytest.mark.parametrize(
     "engine", ["pybullet"], indirect=True
 )  # MuJoCo has none that is a spring
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"<robot name='a'><link name='b'></robot>", "URDF: mismatched tag"),
+        (b"\xff<robot/>", "not UTF-8 text"),
+    ],
+)
+def test_a_urdf_that_cannot_be_read_is_named_with_its_robot_file(content, words, tmp_path):
+    robot_file = load_robot_file(ARMS_DIR / "follower" / "follower.yaml")
+    (tmp_path / "broken.urdf").write_bytes(content)
+    robot_file = robot_file.model_copy(update={"urdf": str(tmp_path / "broken.urdf")})
+    with pytest.raises(InputError, match=rf"follower.yaml with .*broken.urdf: {words}"):
+        world_of(robot_file, scenario())
 
 
 def settled_depth(world, duration_s=2.0):

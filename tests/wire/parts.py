@@ -23,6 +23,7 @@ V0_5 = (  # changes of that file for the older firmware
     ('firmware: "0.6"', 'firmware: "0.5"'),
     ("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:"),
 )
+DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
 READ_SHARE = 0.6  # of a tick, as the control loop allows
 DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"

@@ -7,7 +7,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from tests.wire.parts import CUBEMARS, DAMIAO, LINES, ODRIVE
+from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, ODRIVE
 
 
 @pytest.mark.parametrize(
@@ -15,6 +15,14 @@ from tests.wire.parts import CUBEMARS, DAMIAO, LINES, ODRIVE
     [
         (ODRIVE, "node_id: 1", "node_id: 0", "not all different"),
         (ODRIVE, "node_id: 1", "node_id: 64", "63"),
+        (ODRIVE, "node_id: 1", "zero_rad: 1e6, node_id: 1", r"zero_rad: give -25 to 25 rad \(is 1000000.0\)"),
+        (
+            ODRIVE,
+            "channel: can0",
+            "channel: ' '",
+            "buses.motors.channel: give the channel's name, such as can0",
+        ),
+        (DYNAMIXEL, "zero_rad: 3.14159265", "zero_rad: -26", r"zero_rad: give -25 to 25 rad \(is -26"),
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.7"', "firmware"),
         (ODRIVE, 'firmware: "0.6"', 'firmware: "0.5"', "torque_constant_nm_a"),
         (ODRIVE, "      - {node_id: 2, gear_ratio: 9, max_torque_nm: 2.2}\n", "", "one per joint"),

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Annotated, Any
 
 import can
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from robot_io.clock import Clock
 from robot_io.drivers.can.slcan import SlcanBus
@@ -52,12 +52,19 @@ class Timestamps(StrEnum):
     NONE = "none"  # nothing that is known here
 
 
+def _named(channel: str | int) -> str | int:
+    if not str(channel).strip():
+        raise ValueError("give the channel's name, such as can0, /dev/ttyACM0 or PCAN_USBBUS1")
+    return channel
+
+
 class CanLineSettings(FileModel):
     """Which adapter, and how it is opened."""
 
     # slcan, or a python-can interface: socketcan, pcan, virtual, udp_multicast .
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
-    channel: str | int  # what the interface calls its channel: can0, /dev/ttyACM0, PCAN_USBBUS1
+    # What the interface calls its channel.
+    channel: Annotated[str | int, AfterValidator(_named)]
     # Bits a second, for adapters that set it themselves; None leaves it alone.
     bitrate: Annotated[int, Field(gt=0, le=1_000_000, strict=True)] | None = None
     # Further arguments of the python-can interface.

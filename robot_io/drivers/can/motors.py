@@ -12,7 +12,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
 from robot_io.examination import Examinable, Finding, fail, warn
-from robot_io.files.file_model import FileModel, Number, Positive, input_error
+from robot_io.files.file_model import FileModel, Positive, ZeroAngle, input_error
 from robot_io.interfaces import Bus, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
 
@@ -28,7 +28,7 @@ class MotorMounting(FileModel):
 
     gear_ratio: Positive = 1.0  # turns of what the drive reports for one turn of the joint
     reversed: StrictBool = False  # whether a positive shaft angle turns the joint backwards
-    zero_rad: Number = 0.0  # joint angle where the drive reports zero [rad]
+    zero_rad: ZeroAngle = 0.0  # joint angle where the drive reports zero [rad]
 
     @property
     def signed_ratio(self) -> float:

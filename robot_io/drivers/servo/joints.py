@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field, StrictBool, field_validator
 
-from robot_io.files.file_model import FileModel, Number
+from robot_io.files.file_model import FileModel, ZeroAngle
 from robot_io.types import FloatArray, Status
 
 _TURN_RAD = 2.0 * np.pi
@@ -22,7 +22,7 @@ class ServoMounting(FileModel):
     reversed: StrictBool = False  # whether a positive count turns the joint backwards
     # Joint angle where the servo shows position 0, whole turns aside; at half a turn, its middle position
     # 2048 is the joint's zero [rad].
-    zero_rad: Number = np.pi
+    zero_rad: ZeroAngle = np.pi
 
     @field_validator("model")
     @classmethod

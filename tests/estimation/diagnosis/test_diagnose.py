@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.channel import ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.diagnosis.candidates import candidates, library
+from estimation.diagnosis.next_experiment import exploring, sufficient
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from estimation.models import MODELS
@@ -272,6 +274,25 @@ def test_data_that_cannot_say_gets_a_reason_and_an_experiment():
     assert found.accepted == []
     assert found.baseline is None
     assert found.next_experiment.instruction
+
+
+@pytest.mark.parametrize(
+    ("reason", "words"),
+    [
+        ("the effort never changes; check the sensor and the column", "check the sensor and the column"),
+        ("the deepest indentation is 9 m; is the displacement in millimetres?", "check units and columns"),
+        ("only 60 samples; record at least 100", "begin and end each run free of any effort"),
+    ],
+)
+def test_data_that_is_wrong_is_to_be_checked_before_another_experiment(reason, words):
+    assert sufficient(reason, ChannelKind.CONTACT).instruction.startswith(words)
+
+
+def test_the_next_experiment_says_what_the_recorded_motion_was():
+    said = exploring(["past motion"], pressed(3)).instruction
+    assert said.startswith(
+        "hold still for longer, then repeat the motion at once (the motion recorded here goes"
+    )
 
 
 @pytest.mark.parametrize("digits", [None, 6])

@@ -7,11 +7,14 @@ import pytest
 
 import palpate
 from estimation.channel import ChannelKind
+from estimation.data.import_options import ImportOptions
 from estimation.data.table import read_table
 from estimation.effects import EFFECTS
 from estimation.fit import long_data
 from estimation.gate import checklist
 from estimation.study.source import joined, open_source
+from palpate.commands.workbench import _bench
+from palpate.data_options import DataArguments
 from palpate.example import plain, sized
 from palpate.study import Study
 from palpate.workbench import words
@@ -116,6 +119,15 @@ def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
     )
     assert told.fit("contact", ["cubic_stiffness"]).rmse == again.show().fitted.rmse
     assert again.with_runs((), ()).study is bench.study
+
+
+def test_a_page_opened_with_runs_held_out_says_so_once_and_can_let_them_in(press):
+    bench = _bench(DataArguments(file=press, held_out="2"), press, ImportOptions(), None)
+    assert bench.command().count("--held-out 2") == 1
+    again = bench.with_runs((), ())
+    assert "--held-out" not in again.command()
+    assert again.study.held_out == ()
+    assert again.with_runs((), (2,)) is bench
 
 
 def test_of_a_recording_that_was_averaged_no_command_uses_the_same_runs(press, monkeypatch):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.palpate.cli import assert_refused, run
+from tests.palpate.presses import write_presses
 
 
 @contextmanager
@@ -44,10 +45,15 @@ def status(port, host):
         (["no.csv"], "no.csv"),
         (["press.csv", "--riddle"], "leave out the file"),
         (["--port", "99999"], "65535"),
+        (["--port", "8123", "--foxglove", "8123"], "--port 8123 and --foxglove 8123"),
+        (["there.csv", "--held-out", "x"], "--held-out x: give run numbers"),
+        (["there.csv", "--held-out", "7"], "there is no run 7. There are: 0, 1, 2, 3"),
+        (["there.csv", "--model", "kelvin"], "no model is called 'kelvin'; did you mean 'kelvin_voigt'?"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    write_presses(tmp_path / "there.csv")
     assert_refused(run("workbench", *arguments, "--no-browser"), said)
 
 

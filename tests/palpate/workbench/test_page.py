@@ -209,7 +209,7 @@ def test_data_that_is_refused_shows_why_and_its_raw_curves(browser, serve, press
     press.write_text("\n".join([lines[0], *(line for line in lines[1:] if line.endswith(",0"))]))
     tab = Tab(browser, serve(press))
     tab.page.wait_for_selector(".gates .bad")
-    assert "nothing can be held out" in tab.page.inner_text(".gates")
+    assert "no other to judge by" in tab.page.inner_text(".gates")
     tab.page.wait_for_selector(".js-plotly-plot .scatterlayer path")
     assert tab.wrong == []
 

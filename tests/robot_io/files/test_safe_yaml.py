@@ -52,9 +52,12 @@ def test_what_is_refused_and_where(text, line, what):
     assert str(caught.value).startswith(f"f.yaml line {line}: ")
 
 
-@pytest.mark.parametrize("text", ["[1, 2]", "word", "3"])
-def test_the_top_must_be_keys(text):
-    with pytest.raises(InputError, match="expected 'key: value' lines"):
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("[1, 2]", r"begins with '\[1, 2\]'"), ("word", "'word'"), ("3", "'3'")],
+)
+def test_the_top_must_be_keys(text, said):
+    with pytest.raises(InputError, match=f"{said}, expected 'key: value' lines"):
         parse_yaml(text, "f.yaml")
 
 

@@ -32,7 +32,8 @@ SILENT_S = 0.2  # looked at the drives for so long after the end
 STEP_BACK_S = 0.02
 HELD_UP_S = 0.5
 NO_TORQUE_NM = 0.02  # zero on an MIT motor's wire is half a step off
-REQUESTED = "stopped on request"  # by the rig, as nothing else has stopped the arm
+ENOUGH = "the rig has seen enough"
+REQUESTED = f"stopped: {ENOUGH}"  # by the rig, as nothing else has stopped the arm
 
 
 class Killed(BaseException):
@@ -118,10 +119,11 @@ class Rig:
             raise BrokenPipeError("the viewer has gone")
         return NO_ESTIMATE
 
-    def _survived(self) -> bool:
+    def _survived(self) -> str:
         row = self.row
         patience_s = DISK_S if row.fault is Program.DISK_FULL else GOES_ON_S
-        return self.clock.now_s() > row.at_s + (patience_s if row.ticks is None else PATIENCE_S)
+        late = self.clock.now_s() > row.at_s + (patience_s if row.ticks is None else PATIENCE_S)
+        return ENOUGH if late else ""
 
     # What goes wrong in the program itself.
 
