@@ -12,6 +12,7 @@ from pydantic import StrictBool
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable
 from robot_io.files.file_model import Positive
 
 PING, YES, NO = b"\r", "A", "?"
@@ -62,7 +63,7 @@ class LoadstarSettings(SerialForceSettings):
     tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
 
 
-class Loadstar(SerialForceSensor):
+class Loadstar(SerialForceSensor, Examinable):
     """A load cell in continuous mode, on a `serial_line`. Unit and capacity are read from the interface."""
 
     name = "loadstar"

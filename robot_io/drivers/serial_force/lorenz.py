@@ -9,6 +9,7 @@ from robot_io.drivers.serial_force.lorenz_protocol import LorenzCommand, LorenzS
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import known_unit, newtons_per
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable
 from robot_io.files.file_model import Positive
 
 _ANSWER_S = 0.3
@@ -39,7 +40,7 @@ class LorenzSettings(SerialForceSettings):
         return self.nominal_load * newtons_per(self.unit)
 
 
-class Lorenz(SerialForceSensor):
+class Lorenz(SerialForceSensor, Examinable):
     """A Lorenz sensor in its speed-optimised stream.
 
     Which sensor it is comes from its configuration, in telegrams with checksums; the stream itself has none.

@@ -22,6 +22,7 @@ from pydantic import Field
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, text_of
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable
 from robot_io.files.file_model import Number, Positive
 
 WHO = b"?\n"
@@ -121,7 +122,7 @@ class MicrocontrollerCellSettings(SerialForceSettings):
     ]  # samples a second; the firmware must say so too
 
 
-class MicrocontrollerCell(SerialForceSensor):
+class MicrocontrollerCell(SerialForceSensor, Examinable):
     """The load cell, on a `serial_line`."""
 
     name = "microcontroller_cell"

@@ -9,7 +9,7 @@ from pydantic import StrictBool
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_force.line import SerialLine
 from robot_io.errors import DeviceError
-from robot_io.examination import Examinable, Finding, ok
+from robot_io.examination import Finding, ok
 from robot_io.files.file_model import FileModel
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
@@ -21,8 +21,8 @@ class SerialForceSettings(FileModel):
     reversed: StrictBool = False  # whether the sensor counts tension as positive
 
 
-class SerialForceSensor(ForceSensor, Examinable):
-    """A force sensor on a `serial_line`; one of its own sees in `configure` who is there, and listens."""
+class SerialForceSensor(ForceSensor):
+    """A force sensor on a `serial_line`; one that can be asked who it is, is `Examinable` as well."""
 
     Settings: ClassVar[type[SerialForceSettings]]
     end_of_stream: ClassVar[bytes] = b""  # what ends its stream, if it must be told
@@ -35,6 +35,7 @@ class SerialForceSensor(ForceSensor, Examinable):
         self._found = ""  # who answered
 
     def examine(self) -> tuple[Finding, ...]:
+        """Who answered in `configure`."""
         return (ok("force sensor", self._found),) if self._found else ()
 
     def close(self) -> None:
