@@ -173,10 +173,14 @@ def simplest(search: Search, end: Standing, readings: Readings, is_complete: Com
     for name in names_in_order(search, end):
         (effect,) = (one for one in end.trial.model.effects if one.name == name)
         smaller = (search.with_candidate(one) for one in _rivals(search, end, name, readings, size(effect)))
-        as_complete = (
-            one for one in smaller if search.is_sensible(one) and (is_complete(one) or not is_complete(end))
+        as_good = (
+            one
+            for one in smaller
+            if one.rmse <= (1.0 + SMALL) * end.rmse
+            and search.is_sensible(one)
+            and (is_complete(one) or not is_complete(end))
         )
-        end = min(as_complete, key=search.size, default=end)
+        end = min(as_good, key=search.size, default=end)
     return end
 
 
