@@ -9,9 +9,9 @@ from zlib import crc32
 
 import numpy as np
 
-from estimation.arm.shared_gains import with_shared_gains
 from estimation.channel import ChannelData
 from estimation.diagnosis.answer import Judgement, answer, insufficient
+from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, still_explained
 from estimation.diagnosis.established import established, simplest, standards
