@@ -9,6 +9,7 @@ import pytest
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
+from estimation.diagnosis.doubt import Placed
 from estimation.diagnosis.established import Standards, rivals, simplest
 from estimation.diagnosis.search import LEVEL, _key, _some_runs, looked_back, search_of
 from estimation.effects import EFFECTS
@@ -59,6 +60,16 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     end = search.with_candidate(tried["asymmetric_friction"])
     found = simplest(search, end, readings_of(data), lambda one: is_as_complete or one is end)
     assert search.added(found) == [expected if is_as_complete else "asymmetric_friction"]
+
+
+def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_nothing(monkeypatch):
+    """As where they come from a hundred slow samples."""
+    monkeypatch.setattr(established, "gained", lambda *args: Placed(0.0, np.ones(2)))
+    data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.15) * np.tanh(v / 0.01))
+    search = searched(data, "coulomb_friction", "asymmetric_friction")
+    (tried,) = (one for one in search.screened(search.start) if one.effect.name == "asymmetric_friction")
+    found = simplest(search, search.with_candidate(tried), readings_of(data), lambda one: True)
+    assert search.added(found) == ["asymmetric_friction"]
 
 
 @pytest.mark.parametrize(
