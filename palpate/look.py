@@ -10,7 +10,7 @@ from estimation.channel import ChannelData
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import Table, read_table
-from estimation.gate.motion_and_effort import mistaken_units
+from estimation.gate.motion_and_effort import late_touch, mistaken_units
 from estimation.signals.runwise import sample_time
 from palpate import console
 from palpate.render.palette import phase
@@ -46,8 +46,9 @@ def look_at(path: Path, options: ImportOptions) -> None:
 
 
 def doubts(imported: Imported) -> list[str]:
-    """What is hardly in the unit that it is said to be, in one sentence for each channel."""
-    checked = ((channel.name, mistaken_units(channel)) for channel in imported.channels)
+    """What is hardly in the unit, or from the zero, that it is said to be, in one sentence each."""
+    checks = (mistaken_units, late_touch)
+    checked = ((channel.name, check(channel)) for channel in imported.channels for check in checks)
     return [f"{name}: {doubt}" for name, doubt in checked if doubt]
 
 

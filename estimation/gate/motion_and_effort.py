@@ -21,6 +21,8 @@ _LEAST_WAYS = 0.5  # of the samples, at which a way must begin
 _LEAST_PRESSED = 0.01  # of the samples
 # Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
+_SLICES = 20  # of the deepest indentation, in which a force begins
+_LATE, _STANDS_OUT = 0.2, 0.25  # shares: of the deepest indentation, and of a spring's force there
 _TO_SIGMA = 1.4826  # of the median deviation, for normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started by hand
 _JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
@@ -111,6 +113,34 @@ def no_contact(data: ChannelData) -> str | None:
     if likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
         return "force falls with depth; check the sign of force and displacement"
     return _unrelated(data)
+
+
+def late_touch(data: ChannelData) -> str | None:
+    """Down to which depth the force is still that of free air; None where it begins with the depth.
+
+    A force that stays in its noise for a fifth of the way and more, where a spring from zero on would stand
+    out of it.
+    """
+    pressed = data.engaged
+    if data.kind is not ChannelKind.CONTACT or data.surface is not None or pressed.all() or not pressed.any():
+        return None
+    air = data.effort[~pressed]
+    spread = _TO_SIGMA * float(np.median(np.abs(air - np.median(air))))
+    force, depth = np.abs(data.effort[pressed] - np.median(air)), data.position[pressed]
+    deepest, noise = float(depth.max()), _ABOVE_AIR * spread
+    silent = 0.0
+    for below in np.linspace(0.0, deepest, _SLICES + 1)[1:]:
+        within = force[(depth > silent) & (depth <= below)]
+        if len(within) and np.quantile(within, _ONE_IN_TWENTY) >= noise:
+            break
+        silent = float(below)
+    expected = float(force.max()) * silent / deepest  # of a spring from zero on
+    if silent < _LATE * deepest or noise > _STANDS_OUT * expected:
+        return None
+    return (
+        f"the force is that of free air down to about {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if the "
+        "surface is there, subtract that from the displacement, or `palpate add FILE contact_offset`"
+    )
 
 
 def _unrelated(data: ChannelData) -> str | None:

@@ -8,6 +8,7 @@ import pytest
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.gate import refuse, spoilt, usable
+from estimation.gate.motion_and_effort import late_touch
 from estimation.models import MODELS
 from estimation.tare import Tare
 from tests.estimation.presses import kelvin_voigt, session
@@ -289,3 +290,21 @@ def test_glitches_are_set_aside_and_steps_are_kept():
 
 def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_to_diagnose():
     assert spoilt(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda data: data, None),
+        (lambda data: replace(data, effort=np.zeros(len(data))), None),  # no contact at all is said elsewhere
+        (
+            lambda data: session(3, lambda t, x, v, run: kelvin_voigt(x - 0.005, v)),
+            "down to about 5.",
+        ),
+        (lambda data: replace(data, effort=40.0 * np.maximum(data.position, 0.0) ** 1.5), None),  # a ball
+    ],
+    ids=["from its zero on", "nothing", "over 5 mm of air", "Hertz"],
+)
+def test_a_force_that_begins_deeper_than_the_displacement_is_told(change, says):
+    found = late_touch(change(DATA))
+    assert found is None if says is None else says in found
