@@ -10,6 +10,7 @@ from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit import registers
 from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.errors import InputError, ProtocolError
+from sim_backend.emulators.can import damiao_motor, mit_motor
 
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
@@ -20,27 +21,8 @@ def test_special_codes_of_the_manual():
     assert mit.EXIT_MOTOR_MODE.hex() == "fffffffffffffffd"
 
 
-RANGES = {  # position [rad], velocity [rad/s], torque [N m]
-    Maker.CUBEMARS: {
-        "AK10-9": (12.5, 50.0, 65.0),
-        "AK60-6": (12.5, 45.0, 15.0),
-        "AK70-10": (12.5, 50.0, 25.0),
-        "AK80-6": (12.5, 76.0, 12.0),
-        "AK80-9": (12.5, 50.0, 18.0),
-        "AK80-64": (12.5, 8.0, 144.0),
-        "AK80-80": (12.5, 8.0, 144.0),
-    },
-    Maker.DAMIAO: {
-        "DM-J3507": (12.566, 50.0, 5.0),
-        "DM-J4310": (12.5, 30.0, 10.0),
-        "DM-J4340": (12.5, 8.0, 28.0),
-        "DM-J6006": (12.5, 45.0, 20.0),
-        "DM-J8006": (12.5, 45.0, 40.0),
-        "DM-J8009": (12.5, 45.0, 54.0),
-        "DM-J10010": (12.5, 20.0, 200.0),
-        "DM-J10010L": (12.5, 25.0, 200.0),
-    },
-}
+# Position [rad], velocity [rad/s], torque [N m], as the emulators have them: they share nothing with drivers.
+RANGES = {Maker.CUBEMARS: mit_motor.LIMITS, Maker.DAMIAO: damiao_motor.LIMITS}
 
 
 @pytest.mark.parametrize(("maker", "model"), [(maker, model) for maker in Maker for model in RANGES[maker]])
