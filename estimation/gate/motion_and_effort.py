@@ -106,9 +106,8 @@ def no_contact(data: ChannelData) -> str | None:
     if pressed.mean() < _LEAST_PRESSED:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
-        air = data.effort[~pressed]
-        spread = _TO_SIGMA * float(np.median(np.abs(air - np.median(air))))
-        if np.quantile(np.abs(data.effort[pressed] - np.median(air)), _ONE_IN_TWENTY) < _ABOVE_AIR * spread:
+        level, noise = _of_air(data)
+        if np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise:
             return "no contact: the force while pressed is no more than the noise in free air"
     if likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
         return "force falls with depth; check the sign of force and displacement"
@@ -124,11 +123,9 @@ def late_touch(data: ChannelData) -> str | None:
     pressed = data.engaged
     if data.kind is not ChannelKind.CONTACT or data.surface is not None or pressed.all() or not pressed.any():
         return None
-    air = data.effort[~pressed]
-    spread = _TO_SIGMA * float(np.median(np.abs(air - np.median(air))))
-    force, depth = np.abs(data.effort[pressed] - np.median(air)), data.position[pressed]
-    deepest, noise = float(depth.max()), _ABOVE_AIR * spread
-    silent = 0.0
+    level, noise = _of_air(data)
+    force, depth = np.abs(data.effort[pressed] - level), data.position[pressed]
+    deepest, silent = float(depth.max()), 0.0
     for below in np.linspace(0.0, deepest, _SLICES + 1)[1:]:
         within = force[(depth > silent) & (depth <= below)]
         if len(within) and np.quantile(within, _ONE_IN_TWENTY) >= noise:
@@ -141,6 +138,13 @@ def late_touch(data: ChannelData) -> str | None:
         f"the force is that of free air down to about {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if the "
         "surface is there, subtract that from the displacement, or `palpate add FILE contact_offset`"
     )
+
+
+def _of_air(data: ChannelData) -> tuple[float, float]:
+    """Level of the effort in free air, and how far from it one that presses must be, in the effort's unit."""
+    air = data.effort[~data.engaged]
+    level = float(np.median(air))
+    return level, _ABOVE_AIR * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
 def _unrelated(data: ChannelData) -> str | None:
