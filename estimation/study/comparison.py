@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel import ChannelKind
 from estimation.diagnosis.doubt import SMALL
 from estimation.estimate import ParameterEstimate
 from estimation.study.engine import Fitted
@@ -59,9 +60,11 @@ class Comparison(Shown):
         count, whole = int(np.count_nonzero(~self.judged)), len(self.judged)
         if not count:
             return ""
+        is_contact = self.fitted.data.kind is ChannelKind.CONTACT
+        own = "the border of a contact, a sharp corner of its motion" if is_contact else "a joint at rest"
         return (
-            f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are not judged: a joint at rest, "
-            "the border of a contact, the end of a run, or a reading that is not fit for use."
+            f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are not judged: {own}, the start "
+            "or end of a run, or a reading that is not fit for use."
         )
 
     def _table(self) -> Table:
