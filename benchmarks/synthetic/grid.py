@@ -25,11 +25,16 @@ CONTAINED_IN: dict[str, dict[str, str]] = {
     "bias": {
         "drift": "a drift of no rate is its offset",
         "joint_spring": "a spring of no stiffness is its preload",
+        "run_offset": "of one offset in all runs",
     },
     "coulomb_friction": {
         "stribeck_friction": "a Stribeck law of no rise is its level",
         "asymmetric_friction": "of one force and slope both ways it is Coulomb and viscous friction",
+        "presliding_friction": "of no presliding distance",
+        "bouc_wen_hysteresis": "of no path",
     },
+    "dry_friction": {"bouc_wen_hysteresis": "a sharp one is a friction with a presliding distance"},
+    "load_dependent_friction": {"load_dependent_presliding": "of no presliding distance"},
     "cubic_stiffness": {
         "hunt_crossley": "a power law of exponent 3 without a damper is a cubic spring",
         "power_law_stiffness": "of exponent 3",

@@ -27,6 +27,7 @@ MOST = 0.9  # of the squared error that can be explained at all, that names must
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
+_OWN = 2.0  # times the noise, that an effect's own signals may still explain of what it leaves
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -89,10 +90,12 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
 def _may_have_names(search: Search, end: Standing, *, complete: bool) -> bool:
     if not search.is_sensible(end):
         return False
-    held = standards(search.start, end)
-    if complete or held.is_met:
+    if complete:
         return True
-    return held.explains_most and all(_stands_by_itself(search, end, name) for name in search.added(end))
+    held = standards(search.start, end)
+    if held.is_outdone or not (held.is_met or held.explains_most):
+        return False
+    return all(_stands_by_itself(search, end, name, held.both) for name in search.added(end))
 
 
 def _sufficient_part(search: Search, end: Standing, readings: Readings) -> Standing:
@@ -215,11 +218,17 @@ def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:
     return float(apart @ apart) < _WITHIN * float(added @ added)
 
 
-def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
+def _stands_by_itself(search: Search, end: Standing, name: str, noise: float) -> bool:
     """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
 
-    An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
-    is left to explain, or a law of the others explains what it did.
+    An impostor leaves structure in the signals of what it stands for: either they are its own, and more there
+    is left to explain than noise, or a law of the others explains what it did.
+
+    Args:
+        search: that led to the model.
+        end: base model and effects.
+        name: of the effect.
+        noise: mean square of the error that a smooth law of all signals leaves beside the model.
     """
     (effect,) = (one for one in end.trial.model.effects if one.name == name)
     without = search.without(end, name)
@@ -228,7 +237,7 @@ def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
     own = [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))]
     own += [signal for signal in shares if "recorded" in effect.signals and signal not in SIGNALS]
     still = left * max((shares.get(signal, 0.0) for signal in own), default=0.0)
-    if still > (1.0 - MOST) * (before - left):
+    if still > min((1.0 - MOST) * (before - left), _OWN * noise):
         return False
     with_it, beside = (
         float(flexible(one.plain, one.trial, own).held_out.sum()) / max(int(one.plain.kept.sum()), 1)

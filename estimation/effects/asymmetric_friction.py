@@ -31,8 +31,8 @@ class AsymmetricFriction(AdditiveEffect):
     parts = ("coulomb_friction", "bias")
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        forward = 0.5 * (1.0 + np.tanh(data.velocity / inner["transition"]))
-        backward = forward - 1.0
+        direction = np.tanh(data.velocity / inner["transition"])
+        forward, backward = np.maximum(direction, 0.0), np.minimum(direction, 0.0)  # at rest nothing pushes
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
