@@ -8,6 +8,7 @@ import numpy as np
 from estimation.channel import ChannelKind
 from estimation.diagnosis.doubt import SMALL
 from estimation.estimate import ParameterEstimate
+from estimation.physical import UNPHYSICAL
 from estimation.study.engine import Fitted
 from estimation.study.part import Part
 from estimation.study.patterns import Pattern, patterns
@@ -123,7 +124,10 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     known = [effect.name for effect in fitted.model.effects]
     is_noise = fitted.rmse < AT_FLOOR * noise_floor
     found = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
-    words = (*_words(fitted.rmse, noise_floor, parts, unit), *(one.sentence for one in found))
+    first, *where = _words(fitted.rmse, noise_floor, parts, unit)
+    if fitted.unphysical:
+        first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
+    words = (first, *where, *(one.sentence for one in found))
     return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
 
 

@@ -22,6 +22,7 @@ from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
+from estimation.physical import unphysical
 from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -61,6 +62,13 @@ class Fitted(Shown):
         """By "effect.parameter", with 95 % intervals."""
         with threadpool_limits(1):
             return values(*self._last)
+
+    @cached_property
+    def unphysical(self) -> tuple[str, ...]:
+        """Gains that lie outside what is physical with their whole intervals, each in words."""
+        trial = self._last[1]
+        gains = self.model.gains
+        return tuple(unphysical(gains, self.parameters.values(), trial.columns, trial.target).values())
 
     @cached_property
     def predicted(self) -> FloatArray:
