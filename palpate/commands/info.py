@@ -61,7 +61,7 @@ def _describe_stream(session: Session, name: str) -> dict[str, Any]:
     return {
         "name": name,
         "samples": len(samples),
-        "duration_s": float(time_s[-1] - time_s[0]) if len(time_s) else 0.0,
+        "duration_s": float(steps[steps > 0.0].sum()),  # a clock may begin anew with a run or session
         "rate_hz": 1.0 / step_s if step_s > 0 else None,
         "runs": int(np.count_nonzero(runs >= 0)),
         "columns": [
