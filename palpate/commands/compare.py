@@ -10,6 +10,7 @@ from estimation.study import ChannelResult, Comparison, Revision
 from estimation.study.other_models import FAR_BETTER, better_model
 from estimation.study.revisions import own_effects
 from palpate import console
+from palpate.completion import model_names
 from palpate.data_options import (
     DataArguments,
     FolderOption,
@@ -46,7 +47,10 @@ def command(
     ] = None,
     model: ModelOption = None,
     other_model: Annotated[
-        str | None, typer.Option(help="Base model of the other; without another, two models of FILE.")
+        str | None,
+        typer.Option(
+            help="Base model of the other; without another, two models of FILE.", autocompletion=model_names
+        ),
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from palpate import console
+from palpate.completion import scenario_names
 from palpate.demo import (
     HIDDEN_PLAN,
     PLAN,
@@ -38,7 +39,11 @@ DEFAULT = "default"
 
 def command(
     scenario: Annotated[
-        str, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
+        str,
+        typer.Option(
+            help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.",
+            autocompletion=scenario_names,
+        ),
     ] = DEFAULT,
     engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None,
     seed: Annotated[

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate import console
+from palpate.completion import robot_names
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import memory_lock, real_time
@@ -28,7 +29,12 @@ _SUBJECT_WIDTH = 20
 
 def command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
-        str | None, typer.Option(help="Examine this arm, before it gets power: a robot file.", metavar="FILE")
+        str | None,
+        typer.Option(
+            help="Examine this arm, before it gets power: a robot file.",
+            metavar="FILE",
+            autocompletion=robot_names,
+        ),
     ] = None,
     wire: Annotated[
         bool, typer.Option("--wire", help="Emulate its devices: no hardware is touched.")

@@ -14,6 +14,7 @@ from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from control.teleop.operator_devices import build_operator
 from palpate import console
+from palpate.completion import robot_names, scenario_names
 from palpate.console import command_group
 from palpate.files import existing_file, output_file
 from palpate.option_sets import takes
@@ -117,10 +118,18 @@ def leader(  # noqa: PLR0917, one parameter an option
         str, typer.Option("--operator", help="The operator's device, or a YAML file that sets one up.")
     ] = "keyboard",
     robot: Annotated[
-        str, typer.Option(help="Virtual arm that the operator moves: shipped, or a file.")
+        str,
+        typer.Option(
+            help="Virtual arm that the operator moves: shipped, or a file.", autocompletion=robot_names
+        ),
     ] = "leader",
     scenario: Annotated[
-        str, typer.Option(help="What the operator feels before anything was probed.", metavar="WORLD")
+        str,
+        typer.Option(
+            help="What the operator feels before anything was probed.",
+            metavar="WORLD",
+            autocompletion=scenario_names,
+        ),
     ] = "default",
     jump_n: Annotated[
         float, typer.Option(help="Most force that an update may add or take in a millisecond.", metavar="N")
@@ -175,7 +184,11 @@ def leader(  # noqa: PLR0917, one parameter an option
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for everything.", metavar="DIR")],
     scenario: Annotated[
-        str, typer.Option(help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.")
+        str,
+        typer.Option(
+            help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.",
+            autocompletion=scenario_names,
+        ),
     ] = "stiff",
     bad_network: BadNetworkOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
