@@ -11,9 +11,10 @@ from threadpoolctl import threadpool_limits
 from estimation import diagnosis
 from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
-from estimation.diagnosis.candidates import try_all
+from estimation.diagnosis.candidates import candidates, size, try_all
 from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
+from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.inner_search import Attempts
@@ -155,6 +156,20 @@ def fit(
             said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
             raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
+
+
+def likeliest(fitted: Fitted, names: Sequence[str]) -> tuple[str, ...]:
+    """These effects by what each alone leaves in held-out runs; behind them what cannot be tried.
+
+    Of those that leave about as little as the best, the simplest comes first.
+    """
+    there = candidates(fitted.standing.data, fitted.model, [EFFECTS[name]() for name in names])
+    with threadpool_limits(1):
+        tried = try_all(fitted.standing, there) if len(there) > 1 else []
+    least = tried[0].held_out * (1.0 + SMALL) ** 2 if tried else 0.0
+    tried.sort(key=lambda one: (0.0, size(one.effect)) if one.held_out <= least else (one.held_out, 0))
+    order = [one.effect.name for one in tried]
+    return (*order, *(name for name in names if name not in order))
 
 
 @dataclass(frozen=True, eq=False)
