@@ -16,7 +16,7 @@ from estimation.data.import_files import import_files
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ReadOptions, retyped
-from palpate.files import existing_file, open_session, output_file
+from palpate.files import existing_file, open_session, output_session
 from palpate.look import doubts, facts, look_as_data, look_at
 from palpate.option_sets import takes
 from palpate.render.progress import import_progress
@@ -55,7 +55,7 @@ def command(
     if look:
         _look(files, options, out, as_json=as_json)
         return
-    session = output_file(out or Path("sessions") / f"{_stem(files[0])}.mcap")
+    session = output_session(out or Path("sessions") / f"{_stem(files[0])}.mcap")
     with import_progress() as progress:
         imported = import_files(files, options.options, lambda what, share: progress(what, _READ * share))
         write_session(

@@ -10,7 +10,7 @@ import typer
 
 from palpate import console
 from palpate.data_options import JsonOption
-from palpate.files import open_session, output_file
+from palpate.files import open_session, output_session
 from palpate.merging import merged_metadata, merged_streams, surfaces_apart
 from palpate.words import count, shown, typed
 from robot_io.errors import InputError
@@ -30,7 +30,7 @@ def command(
         raise InputError(f"{sessions[0]}: is one session; name two or more")
     if twice := [str(path) for n, path in enumerate(sessions) if path.resolve() in _resolved(sessions[:n])]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
-    file = output_file(out, keep=sessions)
+    file = output_session(out, keep=sessions)
     found = [open_session(path) for path in sessions]
     streams = merged_streams(found)
     metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))

@@ -16,7 +16,7 @@ from control.teleop.operator_devices import build_operator
 from palpate import console
 from palpate.completion import robot_names, scenario_names
 from palpate.console import command_group
-from palpate.files import existing_file, output_file
+from palpate.files import existing_file, output_session
 from palpate.option_sets import takes
 from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
@@ -95,7 +95,7 @@ def follower(
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
     job = FollowerJob(
         robot_file,
-        output_file(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
+        output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
         plan,
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
         link=_line(name, port, link, bad_network),
@@ -154,7 +154,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     command_line = " ".join(map(as_shell_word, ["palpate", *sys.argv[1:]]))
     device = build_operator(operator, MonotonicClock())  # only to know that it can be made
     scene, robot_file = load_scenario(scenario), find_robot(robot)
-    session = output_file(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
+    session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
     line = _line(name, port, link, bad_network)

@@ -63,6 +63,12 @@ def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
     assert_refused(run("import", good, "--look", "-o", tmp_path / "y.mcap"), "--look", "--out")
 
 
+def test_a_session_is_not_called_a_table(good, tmp_path):
+    for name in ("x.csv", "x"):
+        assert_refused(run("import", good, "-o", tmp_path / name), "ends in .mcap", f"{tmp_path / 'x.mcap'}")
+    assert list(tmp_path.iterdir()) == [good]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
