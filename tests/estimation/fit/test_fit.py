@@ -14,7 +14,7 @@ from estimation.fit.colour import colour_of
 from estimation.fit.frame import frame_of
 from estimation.fit.held_out import held_out_residual
 from estimation.fit.inner_search import look, refine
-from estimation.fit.intervals import final, inner_slopes, values
+from estimation.fit.intervals import _widest, final, inner_slopes, values
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.moments import cross_products, held_out_energy, score
@@ -396,3 +396,9 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
     assert found.values["contact_offset.offset"] == pytest.approx(offset_m, abs=1e-4)
     assert found.values["stiffness.k"] == pytest.approx(k, rel=0.1)
     assert found.unphysical == ()
+
+
+@pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 1e7)])
+def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
+    (k,) = EFFECTS["stiffness"].gains
+    assert _widest(k, value) == widest
