@@ -8,6 +8,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from estimation.data.session_streams import RUN_LABELS
 from palpate import console
 from palpate.files import open_session
 from palpate.words import count, duration, safe, shown
@@ -98,7 +99,8 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }
-    further = ((key, value) for key, value in data["extra"].items() if key not in facts and len(value) < 100)
+    known = {*facts, RUN_LABELS}  # what runs were called is for programs, and in --json
+    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
 
 

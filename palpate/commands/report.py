@@ -38,3 +38,6 @@ def command(
         console.print_json({"file": str(data.file), "report": str(path)})
         return
     console.stdout().print(f"report  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    console.next_steps(
+        (f"palpate workbench {data.typed()}", "the same on a local page, with effects to tick")
+    )
