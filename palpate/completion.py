@@ -20,14 +20,6 @@ def estimator_names() -> list[str]:
     return [ALL, *ESTIMATORS]
 
 
-def hidden_names() -> list[str]:
-    """What may be hidden in a simulated world, and files of one's own."""
-    from palpate.runs.hiding import RANDOM  # noqa: PLC0415
-    from sim_backend.imperfection import IMPERFECTIONS  # noqa: PLC0415
-
-    return [RANDOM, *IMPERFECTIONS, *_files()]
-
-
 def model_names() -> list[str]:
     """All base models."""
     from estimation.models import MODELS  # noqa: PLC0415
@@ -35,19 +27,13 @@ def model_names() -> list[str]:
     return list(MODELS)
 
 
-def robot_names() -> list[str]:
-    """The shipped arms, and files of one's own."""
-    from palpate.runs.robots import shipped_robots  # noqa: PLC0415
-
-    return [*shipped_robots(), *_files()]
-
-
 def scenario_names() -> list[str]:
     """The shipped worlds, and files of one's own."""
     from sim_backend.scenario import shipped_scenarios  # noqa: PLC0415
 
-    return [*shipped_scenarios(), *_files()]
+    return [*shipped_scenarios(), *own_files()]
 
 
-def _files() -> list[str]:
+def own_files() -> list[str]:
+    """The YAML files of the current folder."""
     return sorted(path.name for pattern in _YAML for path in Path().glob(pattern))

@@ -14,14 +14,14 @@ from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from control.teleop.operator_devices import build_operator
 from palpate import console
-from palpate.completion import robot_names, scenario_names
+from palpate.completion import scenario_names
 from palpate.console import command_group
 from palpate.files import existing_file, output_session
 from palpate.option_sets import takes
 from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
 from palpate.runs.permission import ask_for_power
-from palpate.runs.robots import find_robot
+from palpate.runs.robots import find_robot, robot_names
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
