@@ -12,6 +12,7 @@ from estimation.estimator import Estimator
 from estimation.fit.samples import SampleFit, fit_samples
 from estimation.fit.trial import Trial
 from estimation.model import Model
+from estimation.physical import UNPHYSICAL, unphysical
 from estimation.regression import Regression
 from estimation.rounding import mark_coarse, rounding_errors, steps_spanned
 from estimation.statistics.least_squares import solve
@@ -22,7 +23,6 @@ from robot_io.types import BoolArray, FloatArray
 
 _OFFSET = f"{ContactOffset.name}.offset"
 _NOWHERE_M = 1e-9  # a difference that is none
-_ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers
 
 
 def fitting_rows(data: ChannelData) -> BoolArray:
@@ -171,16 +171,9 @@ def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given:
 
 
 def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> Estimate:
-    """Say so where a gain lies outside what is physical with its whole interval, and is no rounding error."""
-    parts = np.sqrt(np.mean(regression.columns**2, axis=0) / np.mean(regression.effort**2))
-    beyond = {
-        estimated.name: f"{estimated.name} = {estimated.value:.4g} is {'below' if low else 'above'}"
-        for estimated, parameter, part in zip(found.parameters, model.gains.values(), parts, strict=False)
-        if ((low := estimated.interval[1] < parameter.lower) or estimated.interval[0] > parameter.upper)
-        and abs(estimated.value) * part > _ROUNDING
-    }
+    """Say so where a gain lies outside what is physical, and is no rounding error."""
+    beyond = unphysical(model.gains, found.parameters, regression.columns, regression.effort)
     if not beyond:
         return found
-    why = "the model lacks something, or the sign of effort or motion is turned"
-    note = f"{found.note}; but {', '.join(beyond.values())} what is physical: {why}"
+    note = f"{found.note}; but {', '.join(beyond.values())}: {UNPHYSICAL}"
     return replace(found, note=note, unphysical=tuple(beyond))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import shutil
 import sys
 from collections.abc import Iterable, Mapping
@@ -19,7 +20,8 @@ from palpate.answer import Answer
 from palpate.words import safe, typed
 
 _UNBOUNDED = 10_000  # columns: wider than any table
-PIPE_WIDTH = 120  # columns when the output is no terminal, so that tables are not squeezed into 80
+# Columns when the output is no terminal and COLUMNS does not say how many: in 80, tables are squeezed.
+PIPE_WIDTH = 120
 
 
 def stdout() -> Console:
@@ -34,7 +36,7 @@ def stderr() -> Console:
 
 def _console(*, stderr: bool) -> Console:
     made = Console(stderr=stderr, emoji=False, highlight=False)  # text of a file stays as it is
-    if not made.is_terminal:
+    if not made.is_terminal and not os.environ.get("COLUMNS", "").strip("0").isdigit():
         made.width = PIPE_WIDTH
     return made
 

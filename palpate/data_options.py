@@ -8,6 +8,7 @@ import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate import console
+from palpate.completion import model_names
 from palpate.files import existing_data
 from palpate.option_sets import takes
 from palpate.words import as_shell_word, typed
@@ -27,7 +28,8 @@ ForceOption = Annotated[
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel."
+        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel.",
+        autocompletion=model_names,
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

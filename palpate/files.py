@@ -16,6 +16,8 @@ from robot_io.errors import InputError, SessionError
 from robot_io.files.whole_file import whole_file as written_whole
 from robot_io.session import Session
 
+SESSION = ".mcap"
+
 
 def existing_file(path: Path, what: str) -> Path:
     """The path, if a readable file is there; no device and no pipe, which might never end.
@@ -52,8 +54,8 @@ def open_session(path: Path) -> Session:
             raise
         data = typed(path)
         raise InputError(
-            f"{error}. If it holds measurements: palpate import {data} makes a session of it, and palpate "
-            f"compare {data} reads it as it is"
+            f"{error}. If it holds measurements: palpate import {data} --look shows what is in it, without "
+            f"--look it makes a session of it, and palpate compare {data} reads it as it is"
         ) from error
 
 
@@ -82,6 +84,16 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
             raise InputError(f"output {path}: is no file that could be replaced")
     output_folder(path.parent)
     return path
+
+
+def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
+    """The path, if a session can be written there; see `output_file`. InputError: it is not called one."""
+    if path.suffix != SESSION and not path.is_dir():
+        raise InputError(
+            f"output {path}: a session's name ends in {SESSION}, such as {path.with_suffix(SESSION)}; "
+            "palpate export writes tables"
+        )
+    return output_file(path, keep=keep)
 
 
 def output_folder(folder: Path) -> Path:

@@ -1,6 +1,7 @@
 """A look at a data file before anything is stored: how it is written, what is taken for what, the runs."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.table import Table as Printed
@@ -20,6 +21,35 @@ from robot_io.errors import InputError
 _VALUES = 3  # of a column that are shown
 _MOST_COLUMNS = 60
 _MOST_RUNS = 30
+
+
+def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
+    """What is in a file, as it would be imported, as plain data. InputError: it cannot be read."""
+    table = read_table(path)
+    imported = import_table(table, options)
+    roles = dict(imported.roles)
+    return {
+        "file": str(path),
+        "rows": len(table),
+        "written": table.words,
+        "columns": {name: roles.get(name) for name in table.names},
+        "channels": facts(imported),
+        "notes": [*imported.notes, *doubts(imported)],
+    }
+
+
+def facts(imported: Imported) -> list[dict[str, Any]]:
+    """Kind, samples, runs and length of each channel, as plain data."""
+    return [
+        {
+            "channel": channel.name,
+            "kind": str(channel.kind),
+            "samples": len(channel),
+            "runs": len(channel.runs),
+            "recorded_s": sum(float(np.ptp(channel.time_s[channel.run == run])) for run in channel.runs),
+        }
+        for channel in imported.channels
+    ]
 
 
 def look_at(path: Path, options: ImportOptions) -> None:

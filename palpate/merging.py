@@ -6,14 +6,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.channels import session_channels
 from estimation.data.session_streams import RUN_LABELS
 from estimation.data.tick_channels import joined
 from palpate.runs.hiding import SEAL
 from palpate.runs.session import SOURCE
 from robot_io.errors import InputError
 from robot_io.session import Session, SessionMetadata, Stream
+from robot_io.types import FloatArray
 
 RUN = "run"
+_MILLI = 1e3
+_BEGUN = 0.05  # of the force that every run reaches: with it, an object is touched
+_APART, _SPREADS = 0.05, 3.0  # of the deepest indentation, and of what runs of one session differ by
 Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
 
 
@@ -59,6 +65,50 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
         software_version=software_version,
         extra=shared | {SOURCE: f"merged from {files}"},
     )
+
+
+def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
+    """Which contacts begin at another depth than in the first session, in one sentence each.
+
+    A merged session is judged as presses onto one surface: nothing is shifted.
+    """
+    try:
+        first, *others = map(_contacts, sessions)
+    except InputError:  # of one that holds no channel, nothing is judged
+        return []
+    return [
+        f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
+        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but all are judged as "
+        "presses onto one surface: let displacements count from it, or put the two side by side (palpate "
+        "compare A B)"
+        for session, contacts in zip(sessions[1:], others, strict=True)
+        for name in sorted(first.keys() & contacts.keys())
+        if (deeper_m := _deeper(first[name], contacts[name]))
+    ]
+
+
+def _contacts(session: Session) -> dict[str, ChannelData]:
+    channels = session_channels(session, tared=True)
+    return {one.name: one for one in channels if one.kind is ChannelKind.CONTACT}
+
+
+def _deeper(first: ChannelData, second: ChannelData) -> float:
+    """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
+    force_n = _BEGUN * min(one.effort[one.run == run].max() for one in (first, second) for run in one.runs)
+    a, b = (_begins(one, force_n) for one in (first, second))
+    deepest = max(float(one.position.max()) for one in (first, second))
+    deeper = float(np.median(b) - np.median(a))
+    return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
+
+
+def _begins(contact: ChannelData, force_n: float) -> FloatArray:
+    """Where along the press direction each run exceeds a force on its way to the highest [m]."""
+    found = []
+    for run in contact.runs:
+        rows = np.flatnonzero(contact.run == run)
+        up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
+        found.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
+    return np.array(found) + (0.0 if contact.surface is None else contact.surface.position_m)
 
 
 def _check(sessions: Sequence[Session]) -> None:

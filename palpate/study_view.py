@@ -55,6 +55,7 @@ def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:
         label=label,
         name=name,
         number=stage.number,
+        unphysical=one.unphysical,
     )
 
 

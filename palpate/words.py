@@ -82,11 +82,11 @@ def significant(value: float, uncertainty: float | None = None) -> str:
         return f"{value:z.2g}"
     if uncertainty is None or not uncertainty > 0:
         return f"{value:z.5g}"
-    decimals = max(0, 1 - _exponent(uncertainty))
+    decimals = 1 - _exponent(uncertainty)
     if decimals > _MOST_DECIMALS:
         digits = _exponent(value) - _exponent(uncertainty) + 2
         return f"{value:z.{min(max(digits, 1), _MOST_DIGITS)}g}"
-    return f"{value:z.{decimals}f}"
+    return f"{round(value, decimals):z.{max(decimals, 0)}f}"
 
 
 def _exponent(value: float) -> int:

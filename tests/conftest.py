@@ -9,6 +9,9 @@ from hypothesis import settings
 # As in palpate itself: matrices are small here, and shared out over threads they cost several times as much.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# What is printed is as wide as a pipe has it, and not as the terminal that the tests were started in.
+os.environ.pop("COLUMNS", None)
+
 # Tests start hundreds of processes. Where a machine keeps no compiled modules, each would compile ours anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.effect import Parameter
 from estimation.estimate import ParameterEstimate
 from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.memory import Memory
@@ -24,6 +25,7 @@ _NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
 _NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
 _FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
+_FAR = 10.0  # times a value, or what is met in practice
 _JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
 
 
@@ -52,8 +54,7 @@ def values(bench: Bench, trial: Trial) -> dict[str, ParameterEstimate]:
         name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
         for name, parameter in known.items()
     }
-    # an error beyond all that makes physical sense determines nothing
-    most = np.array([known[name].upper - known[name].lower for name in names])
+    most = np.array([_widest(known[name], trial.parameters[name]) for name in names])
     errors = np.where(errors < most, errors, np.nan)
     found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
@@ -64,6 +65,11 @@ def values(bench: Bench, trial: Trial) -> dict[str, ParameterEstimate]:
             name, units[name], value, error, (value - half, value + half), at_bound
         )
     return estimates
+
+
+def _widest(parameter: Parameter, value: float) -> float:
+    """An error beyond all that makes physical sense, or far beyond all that is met, determines nothing."""
+    return min(parameter.upper - parameter.lower, _FAR * max(abs(value), *parameter.typical))
 
 
 def _free_slopes(bench: Bench, trial: Trial) -> FloatArray:

@@ -57,6 +57,11 @@ class Standing(Fit):
         """What any smooth law could explain beyond the model on the bench with the colour."""
         return flexible(self.judge, self.judged)
 
+    @property
+    def mean_square(self) -> float:
+        """What is left of blocks that count, in the fit itself."""
+        return self.trial.sse / max(int(self.plain.frame.trusted.sum()), 1)
+
     @cached_property
     def rmse(self) -> float:
         """Error in held-out runs, sample by sample."""

@@ -125,6 +125,16 @@ class Trial:
         """Sum of squared whitened residuals in held-out runs."""
         return float(self.scores.held_out.sum())
 
+    @property
+    def is_physical(self) -> bool:
+        """Whether no gain is beyond its bounds by more than twice its standard error."""
+        gains, spread = self.model.gains, self.spread
+        slack = {name: 2.0 * spread[name] for name in gains}
+        return all(
+            p.lower - slack[name] <= self.parameters[name] <= p.upper + slack[name]
+            for name, p in gains.items()
+        )
+
     def without_blocks(self) -> "Trial":
         """The same with no columns and no target: enough to be compared, and of long data far smaller."""
         return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())

@@ -1,14 +1,15 @@
 """Model against measurement: how large the held-out error is, and in which part of the data."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.doubt import SMALL
 from estimation.estimate import ParameterEstimate
-from estimation.study.engine import Fitted
+from estimation.physical import UNPHYSICAL
+from estimation.study.engine import Fitted, likeliest
 from estimation.study.part import Part
 from estimation.study.patterns import Pattern, patterns
 from estimation.study.shown import Shown, Table
@@ -122,9 +123,18 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     parts = _parts(fitted, noise_floor)
     known = [effect.name for effect in fitted.model.effects]
     is_noise = fitted.rmse < AT_FLOOR * noise_floor
-    found = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
-    words = (*_words(fitted.rmse, noise_floor, parts, unit), *(one.sentence for one in found))
+    seen = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
+    found = tuple(one if one.by == "run" else _likeliest_first(fitted, one) for one in seen)
+    first, *where = _words(fitted.rmse, noise_floor, parts, unit)
+    if fitted.unphysical:
+        first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
+    words = (first, *where, *(one.sentence for one in found))
     return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
+
+
+def _likeliest_first(fitted: Fitted, pattern: Pattern) -> Pattern:
+    """The pattern with its effects in the order of how little each would leave; of runs none can tell."""
+    return replace(pattern, effects=likeliest(fitted, pattern.effects))
 
 
 def _parts(fitted: Fitted, floor: float) -> dict[str, tuple[Part, ...]]:

@@ -11,10 +11,13 @@ from threadpoolctl import threadpool_limits
 from estimation import diagnosis
 from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
-from estimation.diagnosis.candidates import try_all
+from estimation.diagnosis.candidates import candidates, size, try_all
+from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
+from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.held_out import held_out_residual, rmse
+from estimation.fit.inner_search import Attempts
 from estimation.fit.intervals import final, values
 from estimation.fit.load import LOAD, with_load
 from estimation.fit.memory import Memory
@@ -22,11 +25,13 @@ from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
+from estimation.physical import unphysical
 from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
 SEED = 1  # of all random draws of a diagnosis
+_MOST_STARTS = 3  # of a fit again, from where its gains made physical sense
 Progress = Callable[[str, float], None]  # what is being done, and the share of it that is done
 Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
 
@@ -61,6 +66,13 @@ class Fitted(Shown):
         """By "effect.parameter", with 95 % intervals."""
         with threadpool_limits(1):
             return values(*self._last)
+
+    @cached_property
+    def unphysical(self) -> tuple[str, ...]:
+        """Gains that lie outside what is physical with their whole intervals, each in words."""
+        trial = self._last[1]
+        gains = self.model.gains
+        return tuple(unphysical(gains, self.parameters.values(), trial.columns, trial.target).values())
 
     @cached_property
     def predicted(self) -> FloatArray:
@@ -146,6 +158,20 @@ def fit(
         return Fitted(stand(data, model, {}, good), whole)
 
 
+def likeliest(fitted: Fitted, names: Sequence[str]) -> tuple[str, ...]:
+    """These effects by what each alone leaves in held-out runs; behind them what cannot be tried.
+
+    Of those that leave about as little as the best, the simplest comes first.
+    """
+    there = candidates(fitted.standing.data, fitted.model, [EFFECTS[name]() for name in names])
+    with threadpool_limits(1):
+        tried = try_all(fitted.standing, there) if len(there) > 1 else []
+    least = tried[0].held_out * (1.0 + SMALL) ** 2 if tried else 0.0
+    tried.sort(key=lambda one: (0.0, size(one.effect)) if one.held_out <= least else (one.held_out, 0))
+    order = [one.effect.name for one in tried]
+    return (*order, *(name for name in names if name not in order))
+
+
 @dataclass(frozen=True, eq=False)
 class Packed:
     """A fit without what all fits of a channel share, to be sent from another process."""
@@ -178,10 +204,24 @@ def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fi
 def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolArray) -> Standing:
     """The model of `standing` with one more effect, fitted from where that did best, possible or not.
 
-    At inner parameters of zero, a speed or a time that effort is divided by, nothing could be fitted.
+    At inner parameters of zero, a speed or a time that effort is divided by, nothing could be fitted. Some
+    pairs (where a surface lies, and how its spring bends) have several minima: a fit begins from each place
+    that may lead to another, and one that makes no physical sense must leave far less than one that does.
     """
-    best = try_all(standing, [effect])[0].search.best
-    return stand(data, best.model, best.parameters, good, standing.plain.frame.memory)
+    memory = standing.plain.frame.memory
+    search = try_all(standing, [effect])[0].search
+    found = [stand(data, search.best.model, start, good, memory) for start in _starts(standing, search)]
+    return min(found, key=lambda one: one.mean_square * (1.0 + SMALL * (not one.trial.is_physical)) ** 2)
+
+
+def _starts(standing: Standing, search: Attempts) -> list[Mapping[str, float]]:
+    """Where the effect did best, also as the model stood before; and some that made sense if that did not."""
+    best, before = search.best, standing.trial
+    starts = [best.parameters, {**best.parameters, **{n: before.parameters[n] for n in before.model.inner}}]
+    if not best.is_physical:
+        sensible = [trial for trial in search.starts if trial.is_physical]
+        starts += [trial.parameters for trial in sorted(sensible, key=lambda one: one.sse)[:_MOST_STARTS]]
+    return [one for number, one in enumerate(starts) if one not in starts[:number]]
 
 
 def diagnose(

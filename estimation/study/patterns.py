@@ -1,7 +1,7 @@
 """What the pattern of an error suggests: effects of the vocabulary that leave such an error."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from estimation.effects import EFFECTS
 from estimation.study.part import Part
 
 _TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
-_TURNS = 0.3  # the same where the error only changes sign
+_TURNS = 0.3  # the same where the error only changes with the direction
 _GROWS = 2.0  # error in the last part over that in the first
 _ONE_SIGN = 0.7  # of the error, that is its mean where it has one sign
 _OTHER = 1.2  # times as much must go with what follows another split as with that
 _MOST = 2  # patterns that are said
 _NAMED = 4  # effects that are named with each
 
-# the effort depends on the place and the way, and a phase says which way it goes
+# the effort depends on the place and the way, and a phase says where that is and which way it goes
 _FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "effort": ("depth", "position", "direction"),
-    "phase": ("direction",),
+    "phase": ("depth", "position", "direction"),
 }
 _SUSPECTS: Mapping[str, tuple[str, ...]] = {
     "turns": (
@@ -48,8 +48,8 @@ class Pattern:
     """How an error is spread, and what leaves such an error."""
 
     by: str  # way of splitting in which it shows
-    words: str  # such as "changes sign with the direction of motion"
-    effects: tuple[str, ...]  # that leave such an error, likely ones first; not those in the model
+    words: str  # such as "changes with the direction of motion"
+    effects: tuple[str, ...]  # that leave such an error; not those in the model
     share: float  # of the error, that goes with the pattern
 
     @property
@@ -57,7 +57,7 @@ class Pattern:
         """The pattern and its effects, as a hint and no verdict."""
         if not self.effects:
             return f"The error {self.words}."
-        names = list(self.effects)
+        names = list(self.effects[:_NAMED])
         some = " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
         return f"The error {self.words}, as with {some}."
 
@@ -73,14 +73,17 @@ def patterns(
         kind: of the channel.
         known: effects that the model has.
     """
-    means = {by: _share_of_means(own, rmse) for by, own in parts.items()}
+    one_sided = _share_of_mean(parts, rmse)
+    left = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))  # about the mean, which hides no pattern
+    varying = {by: _about_their_mean(own) for by, own in parts.items()}
+    means = {by: _share_of_means(own, left) for by, own in varying.items()}
     found = [
         Pattern(by, words, _suited(suspects, kind, known), share)
-        for by, own in parts.items()
+        for by, own in varying.items()
         if means[by] > _OTHER * max((means.get(one, 0.0) for one in _FOLLOWS.get(by, ())), default=-1.0)
         for words, suspects, share in _of_split(by, own, means[by])
     ]
-    if (one_sided := _share_of_mean(parts, rmse)) > _ONE_SIGN:
+    if one_sided > _ONE_SIGN:
         found.append(Pattern("all", "has one sign throughout", _suited("sign", kind, known), one_sided))
     return tuple(sorted(found, key=lambda one: -one.share)[:_MOST])
 
@@ -91,7 +94,7 @@ def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[st
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
             if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _TURNS:
-                yield "changes sign with the direction of motion", "turns", share
+                yield "changes with the direction of motion", "turns", share
         case "speed":
             growth = parts[-1].rmse / parts[0].rmse if parts[0].rmse > 0.0 else np.inf
             if not 1.0 / _GROWS < growth < _GROWS:
@@ -102,6 +105,13 @@ def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[st
         case _ if share > _TOLD:
             known = by in {"depth", "position", "phase", "effort", "load"}
             yield f"goes with {'the ' if known else ''}{by}", by if known else "recorded", share
+
+
+def _about_their_mean(parts: Sequence[Part]) -> list[Part]:
+    """The parts as if the mean of all were taken off the error."""
+    mean = float(np.average([part.mean for part in parts], weights=[part.samples for part in parts]))
+    sizes = [float(np.sqrt(max(part.rmse**2 + mean**2 - 2.0 * mean * part.mean, 0.0))) for part in parts]
+    return [replace(part, mean=part.mean - mean, rmse=size) for part, size in zip(parts, sizes, strict=True)]
 
 
 def _share_of_means(parts: Sequence[Part], rmse: float) -> float:
@@ -121,4 +131,4 @@ def _share_of_mean(parts: Mapping[str, Sequence[Part]], rmse: float) -> float:
 
 def _suited(key: str, kind: ChannelKind, known: Collection[str]) -> tuple[str, ...]:
     suited = (name for name in _SUSPECTS[key] if kind in EFFECTS[name].channels and name not in known)
-    return tuple(suited)[:_NAMED]
+    return tuple(suited)

@@ -1,6 +1,6 @@
 """Two measurements side by side, or two models of one: how far each describes the other, what differs."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from estimation.study.shown import Shown, Table
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
+Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
 _LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples
 _ALIKE = 0.9  # share of the longer run that the shorter one must last, to be put over it
 
@@ -30,6 +31,7 @@ class Side:
 
     name: str  # by which it is told from the other
     channel: StudyChannel  # with its base model
+    effects: Sequence[str]  # that were added to it
     compared: Comparison | None  # the model beside the measurement; None where it cannot be judged
     reason: str = ""  # why it cannot
 
@@ -41,7 +43,7 @@ class Side:
     @property
     def model(self) -> str:
         """The model's name, with the effects that were added."""
-        return self.channel.model.name if self.compared is None else self.compared.model
+        return " + ".join([self.channel.model.name, *self.effects])
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
@@ -197,34 +199,35 @@ class Sides(Shown):
         )
 
 
-def side_by_side(first: Fits, second: Fits, names: tuple[str, str]) -> tuple[Sides, ...]:
-    """The channels that two studies share, with their base models.
+def side_by_side(
+    first: Fits, second: Fits, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
+) -> tuple[Sides, ...]:
+    """The channels that two studies share, with their base models or what these have grown to.
 
     Args:
         first: what is compared with.
         second: what is compared.
         names: by which they are told apart.
+        grown: of each study, channels with effects that were added; None for all with their base models.
 
     Raises:
         InputError: they share no channel.
     """
-    found = tuple(_shared(first, second, names))
+    chosen = grown or [[(one, ()) for one in study.channels] for study in (first, second)]
+    found = tuple(
+        Sides(_side(names[0], first, one, effects), _side(names[1], second, other, others))
+        for one, effects in chosen[0]
+        for other, others in chosen[1]
+        if other.name == one.name and other.kind is one.kind
+    )
     if not found:
-        there = [", ".join(one.name for one in study.channels) for study in (first, second)]
+        there = [", ".join(one.name for one, _ in each) for each in chosen]
         raise InputError(f"{names[0]} and {names[1]} share no channel: {there[0]}; {there[1]}")
     return found
 
 
-def _shared(first: Fits, second: Fits, names: tuple[str, str]) -> Iterator[Sides]:
-    others = {one.name: one for one in second.channels}
-    for one in first.channels:
-        other = others.get(one.name)
-        if other is not None and other.kind is one.kind:
-            yield Sides(_side(names[0], first, one), _side(names[1], second, other))
-
-
-def _side(name: str, study: Fits, channel: StudyChannel) -> Side:
+def _side(name: str, study: Fits, channel: StudyChannel, effects: Sequence[str]) -> Side:
     try:
-        return Side(name, channel, study.comparison(channel))
+        return Side(name, channel, effects, study.comparison(channel, effects))
     except InputError as error:
-        return Side(name, channel, None, str(error))
+        return Side(name, channel, effects, None, str(error))

@@ -16,7 +16,7 @@ from calibration.force.weighing import read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
 from palpate.console import command_group
-from palpate.files import different_files, existing_file, output_file, whole_set
+from palpate.files import different_files, existing_file, output_file, output_session, whole_set
 from palpate.option_sets import takes
 from palpate.render.calibration import (
     arm_figure,
@@ -236,7 +236,7 @@ def _calibrate(
     with ExitStack() as ending:
         raw = options.from_
         if raw is None:
-            session = output_file(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
+            session = output_session(options.session or SESSIONS / f"{options.stamped_name(kind)}.mcap")
             job = runs.CalibrationJob(robot_file, session, kind, permission=permission, **options.job)
             ending.enter_context(_say_what_is_left(job))
             record(job)

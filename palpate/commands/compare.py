@@ -10,6 +10,7 @@ from estimation.study import ChannelResult, Comparison, Revision
 from estimation.study.other_models import FAR_BETTER, better_model
 from estimation.study.revisions import own_effects
 from palpate import console
+from palpate.completion import model_names
 from palpate.data_options import (
     DataArguments,
     FolderOption,
@@ -25,7 +26,7 @@ from palpate.outcome import as_json as json_text
 from palpate.render.sides import print_pair
 from palpate.render.terminal import print_comparison, print_files
 from palpate.side_by_side import NAMES as SIDES
-from palpate.side_by_side import Pair, write_pair
+from palpate.side_by_side import Pair, chosen_revisions, write_pair
 from palpate.study import Study
 from palpate.study_view import view_of
 from palpate.words import safe, shown, typed
@@ -46,12 +47,19 @@ def command(
     ] = None,
     model: ModelOption = None,
     other_model: Annotated[
-        str | None, typer.Option(help="Base model of the other; without another, two models of FILE.")
+        str | None,
+        typer.Option(
+            help="Base model of the other; without another, two models of FILE.", autocompletion=model_names
+        ),
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
         list[int] | None,
         typer.Option(help="What was added, instead of the base model (palpate revisions).", metavar="N"),
+    ] = None,
+    other_revision: Annotated[
+        list[int] | None,
+        typer.Option(help="That of the other; without it, the same model is fitted to both.", metavar="N"),
     ] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
@@ -71,19 +79,19 @@ def command(
     Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out there; palpate compare a.mcap
     --model kelvin_voigt --other-model hunt_crossley
     """
-    if other is not None or other_model is not None:
-        if revision or folder is not None:
-            raise InputError("--revision and --folder are for one file: side by side stand base models")
-        _side_by_side(
-            data, Pair(data, other, (model, other_model), channel), out, as_json=as_json, force=force
-        )
-        return
-    study = data.study(model, folder_to_read(data.file, folder))
-    if revision and (
-        given := [name for name, value in (("--model", model), ("--channel", channel)) if value]
-    ):
+    named = {"--model": model, "--other-model": other_model, "--channel": channel}
+    if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
         raise InputError(f"--revision says channel and model already: leave out {given[0]}")
-    kept = [study.revision(number) for number in dict.fromkeys(revision or ())]
+    read = folder_to_read(data.file, folder)
+    if other is not None or other_model is not None or other_revision:
+        revisions = {"revision": revision, "other-revision": other_revision}
+        numbers = revision or (), other_revision or ()
+        pair = Pair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
+        typed_too = {name: [str(one) for one in given or ()] for name, given in revisions.items()}
+        _side_by_side(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
+        return
+    study = data.study(model, read)
+    kept = chosen_revisions(study, revision or ())
     target = folder_to_fill(data.file, out, (RESULT, *NAMES), force=force) if out is not None else None
     if target is not None:
         output_folder(target)
@@ -111,16 +119,24 @@ def command(
         console.next_steps(*first, zoom)
 
 
-def _side_by_side(data: DataArguments, pair: Pair, out: Path | None, *, as_json: bool, force: bool) -> None:
-    """Print two sides, and write them where that was asked."""
+def _side_by_side(
+    data: DataArguments,
+    pair: Pair,
+    given: dict[str, list[str] | Path | None],
+    out: Path | None,
+    *,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Print two sides, and write them where that was asked; `given` are the options that chose them."""
     if out is not None:
         spare_files(out, SIDES, force=force, keep=pair.files)
     same = pair.files[0] == pair.files[1]
     first, second = pair.sides[0].first, pair.sides[0].second
-    models = f" --model {first.channel.model.name} --other-model {second.channel.model.name}" if same else ""
+    if same and not any(given.values()):
+        given |= {"model": [first.channel.model.name], "other-model": [second.channel.model.name]}
     beside = "" if same else f" {typed(pair.files[1])}"
-    options = data.typed().removeprefix(typed(data.file))
-    again = f"palpate compare {typed(data.file)}{beside}{models}{options}"
+    again = f"palpate compare {typed(data.file)}{beside}{data.typed(**given).removeprefix(typed(data.file))}"
     view = pair.view([again])
     if as_json:
         console.print_json(pair.as_data())
@@ -162,9 +178,6 @@ def _of_base_models(study: Study, channel: str | None) -> tuple[list[ChannelResu
 
 
 def _of_revisions(study: Study, kept: Sequence[Revision]) -> tuple[list[ChannelResult], dict[str, str]]:
-    names = [one.channel for one in kept]
-    if twice := {name for name in names if names.count(name) > 1}:
-        raise InputError(f"--revision: several of channel '{min(twice)}'; compare one after the other")
     return [study.result(study.channel_of(one), one.effects) for one in kept], {}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 
 from palpate import console
+from palpate.completion import scenario_names
 from palpate.demo import (
     HIDDEN_PLAN,
     PLAN,
@@ -20,7 +21,7 @@ from palpate.demo import (
     solve,
 )
 from palpate.doctor.viewer import rerun_step
-from palpate.files import output_file
+from palpate.files import output_file, output_session
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
@@ -38,7 +39,11 @@ DEFAULT = "default"
 
 def command(
     scenario: Annotated[
-        str, typer.Option(help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.")
+        str,
+        typer.Option(
+            help=f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}.",
+            autocompletion=scenario_names,
+        ),
     ] = DEFAULT,
     engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None,
     seed: Annotated[
@@ -60,7 +65,7 @@ def command(
     world = load_scenario(scenario)
     if engine is not None:
         world = world.with_engine(engine)
-    session = output_file(out or _default_session())
+    session = output_session(out or _default_session())
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if _can_hide(world) else None
     if seed is None and second is not None:
         seed = drawn_seed()

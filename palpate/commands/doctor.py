@@ -10,7 +10,7 @@ from palpate import console
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import memory_lock, real_time
-from palpate.runs.robots import find_robot, importable, is_simulated, wires_in_words
+from palpate.runs.robots import find_robot, importable, is_simulated, robot_names, wires_in_words
 from palpate.words import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 
@@ -28,7 +28,12 @@ _SUBJECT_WIDTH = 20
 
 def command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
-        str | None, typer.Option(help="Examine this arm, before it gets power: a robot file.", metavar="FILE")
+        str | None,
+        typer.Option(
+            help="Examine this arm, before it gets power: a robot file.",
+            metavar="FILE",
+            autocompletion=robot_names,
+        ),
     ] = None,
     wire: Annotated[
         bool, typer.Option("--wire", help="Emulate its devices: no hardware is touched.")

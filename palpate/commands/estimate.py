@@ -9,6 +9,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.study import ChannelEstimates
 from estimation.study.estimates import ALL
 from palpate import console
+from palpate.completion import estimator_names
 from palpate.data_options import DataArguments, JsonOption, ModelOption, takes_data
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.study import Study
@@ -22,7 +23,10 @@ def command(
     *,
     model: ModelOption = None,
     estimator: Annotated[
-        str, typer.Option(help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.")
+        str,
+        typer.Option(
+            help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.", autocompletion=estimator_names
+        ),
     ] = ALL,
     run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
     as_json: JsonOption = False,

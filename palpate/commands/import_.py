@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
 from estimation.data.channels import is_session
@@ -17,8 +16,8 @@ from estimation.data.import_files import import_files
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ReadOptions, retyped
-from palpate.files import existing_file, open_session, output_file
-from palpate.look import doubts, look_at
+from palpate.files import existing_file, open_session, output_session
+from palpate.look import doubts, facts, look_as_data, look_at
 from palpate.option_sets import takes
 from palpate.render.progress import import_progress
 from palpate.words import count, duration, shown, typed
@@ -56,7 +55,7 @@ def command(
     if look:
         _look(files, options, out, as_json=as_json)
         return
-    session = output_file(out or Path("sessions") / f"{_stem(files[0])}.mcap")
+    session = output_session(out or Path("sessions") / f"{_stem(files[0])}.mcap")
     with import_progress() as progress:
         imported = import_files(files, options.options, lambda what, share: progress(what, _READ * share))
         write_session(
@@ -68,7 +67,7 @@ def command(
     notes = (*imported.notes, *doubts(imported))
     console.say_read(imported.read, notes)
     if as_json:
-        console.print_json({"session": str(session), "channels": _facts(imported), "notes": list(notes)})
+        console.print_json({"session": str(session), "channels": facts(imported), "notes": list(notes)})
     else:
         _print(imported, session)
 
@@ -93,8 +92,11 @@ def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
 
 
 def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool) -> None:
-    if as_json or out is not None:
-        raise InputError("--look only shows, and stores nothing: leave out --json and --out")
+    if out is not None:
+        raise InputError("--look only shows, and stores nothing: leave out --out")
+    if as_json:
+        console.print_json({"files": [look_as_data(file, options.options) for file in files]})
+        return
     for file in files:
         look_at(file, options.options)
     given = {
@@ -115,22 +117,9 @@ def _stem(file: Path) -> str:
     return file.name.removesuffix(".gz").rpartition(".")[0] or file.stem
 
 
-def _facts(imported: Imported) -> list[dict[str, Any]]:
-    return [
-        {
-            "channel": channel.name,
-            "kind": str(channel.kind),
-            "samples": len(channel),
-            "runs": len(channel.runs),
-            "recorded_s": sum(float(np.ptp(channel.time_s[channel.run == run])) for run in channel.runs),
-        }
-        for channel in imported.channels
-    ]
-
-
 def _print(imported: Imported, session: Path) -> None:
     out = console.stdout()
-    for fact in _facts(imported):
+    for fact in facts(imported):
         samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
         out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
     out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from estimation.data.session_streams import RUN_LABELS
 from palpate import console
 from palpate.files import open_session
 from palpate.words import count, duration, safe, shown
@@ -61,7 +62,7 @@ def _describe_stream(session: Session, name: str) -> dict[str, Any]:
     return {
         "name": name,
         "samples": len(samples),
-        "duration_s": float(time_s[-1] - time_s[0]) if len(time_s) else 0.0,
+        "duration_s": float(steps[steps > 0.0].sum()),  # a clock may begin anew with a run or session
         "rate_hz": 1.0 / step_s if step_s > 0 else None,
         "runs": int(np.count_nonzero(runs >= 0)),
         "columns": [
@@ -98,7 +99,8 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }
-    further = ((key, value) for key, value in data["extra"].items() if key not in facts and len(value) < 100)
+    known = {*facts, RUN_LABELS}  # what runs were called is for programs, and in --json
+    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
 
 

@@ -67,6 +67,7 @@ def command(  # noqa: PLR0917, one parameter an option
     out = console.stdout()
     if joined is None:
         inspection = look_into(found)
+        _check_within(at_s, inspection.lasts_s)
         moment_s = inspection.record(recording)
     else:
         if plots is not None:
@@ -93,6 +94,11 @@ def _check_moment(at_s: float, screenshot: Path | None) -> None:
         raise InputError(f"--at-s {at_s:g}: give seconds from the start of the session, such as 2.5")
     if screenshot is None:
         raise InputError(f"--at-s {at_s:g}: is the moment of a picture; add --screenshot FILE.png")
+
+
+def _check_within(at_s: float | None, lasts_s: float) -> None:
+    if at_s is not None and at_s > lasts_s:
+        raise InputError(f"--at-s {at_s:g}: the session ends after {lasts_s:.4g} s")
 
 
 def _size(text: str) -> tuple[int, int]:

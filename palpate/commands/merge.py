@@ -10,8 +10,8 @@ import typer
 
 from palpate import console
 from palpate.data_options import JsonOption
-from palpate.files import open_session, output_file
-from palpate.merging import merged_metadata, merged_streams
+from palpate.files import open_session, output_session
+from palpate.merging import merged_metadata, merged_streams, surfaces_apart
 from palpate.words import count, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import write_session
@@ -30,12 +30,13 @@ def command(
         raise InputError(f"{sessions[0]}: is one session; name two or more")
     if twice := [str(path) for n, path in enumerate(sessions) if path.resolve() in _resolved(sessions[:n])]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
-    file = output_file(out, keep=sessions)
+    file = output_session(out, keep=sessions)
     found = [open_session(path) for path in sessions]
     streams = merged_streams(found)
     metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))
     write_session(file, streams, metadata, [event for session in found for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
+    console.say_read("", surfaces_apart(found))
     if as_json:
         console.print_json(
             {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}

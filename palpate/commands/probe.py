@@ -9,7 +9,7 @@ from rich.markup import escape
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
-from palpate.files import existing_file, output_file
+from palpate.files import existing_file, output_session
 from palpate.option_sets import takes
 from palpate.render.progress import probing_progress
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
@@ -55,7 +55,7 @@ def command(
         raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
     job = ProbingJob(
         robot_file,
-        output_file(out or SESSIONS / f"{options.stamped_name()}.mcap"),
+        output_session(out or SESSIONS / f"{options.stamped_name()}.mcap"),
         plan,
         online=None if online == NO_ESTIMATOR else online,
         permission=lambda: ask_for_power(motion_in_words(robot_file, plan), yes=yes),

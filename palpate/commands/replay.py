@@ -9,7 +9,7 @@ import typer
 
 from control.loop.result import Outcome
 from palpate import console
-from palpate.files import open_session, output_file
+from palpate.files import open_session, output_session
 from palpate.option_sets import takes
 from palpate.render.progress import motion_progress
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
@@ -38,7 +38,7 @@ def command(
     """
     recorded = open_session(session)
     references, robot_file = references_of(recorded), options.robot_file
-    file = output_file(out or SESSIONS / f"{options.stamped_name('replay')}.mcap", keep=[session])
+    file = output_session(out or SESSIONS / f"{options.stamped_name('replay')}.mcap", keep=[session])
     runs = len(np.unique(references.run[references.run >= 0]))
     motion = (
         f"'{robot_file.name}' is going to move: it repeats {count(runs, 'run')} of {session.name}, "

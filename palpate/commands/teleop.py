@@ -14,13 +14,14 @@ from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from control.teleop.operator_devices import build_operator
 from palpate import console
+from palpate.completion import scenario_names
 from palpate.console import command_group
-from palpate.files import existing_file, output_file
+from palpate.files import existing_file, output_session
 from palpate.option_sets import takes
 from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
 from palpate.runs.permission import ask_for_power
-from palpate.runs.robots import find_robot
+from palpate.runs.robots import find_robot, robot_names
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
@@ -94,7 +95,7 @@ def follower(
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
     job = FollowerJob(
         robot_file,
-        output_file(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
+        output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
         plan,
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
         link=_line(name, port, link, bad_network),
@@ -117,10 +118,18 @@ def leader(  # noqa: PLR0917, one parameter an option
         str, typer.Option("--operator", help="The operator's device, or a YAML file that sets one up.")
     ] = "keyboard",
     robot: Annotated[
-        str, typer.Option(help="Virtual arm that the operator moves: shipped, or a file.")
+        str,
+        typer.Option(
+            help="Virtual arm that the operator moves: shipped, or a file.", autocompletion=robot_names
+        ),
     ] = "leader",
     scenario: Annotated[
-        str, typer.Option(help="What the operator feels before anything was probed.", metavar="WORLD")
+        str,
+        typer.Option(
+            help="What the operator feels before anything was probed.",
+            metavar="WORLD",
+            autocompletion=scenario_names,
+        ),
     ] = "default",
     jump_n: Annotated[
         float, typer.Option(help="Most force that an update may add or take in a millisecond.", metavar="N")
@@ -145,7 +154,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     command_line = " ".join(map(as_shell_word, ["palpate", *sys.argv[1:]]))
     device = build_operator(operator, MonotonicClock())  # only to know that it can be made
     scene, robot_file = load_scenario(scenario), find_robot(robot)
-    session = output_file(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
+    session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
     line = _line(name, port, link, bad_network)
@@ -175,7 +184,11 @@ def leader(  # noqa: PLR0917, one parameter an option
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for everything.", metavar="DIR")],
     scenario: Annotated[
-        str, typer.Option(help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.")
+        str,
+        typer.Option(
+            help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.",
+            autocompletion=scenario_names,
+        ),
     ] = "stiff",
     bad_network: BadNetworkOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,

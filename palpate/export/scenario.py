@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from estimation.study import Revision
 from estimation.surface import Surface
-from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR, Entry
+from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR, Entry, lost
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from sim_backend.imperfection import Imperfection, parse_imperfection
@@ -72,6 +72,7 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             made, lines = _entries(name, values, channel)
             hidden += made
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
+            left_out += [f"{where}: {line}" for line in lost(name, values)]
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
 
 

@@ -4,7 +4,7 @@ Estimation and simulation were written apart from each other on purpose; this is
 words meet. An effect that is not here, or whose values the simulator refuses, is reported to the user.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from math import atan2, hypot
 
 Values = Mapping[str, float]  # fitted parameters of one effect, by their own names
@@ -12,6 +12,8 @@ Entry = dict[str, object]  # of a scenario's section `hidden`, without the place
 Term = Callable[[Values], list[Entry]]
 
 _GONE_BY_NEXT_RUN_S = 0.1
+# A stiffer bristle, force over slip, would swing within a step of the simulator's physics.
+SHORTEST_SLIP_M = 1e-6
 
 
 def _one(effect: str, **names: str) -> Term:
@@ -76,11 +78,25 @@ def _plastic_set(p: Values) -> list[Entry]:
     return [{"effect": "plastic_set", "share": p["share"], "recovery_s": recovery_s}]
 
 
+def _dry_friction(p: Values) -> list[Entry]:
+    slip_m = max(p["presliding"], SHORTEST_SLIP_M)
+    return [{"effect": "dry_friction", "friction_n": p["force"], "slip_m": slip_m}]
+
+
+def lost(effect: str, p: Values) -> Iterator[str]:
+    """What of a fitted effect is simulated otherwise, in a sentence."""
+    if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
+        yield (
+            f"dry_friction turns round over {SHORTEST_SLIP_M:.0e} m, the shortest way that is simulated: its "
+            f"presliding of {p['presliding']:.2g} m and transition of {p['transition']:.2g} m/s are left out"
+        )
+
+
 CONTACT: Mapping[str, Term] = {
     "adhesion": _adhesion,
     "contact_offset": _offset,
     "cubic_stiffness": _one("cubic_stiffness", cubic_n_m3="k3"),
-    "dry_friction": _one("dry_friction", friction_n="force", slip_m="presliding"),
+    "dry_friction": _dry_friction,
     "hunt_crossley": _one("hunt_crossley", stiffness="k", damping="b", exponent="n"),
     "layered_stiffness": _one("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
     "plastic_set": _plastic_set,

@@ -100,6 +100,7 @@ def stage_view(
     label: str,
     name: str = "",
     number: int | None = None,
+    unphysical: Sequence[str] = (),
 ) -> StageView:
     """One stage of a model from its fit; see `StageView`. A base model's name is its label."""
     return StageView(
@@ -112,6 +113,7 @@ def stage_view(
         parameters=tuple(parameter_view(name, found) for name, found in parameters.items()),
         effects=model.effects,
         equation=equation_of(model),
+        unphysical=tuple(unphysical),
     )
 
 
@@ -191,13 +193,16 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
     fall = (sentences.falling(view.name, errors, changes, view.floor, unit),) if changes else ()
+    wrong = sentences.impossible(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
-        verdict = sentences.compared(view.name, " ".join(labels), errors[-1], view.floor, unit)
-        return replace(verdict, remarks=(*fall, *(words if verdict.word == "misses" else ())))
+        verdict = sentences.compared(
+            view.name, " ".join(labels), errors[-1], view.floor, unit, possible=not wrong
+        )
+        return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
     verdict = sentences.diagnosed(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
-    return replace(verdict, remarks=(*since, *verdict.remarks))
+    return replace(verdict, remarks=(*wrong, *since, *verdict.remarks))
 
 
 def _fall(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:

@@ -60,7 +60,8 @@ def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
     share = PERCENT * (1.0 - float(np.mean(found.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
     view = channel_view(found.channel, [stage], noise, judged=found.rows)
-    word = "misses" if misfit_of(found).times > POOR or spoilt_by(found) else "fits"
+    spoilt = spoilt_by(found) or best.unphysical
+    word = "misses" if misfit_of(found).times > POOR or spoilt else "fits"
     names = (found.channel.name, found.model.name)
     verdict = VerdictView(word, sentence, (*remarks(found, truth), unfitted), names)
     return replace(view, fall=(), verdict=verdict)

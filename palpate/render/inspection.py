@@ -36,6 +36,12 @@ class Inspection:
     view: StudyView  # its channels with the estimate of the first place that was touched
     scene: Scene | None  # for the views of an arm; None where the session was imported
 
+    @property
+    def lasts_s(self) -> float:
+        """From the start of its recording to the end [s]."""
+        times = self.view.channels[0].time_s if self.scene is None else self.scene.time_s
+        return float(times[-1])
+
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
 

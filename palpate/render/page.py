@@ -10,6 +10,15 @@ from markupsafe import Markup
 
 _HERE = Path(__file__).parent
 _STYLE = _HERE / "report.css"
+_HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page, see base.html
+
+
+def is_own_page(path: Path) -> bool:
+    """Whether a file is a page that palpate made."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _MARK in file.read(_HEAD)
 
 
 def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:

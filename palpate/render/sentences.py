@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import Accepted
 from estimation.effects import EFFECTS
+from estimation.physical import UNPHYSICAL
 from palpate.render.view import NOISE, VerdictView
 
 _NO_FALL = 0.98  # of the error before: less is no fall
@@ -88,14 +89,23 @@ def _ended(reason: str) -> str:
     return reason if reason.endswith(("?", ".")) else f"{reason}."
 
 
-def compared(channel: str, model: str, error: float, floor: float, unit: str) -> VerdictView:
-    """Whether a model fits: its error in held-out runs beside that of a complete model, in the same unit."""
+def compared(
+    channel: str, model: str, error: float, floor: float, unit: str, *, possible: bool = True
+) -> VerdictView:
+    """Whether a model fits: its error in held-out runs beside that of a complete model, in the same unit.
+
+    One whose parameters are not `possible` fits nothing, however small its error.
+    """
     times = error / floor if floor > 0.0 else float("inf")
-    fits = times < NOISE
-    word = "fits" if fits else "misses"
+    word = "fits" if times < NOISE and possible else "misses"
     errors = f"{error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
-    sentence = f"{model} {word} {channel}: {errors}" + ("." if fits else f", {times:.1f} times the floor.")
-    return VerdictView(word, sentence, (), (channel, model))
+    far = "" if times < NOISE else f", {times:.1f} times the floor"
+    return VerdictView(word, f"{model} {word} {channel}: {errors}{far}.", (), (channel, model))
+
+
+def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
+    """That parameters, each in words, make no physical sense: one sentence, or none."""
+    return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
 def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:

@@ -14,7 +14,7 @@ from estimation.statistics.correlation import Correlation
 from estimation.study.sides import ParameterDifference, Side, Sides
 from palpate.console import natural_width, table
 from palpate.render.terminal import safe_text
-from palpate.render.view import ChannelView
+from palpate.render.view import FAR, ChannelView
 from palpate.words import safe, significant
 
 LETTERS = ("A", "B")
@@ -92,6 +92,11 @@ def _words(found: Sides) -> Iterator[str]:
     for letter, side, fit in zip(LETTERS, (found.first, found.second), (own_a, own_b), strict=True):
         if side.compared is not None and fit < _POOR and side.compared.lack_of_fit < _ONLY_NOISE:
             yield f"What {letter}'s model leaves is noise, which keeps every fit to {letter} this low."
+        elif side.compared is not None and side.compared.lack_of_fit > FAR:
+            yield (
+                f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise floor, and so its "
+                "parameters say little: add what is missing, and compare that (--revision)."
+            )
     yield from _of_parameters(found)
     for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
         for what, one in (

@@ -62,6 +62,7 @@ class StageView:
     parameters: tuple[ParameterView, ...]  # in the order of the model
     effects: tuple[Effect, ...]  # the terms of the model
     equation: str  # all terms in one line
+    unphysical: tuple[str, ...] = ()  # gains that lie outside what is physical, each in words
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from palpate.words import safe
 GROUPS = ("Contact", "Joints", "Contact and joints", "Sensor and drive readings", "From run to run")
 _MILLI, _ROOMY = 1e3, 100
 _TALLEST, _WIDEST, _NARROWEST = 11, 46, 34  # of a drawing, in characters
+_ROUNDING = 1e-9  # share of a range, below which a number is zero
 
 
 def library() -> tuple[Effect, ...]:
@@ -104,7 +105,9 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
         over = axes.position, data.position
     in_unit = over[1] * (1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI)
     curves = [(f"over {over[0]}", in_unit), ("over time", one_after_the_other(data))][:sides]
-    what = f"{safe(axes.effort)}, {np.min([before, after]):.3g} to {np.max([before, after]):.3g}:"
+    ends = np.array([np.min([before, after]), np.max([before, after])])
+    low, high = np.where(np.abs(ends) < _ROUNDING * np.ptp(ends), 0.0, ends)
+    what = f"{safe(axes.effort)}, {low:.3g} to {high:.3g}:"
     marks = f"[{palette.BASE}]· without it[/], [{palette.MODEL}]⣿ with {safe(example.effect.name)}[/]"
     caption = Text.from_markup(f"{what} {marks}")
     yield from [caption] if caption.cell_len <= room else map(Text.from_markup, (what, marks))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from palpate.completion import own_files
 from palpate.files import existing_file
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, validate
@@ -79,6 +80,11 @@ def open_answer(session: Session) -> Answer:
 
 def _mark(metadata: SessionMetadata) -> tuple[str, str]:
     return metadata.created_utc, metadata.extra.get(SEAL, "")
+
+
+def hidden_names() -> list[str]:
+    """What may be hidden in a simulated world, and files of one's own; for a shell to complete."""
+    return [RANDOM, *IMPERFECTIONS, *own_files()]
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 import typer
 
 from control.arm.rigid_body import RigidBody
-from palpate.runs.hiding import command_line
-from palpate.runs.robots import DEFAULT, find_robot, importable, shipped_robots
+from palpate.completion import scenario_names
+from palpate.runs.hiding import command_line, hidden_names
+from palpate.runs.robots import DEFAULT, find_robot, importable, robot_names, shipped_robots
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
@@ -36,13 +37,15 @@ YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real
 class RunOptions:
     """Which arm runs, real, emulated or simulated."""
 
-    robot: Annotated[str, typer.Option(help=_ROBOT)] = DEFAULT
-    scenario: Annotated[str | None, typer.Option(help=_SCENARIO)] = None
+    robot: Annotated[str, typer.Option(help=_ROBOT, autocompletion=robot_names)] = DEFAULT
+    scenario: Annotated[str | None, typer.Option(help=_SCENARIO, autocompletion=scenario_names)] = None
     engine: Annotated[EngineName | None, typer.Option(help=ENGINE)] = None
     seed: Annotated[int | None, typer.Option(help="Seed of all simulated noise.", min=0, max=MOST_SEED)] = (
         None
     )
-    hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT")] = None
+    hidden: Annotated[str | None, typer.Option(help=_HIDDEN, metavar="WHAT", autocompletion=hidden_names)] = (
+        None
+    )
     wire: Annotated[bool, typer.Option("--wire", help=_WIRE)] = False
     realtime: Annotated[bool, typer.Option("--realtime", help="Simulate no faster than time passes.")] = False
     drivers: Annotated[list[str] | None, typer.Option(help=_DRIVERS, metavar="PACKAGE")] = None

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 import sim_backend
+from palpate.completion import own_files
 from palpate.foreign_code import foreign_code
 from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue
@@ -29,6 +30,11 @@ EMULATED = "simulated, emulated devices"  # what a session says of its source
 def shipped_robots() -> dict[str, Path]:
     """Robot files that come with palpate, by name."""
     return {path.parent.name: path for path in sorted(ARMS.glob("*/*.yaml")) if path.stem == path.parent.name}
+
+
+def robot_names() -> list[str]:
+    """The shipped arms, and files of one's own; for a shell to complete."""
+    return [*shipped_robots(), *own_files()]
 
 
 def find_robot(robot: str) -> RobotFile:

@@ -1,4 +1,6 @@
-"""A parameter at the end of its search has no value that the data say: it is marked wherever it is shown."""
+"""A parameter at the end of its search, or beyond what is physical, is marked wherever it is shown."""
+
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from estimation.effect import Parameter
 from estimation.study import Study
 from palpate.render.terminal import print_stages
 from palpate.study_view import result_view
+from tests.palpate.cli import run
+from tests.palpate.presses import write_presses
 
 
 @pytest.mark.parametrize(
@@ -29,11 +33,11 @@ def test_the_ends_of_a_search(log, value, at_bound):
 def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsys):
     """Friction that turns round within one step of the position: its presliding runs to the least one."""
     rng, t, runs = np.random.default_rng(0), np.arange(0, 2, 0.002), []
-    for run, speed in enumerate((4.0, 7.0, 9.0)):
+    for number, speed in enumerate((4.0, 7.0, 9.0)):
         x, v = 0.004 * (1 - np.cos(speed * t)), 0.004 * speed * np.sin(speed * t)
         force = 2000 * x + 5 * v + 2 * np.sign(v) * (x > 1e-4) + rng.normal(0, 0.01, len(t))
-        runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), run)})
-    study = Study({name: np.concatenate([run[name] for run in runs]) for name in runs[0]})
+        runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), number)})
+    study = Study({name: np.concatenate([one[name] for one in runs]) for name in runs[0]})
     change = study.add("dry_friction")
     name = "dry_friction.presliding"
     (kept,) = [one for one in change.revisions if one.added == "dry_friction"]
@@ -44,3 +48,22 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
     assert "at its bound" in line
     (line,) = [line for line in str(study.fit("contact", ["dry_friction"])).splitlines() if name in line]
     assert "at its bound" in line
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (("compare",), "kelvin_voigt misses contact: "),
+        (("compare", "--json"), "is noise: "),
+        (("add", "bias"), "kelvin_voigt + bias misses contact: "),
+        (("diagnose",), "contact: "),
+        (("estimate",), "the data determine every parameter; but "),
+    ],
+)
+def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, command, said):
+    data = write_presses(tmp_path / "driven.csv", force_of=lambda x, v: 900 * x - 6 * v)
+    result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
+    told = " ".join(result.stdout.split())
+    assert said in told
+    assert re.search(r"damping\.c = -[56][.\d]* N s/m is below what is physical: the model lacks", told), told
+    assert " fits " not in told

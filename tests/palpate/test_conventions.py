@@ -25,9 +25,17 @@ PACKAGES = ("robot_io", "control", "estimation", "calibration", "sim_backend", "
         ("palpate effects cubic", {"cubic_stiffness"}),
         ("palpate add x.csv stri", {"stribeck_friction"}),
         ("palpate remove x.csv ", set(EFFECTS)),
+        ("palpate probe --scenario s", {"soft", "stiff"}),
+        ("palpate demo --scenario hunt", {"hunt_crossley"}),
+        ("palpate teleop demo --scenario pa", {"paper"}),
+        ("palpate probe --hidden back", {"backlash"}),
+        ("palpate probe --robot le", {"leader"}),
+        ("palpate estimate x.csv --model kel", {"kelvin_voigt"}),
+        ("palpate compare x.csv --other-model hunt", {"hunt_crossley"}),
+        ("palpate estimate x.csv --estimator rans", {"ransac"}),
     ],
 )
-def test_a_shell_completes_commands_options_and_effects(typed, offered):
+def test_a_shell_completes_commands_options_and_their_values(typed, offered):
     asked = {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed}
     asked["COMP_CWORD"] = str(len(typed.split(" ")) - 1)
     code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"

@@ -35,6 +35,13 @@ def test_one_effect_is_told_in_full_and_drawn():
     assert ["probe", "--hidden", "backlash", "-o", "backlash.mcap"] in next_commands(result)
 
 
+def test_a_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")  # which a pipe heeds too
+    told = run("effects", "dry_friction").stdout
+    assert "contact force [N], 0 to 4.73:" in told
+    assert max(map(len, told.splitlines())) <= 60
+
+
 def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
     told = run("effects", "stress_relaxation", "--on", hardening)
     assert told.exit_code == 0, told.stderr

@@ -73,6 +73,22 @@ def test_typical_values_of_every_effect_can_be_exported(terms, channel):
         assert simulated in {entry.name for entry in export.scenario.hidden}
 
 
+@pytest.mark.parametrize(
+    ("presliding_m", "slip_m", "lost"), [(1e-7, 1e-6, 1), (1e-6, 1e-6, 0), (2e-4, 2e-4, 0)]
+)
+def test_friction_that_turns_round_at_once_is_exported_as_fast_as_can_be_simulated(
+    presliding_m, slip_m, lost
+):
+    shown = {"force": 2.0, "presliding": presliding_m, "transition": 0.004}
+    parameters = {"stiffness__k": 500.0} | {f"dry_friction__{name}": value for name, value in shown.items()}
+    export = export_scenario(Scenario(), [FittedChannel(revision("contact", **parameters), None, 0)], "x")
+    (friction,) = export.scenario.hidden
+    assert (friction.friction_n, friction.slip_m) == (2.0, slip_m)
+    assert ["presliding of 1e-07 m and transition of 0.004 m/s" in line for line in export.left_out] == [
+        True
+    ] * lost
+
+
 def test_what_belongs_to_the_whole_arm_is_exported_once():
     """Every joint shows the tilt of the base, and the dead band of the force sensor."""
     shown = {"gravity_tilt__tilt": 0.1, "force_deadband__width": 0.3}

@@ -52,6 +52,23 @@ def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
     assert_refused(run("import", good), "exists already")
 
 
+def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
+    (looked,) = json.loads(run("import", good, "--look", "--json").stdout)["files"]
+    stored = json.loads(run("import", good, "-o", tmp_path / "x.mcap", "--json").stdout)
+    assert (looked["file"], looked["rows"]) == (str(good), 40)
+    assert looked["columns"]["force_N"] == "force in N"
+    assert {name: looked[name] for name in ("channels", "notes")} == {
+        name: stored[name] for name in ("channels", "notes")
+    }
+    assert_refused(run("import", good, "--look", "-o", tmp_path / "y.mcap"), "--look", "--out")
+
+
+def test_a_session_is_not_called_a_table(good, tmp_path):
+    for name in ("x.csv", "x"):
+        assert_refused(run("import", good, "-o", tmp_path / name), "ends in .mcap", f"{tmp_path / 'x.mcap'}")
+    assert list(tmp_path.iterdir()) == [good]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -71,6 +71,7 @@ def test_what_is_there_is_replaced_only_when_asked(probed, tmp_path):
         (("--size", "10x10"), ("--size",)),
         (("--size", "99999x99999"), ("--size",)),
         (("--at-s", "noon"), ("--at-s",)),
+        (("--at-s", "900", "--screenshot", "x.png"), ("--at-s 900", "ends after")),
     ],
 )
 def test_bad_options_are_refused(probed, tmp_path, options, words):

@@ -8,7 +8,7 @@ import pytest
 from palpate.study import Study, arm_from_urdf
 from robot_io.errors import InputError
 from tests.estimation.laboratories import LABORATORIES, presses, zwick
-from tests.palpate.cli import ROOT, assert_refused, next_commands, run
+from tests.palpate.cli import ROOT, next_commands, run
 
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
 
@@ -62,12 +62,6 @@ def test_a_look_at_what_is_ambiguous_shows_the_columns_and_asks(tmp_path):
     assert "not used" not in result.stdout
     (line,) = result.stderr.splitlines()
     assert "--column force='A [N]'" in line
-
-
-def test_a_look_neither_writes_nor_prints_json(tmp_path):
-    path = zwick(tmp_path)
-    assert_refused(run("import", path, "--look", "--json"), "--look only shows")
-    assert_refused(run("import", path, "--look", "-o", tmp_path / "x.mcap"), "--look only shows")
 
 
 def test_relaxation_shows_in_the_hold(tmp_path):

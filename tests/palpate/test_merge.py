@@ -1,6 +1,7 @@
 """`palpate merge`: several sessions as one measurement."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -62,6 +63,36 @@ def test_imported_sessions_are_merged_too(imported, tmp_path):
     study = Study(tmp_path / "both.mcap", keep=False)
     assert study.channel().data.runs.tolist() == list(range(8))
     assert study.fit("contact").parameters["stiffness.k"].value == pytest.approx(400.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("offset_m", "stiffness", "said"),
+    [
+        (0.0, 400.0, ""),
+        (0.0, 800.0, ""),
+        (0.002, 400.0, r"other.mcap: contact begins about 2(\.\d)? mm deeper"),
+    ],
+)
+def test_a_surface_at_another_depth_is_said_to_be_one(imported, tmp_path, offset_m, stiffness, said):
+    def law(x, v):
+        return stiffness * np.maximum(x - offset_m, 0.0)
+
+    other = write_presses(tmp_path / "other.csv", force_of=law)
+    run("import", other, "-o", tmp_path / "other.mcap")
+    result = run("merge", imported[0], tmp_path / "other.mcap", "-o", tmp_path / "both.mcap")
+    assert result.exit_code == 0
+    told = " ".join(result.stderr.split())
+    assert re.search(said, told) if said else "begins" not in told
+
+
+def test_a_merged_session_lasts_as_long_as_its_parts(imported, probings, tmp_path):
+    for number, files in enumerate((imported, probings)):
+        merged(files, tmp_path / f"{number}.mcap")
+        lasts = [
+            json.loads(run("info", f, "--json").stdout)["duration_s"]
+            for f in (tmp_path / f"{number}.mcap", *files)
+        ]
+        assert lasts[0] == pytest.approx(sum(lasts[1:]))
 
 
 def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):

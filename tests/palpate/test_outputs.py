@@ -62,6 +62,15 @@ def test_in_a_folder_that_the_user_names_nothing_is_replaced_unasked(command, na
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {name: "precious"}
 
 
+def test_a_report_replaces_its_own_page_alone(hardening, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        result = run("report", hardening, "--json")
+        assert json.loads(result.stdout) == {"file": str(hardening), "report": "report.html"}
+    Path("mine.html").write_text("<html>palpate</html>")
+    assert_refused(run("report", hardening, "-o", "mine.html"), "exists already", "--force")
+
+
 def test_with_force_it_is_replaced_but_never_what_is_read(hardening, tmp_path):
     (tmp_path / "report.html").write_text("old")
     assert run("compare", hardening, "--out", tmp_path, "--force").exit_code == 0

@@ -126,6 +126,24 @@ def test_the_command_that_leads_there_can_be_typed_again(hardening):
     assert run(*words[:-2]).stdout == result.stdout
 
 
+def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
+    softer = write_presses(tmp_path / "softer.csv", cubic=1e6, seed=8)
+    base = run("compare", hardening, softer).stdout
+    assert "its parameters say little: add what is missing" in " ".join(base.split())
+    assert "cubic_stiffness" not in base
+    run("add", hardening, "cubic_stiffness", "--out", tmp_path / "there")
+    kept = ("--folder", tmp_path / "there", "--revision", 1)
+    (channel,) = json.loads(run("compare", hardening, softer, *kept, "--json").stdout)["channels"]
+    assert channel["models"] == 2 * ["kelvin_voigt + cubic_stiffness"]
+    (k3,) = [one for one in channel["parameters"] if one["name"] == "cubic_stiffness.k3"]
+    assert k3["difference"]["value"] == pytest.approx(-1e6, rel=0.1)
+    stages = run("compare", hardening, *kept, "--other-revision", 0)
+    assert "B  hardening.csv: kelvin_voigt\n" in stages.stdout
+    words = next_commands(stages)[0]
+    assert run(*words[:-2]).stdout == stages.stdout
+    assert_refused(run("compare", hardening, softer, *kept, "--other-revision", 1), "no revision 1")
+
+
 def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
     weak = write_presses(tmp_path / "weak.csv", force_of=lambda x, v: 10.0 * x + 0.0 * v, seed=5)
     said = run("compare", soft, weak).stdout
@@ -138,7 +156,8 @@ def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
     [
         (("SOFT", "SOFT"), ("the same measurement", "--other-model")),
         (("SOFT", "none.csv"), ("none.csv: no such file",)),
-        (("SOFT", "STIFF", "--revision", 0), ("--revision", "one file")),
+        (("SOFT", "STIFF", "--revision", 7), ("no revision 7",)),
+        (("SOFT", "STIFF", "--revision", 7, "--model", "kelvin_voigt"), ("leave out --model",)),
         (("SOFT", "STIFF", "--channel", "joint_1"), ("joint_1", "Both have: contact")),
         (("SOFT", "--other-model", "magic"), ("magic", "kelvin_voigt")),
         (("SOFT", "SWING"), ("share no channel", "contact", "joint")),

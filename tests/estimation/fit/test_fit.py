@@ -14,7 +14,7 @@ from estimation.fit.colour import colour_of
 from estimation.fit.frame import frame_of
 from estimation.fit.held_out import held_out_residual
 from estimation.fit.inner_search import look, refine
-from estimation.fit.intervals import final, inner_slopes, values
+from estimation.fit.intervals import _widest, final, inner_slopes, values
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.moments import cross_products, held_out_energy, score
@@ -23,6 +23,7 @@ from estimation.fit.trial import attempt
 from estimation.information import Information
 from estimation.model import Model
 from estimation.models import MODELS
+from tests.estimation.fits import MODEL, fits
 from tests.estimation.presses import K, kelvin_voigt, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 
@@ -376,3 +377,28 @@ def test_a_search_keeps_the_blocks_of_its_best_trial_only():
         with_blocks = [trial for trial in found.trials if trial.columns.size + trial.target.size]
         assert with_blocks == [found.best]
     assert len(refined.trials) > refined.start_count == len(looked.trials)
+
+
+@pytest.mark.parametrize(
+    "names", [("contact_offset", "cubic_stiffness"), ("cubic_stiffness", "contact_offset")]
+)
+@pytest.mark.parametrize(
+    ("offset_m", "k", "k3"), [(0.004, 300.0, 3e6), (0.005, 800.0, 2e7), (-0.003, 300.0, 3e5)]
+)
+def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offset_m, k, k3):
+    """Another minimum has a surface that is hardly off and a stiffness below zero."""
+
+    def law(t, x, v, run):
+        depth = np.maximum(x - offset_m, 0.0)
+        return k * depth + k3 * depth**3
+
+    found = fits(session(3, law), MODEL, names)[-1]
+    assert found.values["contact_offset.offset"] == pytest.approx(offset_m, abs=1e-4)
+    assert found.values["stiffness.k"] == pytest.approx(k, rel=0.1)
+    assert found.unphysical == ()
+
+
+@pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 1e7)])
+def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
+    (k,) = EFFECTS["stiffness"].gains
+    assert _widest(k, value) == widest
