@@ -248,7 +248,11 @@ def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
         (0, 0.03, set()),
         (1, 0.1, {"coulomb_friction"}),
         (2, 0.1, {"coulomb_friction", "torque_ripple"}),
-        (1, 0.2, {"coulomb_friction", "torque_ripple"}),  # more than three tenths of what the best takes away
+        (
+            1,
+            0.15,
+            {"coulomb_friction", "torque_ripple"},
+        ),  # more than three tenths of what the best takes away
     ],
 )
 def test_in_between_are_tried_the_best_and_what_comes_near_them(refined, ripple_nm, names):

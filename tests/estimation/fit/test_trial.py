@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from estimation.channel import ChannelKind, SharedGains
+from estimation.effect import AdditiveEffect
 from estimation.effects import EFFECTS
 from estimation.fit.colour import WHITE, Colour
 from estimation.fit.frame import Frame
@@ -38,8 +39,22 @@ def pressed(force=lambda x, v: 100.0 * x, kind=ChannelKind.CONTACT, count=COUNT,
     return channel(effort, x, v, t, kind=kind, run=run)
 
 
+class Counterweight(AdditiveEffect):
+    """Effort that is known, beside a gain."""
+
+    name, signals, channels, gains = "counterweight", ("position",), frozenset(), EFFECTS["bias"].gains
+
+    def columns(self, data, inner):
+        return np.ones((len(data), 1))
+
+    def known(self, data, inner):
+        return 5.0 * data.position**2
+
+
 def model(*names):
-    return Model("m", tuple(EFFECTS[name]() for name in names))
+    return Model(
+        "m", tuple(Counterweight() if name == "counterweight" else EFFECTS[name]() for name in names)
+    )
 
 
 def test_blocks_that_count_are_fitted_and_each_fold_is_left_out():
@@ -53,6 +68,7 @@ def test_blocks_that_count_are_fitted_and_each_fold_is_left_out():
     ):
         assert gains == pytest.approx(np.linalg.lstsq(COLUMNS[rows], TARGET[rows], rcond=None)[0], rel=1e-6)
     assert found.dof == some.sum()
+    assert len(found.held_out) == len(found.fold_gains) == one.frame.folds == 3
 
 
 @pytest.mark.parametrize("held", [{"b": 0.3}, {"a": 1.0, "c": -2.0}])
@@ -99,6 +115,7 @@ SHARED = ("m.c", "m.a")  # in another order than the model has them
         (["m.a", "m.b", "m.c"], WHITE, True),
         (["m.a", "m.b", "m.d"], WHITE, False),  # it has not all of them
         (["m.a", "m.b", "m.c"], Colour(np.zeros(1)), False),
+        (["m.a", "m.c"], WHITE, True),
     ],
 )
 def test_what_other_channels_say_of_shared_gains_counts_by_name(names, colour, counts):
@@ -107,16 +124,15 @@ def test_what_other_channels_say_of_shared_gains_counts_by_name(names, colour, c
     information = Information(np.tile(rows.T @ rows, (4, 1, 1)), np.tile(rows.T @ told, (4, 1)))
     data = replace(pressed(), shared=SharedGains(SHARED, information))
     one = bench(data, colour=colour)
-    more = np.column_stack([rows[:, 1], np.zeros(50), rows[:, 0]])
-    kept = one.kept
-    both = (np.vstack([COLUMNS[kept], more]), np.append(TARGET[kept], told))
-    expected = np.linalg.lstsq(*(both if counts else (COLUMNS[kept], TARGET[kept])), rcond=None)[0]
-    assert one.fit(COLUMNS, TARGET, names).gains == pytest.approx(expected, rel=1e-6)
-    twice = np.column_stack([COLUMNS, COLUMNS[:, 1] ** 2])  # a signal beside the gains with names
-    if counts:
-        wide = np.column_stack([more, np.zeros(50)])
-        expected = np.linalg.lstsq(np.vstack([twice, wide]), both[1], rcond=None)[0]
-        assert one.fit(twice, TARGET, names).gains == pytest.approx(expected, rel=1e-6)
+    place = ["abc".find(name[-1]) for name in names]  # -1 for one that is not shared
+    own = np.column_stack([COLUMNS[:, max(one, 0)] for one in place])
+    more = np.column_stack([rows[:, 1], np.zeros(50), rows[:, 0]])[:, np.maximum(place, 0)]
+    for columns in (own, np.column_stack([own, COLUMNS[:, 1] ** 2])):  # a signal beside the gains with names
+        others = np.zeros((50 if counts else 0, columns.shape[1]))
+        others[:, : len(names)] = more[: len(others)]
+        both = np.vstack([columns[one.kept], others]), np.append(TARGET[one.kept], told[: len(others)])
+        expected = np.linalg.lstsq(*both, rcond=None)[0]
+        assert one.fit(columns, TARGET, names).gains == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_column_that_only_others_move_gets_what_they_say():
@@ -157,6 +173,20 @@ CASES = {
                                {"delay.time": 0.013}, 1e-6),
     "a joint whose sensor is off by a factor": ("revolute", ("stiffness", "torque_gain"), lambda x, v: 3.0 * x,
                                                 {"torque_gain.gain": 1.5}, 1e-6),
+    "a joint with effort that is known": (
+        "revolute",
+        ("stiffness", "counterweight", "torque_gain"),
+        lambda x, v: 1.5 * (3.0 * x + 5.0 * x**2 + 0.2),
+        {"torque_gain.gain": 1.5},
+        1e-6,
+    ),
+    "the same behind a delay": (
+        "revolute",
+        ("stiffness", "counterweight", "delay"),
+        lambda x, v: 3.0 * x + 5.0 * x**2 + 0.2,
+        {"delay.time": 0.013},
+        1e-6,
+    ),
     "an object that can only push": ("contact", ("stiffness", "damping"),
                                      lambda x, v: np.maximum(3.0 * x + 0.3 * v, 0.0) * (x > 0), {}, 1e-3),
     "a surface elsewhere": ("contact", ("stiffness", "damping", "contact_offset"),
@@ -217,6 +247,19 @@ def test_parts_at_hand_are_used_and_a_trial_without_its_blocks_is_as_good():
     less = whole.without_blocks()
     assert (less.sse, less.held_out, less.parameters) == (whole.sse, whole.held_out, whole.parameters)
     assert (less.columns.shape, less.target.shape) == ((0, 2), (0,))
+
+
+def test_gains_that_nobody_gave_begin_at_nothing():
+    data, made, inner = (
+        pressed(lambda x, v: np.clip(x, -2.0, 2.0), ChannelKind.REVOLUTE),
+        model("stiffness", "saturation"),
+        {"saturation.limit": 0.4},
+    )
+    found = [
+        attempt(bench(data), made, inner | given).parameters
+        for given in ({}, {"stiffness.k": 0.0}, {"stiffness.k": 1.0})
+    ]
+    assert found[0] == found[1] != found[2]
 
 
 def test_a_step_that_leads_far_away_from_the_data_is_the_last():
