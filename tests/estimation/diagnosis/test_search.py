@@ -460,9 +460,7 @@ def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
     for name in (COULOMB, RIPPLE):
         (start,) = (one.parameters for one in found[name].starts)
         best = rough[name].search.best.parameters
-        assert {n: start[n] for n in start if n.startswith(name)} == {
-            n: best[n] for n in start if n.startswith(name)
-        }
+        assert all(start[f"{name}.{one.name}"] == best[f"{name}.{one.name}"] for one in EFFECTS[name].inner)
     step_s = 1e-3
     times = [one.parameters["delay.time"] for one in found["delay"].starts]
     proposed = [one["time"] for one in EFFECTS["delay"]().starts(data) if abs(one["time"]) < 40.0 * step_s]
