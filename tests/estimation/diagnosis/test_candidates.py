@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from estimation.diagnosis.candidates import (
-    Candidate,
     bounds_passed,
     candidates,
     extended,
@@ -18,7 +17,7 @@ from estimation.diagnosis.candidates import (
     size,
     try_all,
 )
-from estimation.effect import AdditiveEffect, Parameter, SensorEffect
+from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
 from estimation.fit.standing import fit
 from estimation.fit.trial import Trial, attempt
@@ -134,22 +133,6 @@ def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_er
     )
     found = tried(effect, [5.0, np.sqrt(share)], [ONES, wave], noise=1.0)
     assert is_possible(effect, found, Line()) is possible
-
-
-def test_other_effects_of_the_model_keep_their_columns_when_one_is_made_simpler():
-    """Without the spring's, a line would be left, beside which nothing is essential."""
-    effect = Made(gain("minor"), gain("major"), essential=("major",))
-    whole = tried(effect, [5.0, 0.2], [ONES, np.tile([1.0, 1.0, -1.0, -1.0], 25)], noise=1.0)
-    both = Model("m", (EFFECTS["stiffness"](), effect))
-    with_spring = replace(
-        whole,
-        model=both,
-        parameters={"stiffness.k": 100.0, **whole.parameters},
-        columns=np.column_stack([LINE, whole.columns]),
-        target=100.0 * LINE + whole.target,
-        scores=SimpleNamespace(spread=np.zeros(3), sse=whole.scores.sse),
-    )
-    assert is_possible(effect, with_spring, Line())
 
 
 @pytest.mark.parametrize(
@@ -283,27 +266,3 @@ def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
     off = replace(stood, trial=attempt(stood.plain, stood.trial.model, {"contact_offset.offset": -0.002}))
     (found,) = try_all(off, [EFFECTS["bias"]()], refined=0)
     assert found.search.best.parameters["contact_offset.offset"] == 0.0
-
-
-def test_what_is_impossible_beside_parameters_as_they_were_may_be_possible_once_all_follow():
-    """A weight beside an inertia alone: friction takes its place, and is negative until it is fitted, too."""
-    data = swings(1, lambda q, v, a: 0.3 * np.sin(15.0 * q) + 0.3 * np.tanh(v / 0.01))
-    ripple = model(*BASE, "torque_ripple")
-    off = attempt(
-        fit(data, ripple, {"torque_ripple.cycles": 15.0}).plain, ripple, {"torque_ripple.cycles": 14.9}
-    )
-    stood = replace(fit(data, ripple, {"torque_ripple.cycles": 15.0}), trial=off)
-    (found,) = try_all(stood, [EFFECTS["coulomb_friction"]()])
-    assert found.possible
-    follows = Candidate(found.effect, found.search).followed(stood.plain)
-    assert follows <= found.held_out
-
-
-def test_a_sensor_effect_has_no_columns_of_its_own_to_be_judged_by():
-    effect = EFFECTS["delay"]()
-    assert isinstance(effect, SensorEffect)
-    made = Model("m", (EFFECTS["bias"](), effect))
-    scores = SimpleNamespace(spread=np.zeros(1), sse=np.ones(1))
-    for time_s, possible in ((0.05, True), (0.001, False)):
-        trial = Trial(made, {"bias.offset": 1.0, "delay.time": time_s}, ONES[:, None], ONES, scores)
-        assert is_possible(effect, trial, Line()) is possible

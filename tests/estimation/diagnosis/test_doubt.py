@@ -32,10 +32,8 @@ RIGHT = {
     "white noise": (PRESS, session),
     "slow noise": (PRESS, lambda seed: session(seed, correlation=0.9)),
     "a depth through noise": (PRESS, lambda seed: press_read(seed, noise=3e-5)),
-    "a depth in coarse steps": (PRESS, lambda seed: press_read(seed, step=1e-4)),
     "a joint": (SWING, swings),
     "a joint's coarse encoder": (SWING, lambda seed: read(swings(seed), step=2 * np.pi / 4096)),
-    "a joint at 100 Hz": (SWING, lambda seed: read(swings(seed, rate_hz=100.0), step=2 * np.pi / 16384)),
 }
 
 

@@ -13,7 +13,6 @@ from estimation.diagnosis.established import (
     in_order,
     names_in_order,
     rivals,
-    simplest,
     standards,
 )
 from estimation.diagnosis.search import search_of
@@ -174,10 +173,6 @@ def test_a_rival_explains_half_of_what_the_effect_does_and_draws_do_not_refuse_i
     assert not (others_refused and found)
 
 
-def both_ways(backward):
-    return lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01)
-
-
 @pytest.mark.parametrize(
     ("same", "found"),
     [(False, {"stribeck_friction", "presliding_friction"}), (True, {"presliding_friction"})],
@@ -189,21 +184,6 @@ def test_what_needs_more_parameters_to_draw_the_same_is_no_rival(refused, same, 
     data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
     search = searched(data, RUB, "stribeck_friction", "presliding_friction", SPRING)
     assert rivals(search, reached(search, RUB), RUB, readings_of(data)).keys() == found
-
-
-@pytest.mark.parametrize("as_complete", [True, False])
-@pytest.mark.parametrize("sensible", [True, False])
-def test_a_simpler_law_bears_the_name_if_it_is_sensible_and_leaves_no_more(
-    refused, as_complete, sensible, monkeypatch
-):
-    refused()
-    data = swings(1, both_ways(0.3))
-    search = searched(data, RUB, "asymmetric_friction")
-    end = reached(search, "asymmetric_friction")
-    monkeypatch.setattr(type(search), "is_sensible", lambda *_: sensible)
-    found = simplest(search, end, readings_of(data), lambda one: one is end or as_complete)
-    assert search.added(found) == ([RUB] if sensible and as_complete else ["asymmetric_friction"])
-    assert simplest(search, reached(search, RUB), readings_of(data), lambda one: True) is reached(search, RUB)
 
 
 def curve(values):
@@ -276,15 +256,6 @@ def test_an_impostor_leaves_structure_in_the_signals_of_what_it_stands_for(
     assert module._stands_by_itself(search, end, "e") is stands
     if stands or recorded_only < 2.0:
         assert all(own >= set(signals) - {"recorded"} for own in known)
-
-
-def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
-    """Though nobody looked at its interval."""
-    search, _ = searches("a friction")
-    end = reached(search, RUB)
-    assert not module._may_be_nothing(search.start, end, RUB)
-    small = reached(search, RUB, BIAS)
-    assert module._may_be_nothing(search.without(small, BIAS), small, BIAS)
 
 
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():

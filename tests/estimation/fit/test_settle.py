@@ -71,7 +71,7 @@ def test_steps_lead_to_the_minimum_of_tukey_s_cost(known, wrong):
     level = known or NoiseLevel(0.1, 0.0)
     clean = decay([3.0, 1.2])[0]
     effort = clean + level.sigma(clean) * rng.normal(size=len(T)) + 5.0 * (rng.random(len(T)) < wrong)
-    found = settle(lambda values: decay(values), effort, np.array([3.2, 1.3]), known)
+    found = settle(decay, effort, np.array([3.2, 1.3]), known)
 
     def cost(z):
         """Of the squared residual: rho and its two derivatives, in units of the cut."""

@@ -113,7 +113,7 @@ def swung():
 def test_a_law_of_a_signal_is_drawn_by_its_columns(swung, name):
     own, columns = swung
     signal, law = LAWS[name]
-    law = eval(law, {**globals(), **own})  # noqa: S307
+    law = eval(law, {**globals(), **own})
     assert left(columns[signal], law) < 0.02
     assert all(np.isfinite(one).all() and len(one) == len(law) for one in columns.values())
     if signal in {"recorded time", "load", "temperature", "acceleration"}:
@@ -137,7 +137,7 @@ def test_a_law_of_a_contact_is_drawn_where_it_was_touched(name):
     own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])
     own["touched"] = own["furthest"] > 0
     signal, law = PRESS_LAWS[name]
-    law = eval(law, {**globals(), **own})  # noqa: S307
+    law = eval(law, {**globals(), **own})
     assert left(columns[signal], law) < 0.02
     before = (own["furthest"] < -1e-4) & (own["x"] < -1e-4)
     assert not columns["past motion"][before].any()  # nothing is remembered of free air
@@ -166,7 +166,7 @@ HIDDEN = {
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name):
-    law, own = HIDDEN[name]
+    law, _own = HIDDEN[name]
     one = fit(swings(6, law, rate_hz=100.0), SWING, {})
     found = flexible(one.plain, one.trial)
     assert max(found.by_signal, key=found.by_signal.get) == name
