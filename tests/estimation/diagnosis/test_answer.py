@@ -1,4 +1,4 @@
-"""What is said of a search: the verdict, each effect with its evidence, what is left, and what to record next."""
+"""What is said of a search: the verdict, each effect with its evidence, what is left, what to record next."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -111,7 +111,7 @@ def test_effects_come_with_the_most_telling_first(searches):
 
 
 def test_models_are_held_against_a_law_without_a_name_block_by_block(searches):
-    """Beside a base model that lacks a friction, such a law finds it; beside the friction, next to nothing."""
+    """Beside a base model that lacks a friction, such a law finds it; beside the friction, nothing."""
     search, _ = searches("a friction")
     end = reached(search, RUB)
     held = standards(search.start, end)
@@ -155,9 +155,7 @@ def test_the_smallest_part_from_which_draws_gain_as_much_by_the_whole_is_enough(
 
 
 @pytest.mark.parametrize("others_refused", [False, True])
-def test_a_rival_explains_half_of_what_the_effect_does_and_draws_do_not_refuse_it(
-    searches, refused, others_refused
-):
+def test_a_rival_explains_half_of_what_the_effect_does_and_is_not_refused(searches, refused, others_refused):
     """Of friction: a spring explains nothing of it."""
     search, readings = searches("a friction")
     end = reached(search, RUB)

@@ -105,7 +105,7 @@ FLOW = {  # what is true of a channel: what is answered
     "it is exact": ({"exact": True}, ("base", True, None)),
     "an effect is found": ({"found": "a"}, ("a", True, None)),
     "runs differ": ({"found": "a", "varied": "a+runs"}, ("a+runs", True, None)),
-    "runs differ, and something else": ({"found": "a", "varied": "a+runs", "objected": ("a+runs",)}, ("a", True, None)),
+    "runs and more": ({"found": "a", "varied": "a+runs", "objected": ("a+runs",)}, ("a", True, None)),
     "something is left": ({"found": "a", "complete": False}, ("a", False, None)),
     "something is left that may be rounding": ({"complete": False, "step": "coarse"}, "coarse"),
     "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, ("a", False, None)),

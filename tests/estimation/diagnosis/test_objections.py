@@ -185,6 +185,7 @@ def test_each_run_is_held_against_what_the_others_say_of_it_and_what_it_says_its
         ([10.0, 10.3, 10.0], 200, False),  # less than half as much again as by themselves
         ([10.0, 10.0, 12.0], [200, 200, 59], False),  # too short to be fitted by itself
         ([10.0, 10.0, 12.0], [200, 200, 60], True),
+        ([10.0, 13.0], 200, True),
         ([10.0, 13.0], [200, 50], False),  # a single run is left
     ],
 )

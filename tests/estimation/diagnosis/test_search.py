@@ -306,7 +306,7 @@ def reached(search, *names):
 
 
 def driven(q, v, a):
-    """Drag by the square of the speed, which alone would look like a damping; that of the joint is a drive."""
+    """Drag by the square of the speed, which alone looks like a damping; the joint's own is a drive."""
     return 0.4 * v * np.abs(v) - (0.15 + 0.2) * v
 
 

@@ -139,7 +139,7 @@ def test_the_coarse_copy_has_a_sample_for_each_block():
 
 
 def stepping(times, run=None):
-    """A deep contact at 200 Hz, a sample to a block, whose velocity steps down and up by turns at these samples."""
+    """A deep contact at 200 Hz, a sample to a block, whose velocity steps down and up at these samples."""
     speed = np.zeros(800)
     for number, at in enumerate(times):
         speed[at:] = -1.0 if number % 2 else 1.0

@@ -1,4 +1,4 @@
-"""Intervals against the textbook's, and what an acceleration is worth by the positions it was derived from."""
+"""Intervals against the textbook's, and what an acceleration is worth by the positions behind it."""
 
 from dataclasses import replace
 

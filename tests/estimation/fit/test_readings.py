@@ -175,7 +175,7 @@ def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
 
 @pytest.mark.parametrize("half", [10, 25, 50])
 def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_its_size(half):
-    """White noise less what a cubic through the window follows, and what is drawn for that, is white again."""
+    """White noise less what a cubic through the window follows, with what is drawn for that, is white."""
     window = savgol_coeffs(2 * half + 1, 3)
     turn, passed = freqz(window, worN=np.pi * np.linspace(1e-3, 0.5, 2000))
     edge = turn[np.argmax(np.abs(passed) < 0.5)] / (2.0 * np.pi)  # in cycles a sample
