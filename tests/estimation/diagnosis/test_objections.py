@@ -287,3 +287,18 @@ def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chan
     end = SimpleNamespace(plain=SimpleNamespace(frame=SimpleNamespace(reduce=lambda signal: signal)))
     assert objections._is_no_chance(APART, end, None, None) is no_chance
     assert Placed(2.5, np.array(drawn)).is_unusual is no_chance
+
+
+@pytest.mark.parametrize(
+    ("share", "times", "told"),
+    [(0.36, 41.0, True), (0.19, 41.0, False), (0.36, 39.0, False), (None, None, False)],
+)
+def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, told, monkeypatch):
+    found = share and (7.0, share, times)
+    monkeypatch.setattr(objections, "strongest_swing", lambda *_: found)
+    end = stand(session(7), MODEL, {})
+    swung = objections._swinging(end)
+    assert (swung is not None) is told
+    if told:  # the energy of a swing and of the rest add up
+        assert f"7 Hz with {0.6 * end.rmse:.3g} N" in swung.reason
+        assert swung.floor == pytest.approx(0.8 * end.rmse)

@@ -178,26 +178,27 @@ def test_bumps_make_up_any_kinked_line_but_no_constant_of_their_own(low):
     assert np.linalg.cond(np.column_stack([np.ones(1000), _hats(crowded)])) < 1e4
 
 
-HIDDEN = {
-    "velocity": (lambda q, v, a: 0.2 * np.sin(3.0 * v), {"velocity"}),
-    "position": (lambda q, v, a: 0.2 * np.sin(9.0 * q), {"position"}),
+HIDDEN = {  # and a signal that says nothing of it
+    "velocity": (lambda q, v, a: 0.2 * np.sin(3.0 * v), "offset"),
+    "position": (lambda q, v, a: 0.2 * np.sin(9.0 * q), "offset"),
+    "offset": (lambda q, v, a: 0.1 + 0.0 * q, ""),  # bumps of any signal make up most of a constant
 }
 
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name):
-    law, _own = HIDDEN[name]
+    law, nothing = HIDDEN[name]
     one = fit(swings(6, law, rate_hz=100.0), SWING, {})
     found = flexible(one.plain, one.trial)
-    assert max(found.by_signal, key=found.by_signal.get) == name
-    assert found.by_signal[name] > 0.8 > 0.3 > found.by_signal["offset"]
+    assert found.by_signal[name] > 0.98 * max(found.by_signal.values())
+    assert found.by_signal[name] > 0.8 > 0.3 > found.by_signal.get(nothing, 0.0)
     count = one.plain.kept.sum()
     assert NOISE_NM < np.sqrt(found.held_out.sum() / count) < 0.1  # of 0.14 and the noise
     kept = one.plain.kept
     assert np.sum(found.residual[kept] ** 2) == pytest.approx(found.held_out.sum(), rel=0.01)
     others = flexible(one.plain, one.trial, without=[name])
     assert name not in others.by_signal
-    assert others.held_out.sum() > 1.3 * found.held_out.sum()
+    assert others.held_out.sum() > (1.3 if nothing else 1.0) * found.held_out.sum()
     assert set(signals_of(one.plain, one.trial)) == set(found.by_signal)
 
 
