@@ -15,13 +15,11 @@ from estimation.diagnosis.established import (
     rivals,
     standards,
 )
-from estimation.diagnosis.search import search_of
 from estimation.effects import EFFECTS
 from estimation.fit.readings import readings_of
-from estimation.model import Model
+from tests.estimation.searches import SWING, reached, searched
 from tests.estimation.swings import swings
 
-BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 SPRING, RUB, RIPPLE, BIAS, SQUARE = (
     "joint_spring",
     "coulomb_friction",
@@ -29,19 +27,6 @@ SPRING, RUB, RIPPLE, BIAS, SQUARE = (
     "bias",
     "quadratic_friction",
 )
-
-
-def searched(data, *names, base=BASE):
-    good = np.ones(len(data), dtype=np.bool_)
-    return search_of(data, base, good, tuple(EFFECTS[n]() for n in names), np.random.default_rng(0))
-
-
-def reached(search, *names):
-    end = search.start
-    for name in names:
-        (one,) = (one for one in search.screened(end) if one.effect.name == name)
-        end = search.with_candidate(one)
-    return end
 
 
 def strange(q, v, a):
@@ -65,7 +50,7 @@ LAWS = {
 def searches():
     made = {}
 
-    def of(law, base=BASE):
+    def of(law, base=SWING):
         if law not in made:
             data = swings(1, LAWS[law])
             made[law] = searched(data, SPRING, RUB, BIAS, SQUARE, base=base), readings_of(data)

@@ -17,11 +17,11 @@ from estimation.diagnosis.diagnose import (
 from estimation.diagnosis.result import Verdict
 from estimation.effects import EFFECTS
 from estimation.model import Model
+from tests.estimation.searches import SWING
 from tests.estimation.study.joints import joints
 from tests.estimation.swings import swings
 
 module = import_module("estimation.diagnosis.diagnose")  # its package hands on a function of that name
-SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.doubt import Placed
 from estimation.diagnosis.established import Standards, rivals, simplest
-from estimation.diagnosis.search import _key, _some_runs, looked_back, search_of
+from estimation.diagnosis.search import _key, _some_runs, looked_back
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.inner_search import Attempts
@@ -20,15 +20,10 @@ from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.searches import SWING, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
 
-BASE = tuple(EFFECTS[name]() for name in ("pendulum", "viscous_friction"))
-SWING = Model("pendulum", BASE)
-
-
-def searched(data, *effects, base=SWING):
-    good, library = np.ones(len(data), dtype=np.bool_), tuple(EFFECTS[name]() for name in effects)
-    return search_of(data, base, good, library, np.random.default_rng(0))
+BASE = SWING.effects
 
 
 def rippling(q, v, a):
@@ -295,14 +290,6 @@ def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, e
     whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
     search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
     assert established._is_below_a_step(search, whole, name) is below
-
-
-def reached(search, *names):
-    end = search.start
-    for name in names:
-        (one,) = (one for one in search.screened(end) if one.effect.name == name)
-        end = search.with_candidate(one)
-    return end
 
 
 def driven(q, v, a):
