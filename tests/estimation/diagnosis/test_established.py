@@ -206,6 +206,7 @@ def test_an_effect_takes_away_more_than_a_smooth_law_still_could(before, left, s
         (("velocity",), {"velocity": 0.2}, 2.0, True),
         (("velocity",), {"velocity": 0.4}, 2.0, False),  # much is left in its own signal
         (("velocity",), {"position": 0.9}, 2.0, True),  # in another's: not its fault
+        (("velocity",), {"velocity": 0.2}, 1.12, True),  # by a twentieth of the error
         (("velocity",), {"velocity": 0.2}, 1.1, False),  # a smooth law of the others does as well
         (("past effort",), {"effort": 0.4}, 2.0, False),
         (("other joints",), {"joint velocity": 0.4}, 2.0, False),

@@ -342,15 +342,24 @@ def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
 
 
 def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
-    search = searched(swings(1, rippling), "bias", COULOMB, RIPPLE, "joint_spring")
+    data = swings(1, rippling, rate_hz=100.0)
+    search = searched(data, "bias", COULOMB, RIPPLE, "quadratic_friction")
+    assert search.sketch is None
     made = search.extensions(search.start)
-    assert [search.added(one) for one in made] == [[RIPPLE], [COULOMB]]  # a bias lowers nothing
+    assert [search.added(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
+    assert len(made) == 3  # a bias lowers nothing
     assert made == search.ordered(made)
     assert [search.added(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
+    assert len(replace(search, sketch=search).extensions(search.start, 4)) == 2
     monkeypatch.setattr(type(search), "is_sensible", lambda self, one: self.added(one) != [RIPPLE])
-    assert [search.added(one) for one in search.extensions(search.start)] == [[COULOMB]]
-    with_sketch = replace(search, sketch=search)
-    assert len(with_sketch.extensions(search.start, 4)) <= 2
+    assert search.added(search.extensions(search.start)[0]) == [COULOMB]
+
+
+def test_an_effect_is_exchanged_for_another_that_does_better():
+    data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
+    search = searched(data, COULOMB, "stribeck_friction", "quadratic_friction")
+    (made,) = search.exchanged(reached(search, COULOMB), COULOMB)  # drag is nowhere near
+    assert search.added(made) == ["stribeck_friction"]
 
 
 def test_in_the_place_of_an_effect_the_others_are_tried_with_everything_else_as_it_is():

@@ -66,7 +66,8 @@ def test_noise_of_a_joint_s_effort_is_no_swing():
 @pytest.mark.parametrize(("seconds", "unknown_s"), [(10.0, 0.1), (1.0, 0.05)])
 def test_what_was_before_a_run_is_not_known_at_its_start(seconds, unknown_s):
     t = np.arange(0.0, seconds, 1e-3)
-    frame = frame_of(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t)))
+    data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t))
+    frame = frame_of(replace(data, time_s=data.time_s + 7.0))
     assert np.argmax(frame.trusted) == pytest.approx(unknown_s / 0.01, abs=1)
     assert frame.trusted[np.argmax(frame.trusted) :].all()
 
