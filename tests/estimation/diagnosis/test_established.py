@@ -242,6 +242,14 @@ def test_an_impostor_leaves_structure_in_the_signals_of_what_it_stands_for(
         assert all(own >= set(signals) - {"recorded"} for own in known)
 
 
+def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
+    """Though nobody looked at its interval."""
+    search, _ = searches("a friction")
+    end = reached(search, RUB, BIAS)
+    assert not module._may_be_nothing(search.start, end, RUB)
+    assert module._may_be_nothing(search.without(end, BIAS), end, BIAS)
+
+
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
     """Friction and a bias, where one effect has both; a whole of which a part is missing is no rival."""
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)

@@ -195,14 +195,17 @@ def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_
     assert np.isfinite(slow_part(whole, short, 200, rng)).all()
 
 
-def test_derivatives_without_any_noise_are_recognised_and_drawn_without_any():
-    made = differentiate(SMOOTH.time_s, SMOOTH.position, SMOOTH.run, 5)
-    readings = readings_of(replace(SMOOTH, velocity=made.velocity, acceleration=made.acceleration))
-    assert readings.windows == (5, 5)
-    drawn = readings.draw(np.random.default_rng(0))
+def test_derivatives_without_any_noise_are_recognised_and_what_bent_them_is_taken_back():
+    halves = (3, 20)
+    velocity, acceleration = (derived(SMOOTH, SMOOTH.position, h, k) for k, h in enumerate(halves, start=1))
+    readings = readings_of(replace(SMOOTH, velocity=velocity, acceleration=acceleration))
+    assert readings.windows == halves
     for name in ("position", "velocity", "acceleration"):
-        exact, off = getattr(SMOOTH, name), getattr(drawn, name) - getattr(SMOOTH, name)
-        assert np.std(off) < 0.02 * np.std(exact), name
+        exact = getattr(SMOOTH, name)
+        off, bent = (np.std(getattr(one, name) - exact) for one in (readings.true_motion, readings.data))
+        assert off < max(0.5 * bent, 1e-4 * np.std(exact)), name
+        drawn = getattr(readings.draw(np.random.default_rng(0)), name)
+        assert np.std(drawn - getattr(readings.data, name)) < 5e-3 * np.std(exact), name
 
 
 def test_what_rests_or_whose_acceleration_nobody_knows_is_read_as_it_was():
