@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.answer import Judgement, _ranking, answer, insufficient
+from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.objections import Objection
 from estimation.diagnosis.of_runs import spread, vary
@@ -129,17 +129,6 @@ def test_of_a_quick_recording_the_ranking_is_that_of_single_samples_too():
     assert [one.effect for one in found.ranking] == ["coulomb_friction", "bias"]
     for one in found.ranking:
         assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=0.15)
-
-
-def test_what_cannot_be_ranked_is_left_out_and_an_exact_model_scores_nothing(swung):
-    search, *_ = swung
-    known = {one.effect.name: one for one in search.screened(search.start)}
-    some = [replace(known["bias"], possible=False), known["joint_spring"]]
-    start = SimpleNamespace(
-        **{name: getattr(search.start, name) for name in ("trial", "plain", "flexible")}, rmse=0.0
-    )
-    (found,) = _ranking(SimpleNamespace(sketch=None, start=start, screened=lambda _: some))
-    assert (found.effect, found.score) == ("joint_spring", 0.0)
 
 
 @pytest.mark.parametrize(("scale", "confused"), [(0.1, ["joint_spring"]), (1.0, [])])

@@ -11,7 +11,6 @@ from estimation.fit.intervals import _errors, _without_jumps, final, values
 from estimation.fit.standing import stand
 from estimation.model import Model
 from estimation.statistics.serial_covariance import sum_covariance
-from tests.estimation.presses import session
 from tests.estimation.swings import swings
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
@@ -95,15 +94,6 @@ def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
     assert trial.parameters == pytest.approx(standing.trial.parameters, rel=0.05)
     missing = stand(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
     assert final(missing) == (missing.plain, missing.trial)
-
-
-def test_an_error_beyond_all_that_makes_sense_determines_nothing():
-    """An exponent that presses of one depth hardly show; its range is 3."""
-    data = session(3)
-    narrow = replace(data, effort=data.effort * 1e-3 + np.random.default_rng(1).normal(0.0, 50.0, len(data)))
-    model = Model("m", (EFFECTS["power_law_stiffness"](),))
-    one = values(*final(stand(narrow, model, {"power_law_stiffness.n": 2.0})))["power_law_stiffness.n"]
-    assert np.isnan(one.std_err) or one.at_bound
 
 
 def accelerated(error, *, run=None, uneven=False, steps=0.0):

@@ -245,25 +245,3 @@ def test_parts_at_hand_are_used_and_a_trial_without_its_blocks_is_as_good():
     less = whole.without_blocks()
     assert (less.sse, less.held_out, less.parameters) == (whole.sse, whole.held_out, whole.parameters)
     assert (less.columns.shape, less.target.shape) == ((0, 2), (0,))
-
-
-def test_gains_that_nobody_gave_begin_at_nothing():
-    data, made, inner = (
-        pressed(lambda x, v: np.clip(x, -2.0, 2.0), ChannelKind.REVOLUTE),
-        model("stiffness", "saturation"),
-        {"saturation.limit": 0.4},
-    )
-    found = [
-        attempt(bench(data), made, inner | given).parameters
-        for given in ({}, {"stiffness.k": 0.0}, {"stiffness.k": 1.0})
-    ]
-    assert found[0] == found[1] != found[2]
-
-
-def test_a_step_that_leads_far_away_from_the_data_is_the_last():
-    """A sensor that shows nothing of the effort says nothing of the gains."""
-    data = pressed(lambda x, v: np.clip(10.0 * x, -2.0, 2.0), ChannelKind.REVOLUTE)
-    start = {"saturation.limit": 2.0, "stiffness.k": 1e9}
-    found = attempt(bench(data), model("stiffness", "saturation"), start)
-    assert np.isfinite(list(found.parameters.values())).all()
-    assert np.isfinite(found.sse)
