@@ -237,3 +237,18 @@ def test_each_form_of_an_effect_is_looked_at_in_a_draw():
     assert all(one.effects[-1] is form and len(one.effects) == len(model.effects) for one, form in made)
     plain = EFFECTS["bias"]()
     assert doubt._forms(PRESS.with_effect(plain), plain) == [(PRESS.with_effect(plain), plain)]
+
+
+@pytest.mark.parametrize(("friction_nm", "unusual"), [(0.05, True), (0.0, False)])
+def test_where_a_few_draws_are_not_clear_all_inner_parameters_are_fitted_to_each(
+    friction_nm, unusual, monkeypatch
+):
+    monkeypatch.setattr(doubt, "DRAWS", 5)
+    monkeypatch.setattr(doubt, "_FEW", 6)  # so that they never are
+    effect = EFFECTS["coulomb_friction"]()
+    data = swings(3, lambda q, v, a: friction_nm * np.tanh(v / 0.01), runs=3, seconds=1.5)
+    before, after = stand(data, SWING, {}), stand(data, SWING.with_effect(effect), {})
+    found = gained(before, after, readings_of(data), np.random.default_rng(0), effect.name)
+    assert found.is_unusual is unusual
+    assert (len(found.drawn) == 5) is unusual
+    assert np.abs(found.drawn).max() < 0.05
