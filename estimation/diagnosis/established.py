@@ -93,9 +93,10 @@ def _may_have_names(search: Search, end: Standing, *, complete: bool) -> bool:
     if complete:
         return True
     held = standards(search.start, end)
-    if held.is_outdone or not (held.is_met or held.explains_most):
+    names = search.added(end)
+    if held.is_outdone or any(_left_of_its_own(end, name) > _OWN * held.both for name in names):
         return False
-    return all(_stands_by_itself(search, end, name, held.both) for name in search.added(end))
+    return held.is_met or (held.explains_most and all(_stands_by_itself(search, end, one) for one in names))
 
 
 def _sufficient_part(search: Search, end: Standing, readings: Readings) -> Standing:
@@ -218,32 +219,34 @@ def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:
     return float(apart @ apart) < _WITHIN * float(added @ added)
 
 
-def _stands_by_itself(search: Search, end: Standing, name: str, noise: float) -> bool:
+def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
     """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
 
-    An impostor leaves structure in the signals of what it stands for: either they are its own, and more there
-    is left to explain than noise, or a law of the others explains what it did.
-
-    Args:
-        search: that led to the model.
-        end: base model and effects.
-        name: of the effect.
-        noise: mean square of the error that a smooth law of all signals leaves beside the model.
+    An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
+    is left to explain, or a law of the others explains what it did.
     """
-    (effect,) = (one for one in end.trial.model.effects if one.name == name)
-    without = search.without(end, name)
+    without, own = search.without(end, name), _own(end, name)
     left, before = (one.trial.held_out / max(int(one.plain.kept.sum()), 1) for one in (end, without))
-    shares = end.flexible.by_signal
-    own = [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))]
-    own += [signal for signal in shares if "recorded" in effect.signals and signal not in SIGNALS]
-    still = left * max((shares.get(signal, 0.0) for signal in own), default=0.0)
-    if still > min((1.0 - MOST) * (before - left), _OWN * noise):
+    if _left_of_its_own(end, name) > (1.0 - MOST) * (before - left):
         return False
     with_it, beside = (
         float(flexible(one.plain, one.trial, own).held_out.sum()) / max(int(one.plain.kept.sum()), 1)
         for one in (end, without)
     )
     return with_it < (1.0 - SMALL) ** 2 * beside
+
+
+def _left_of_its_own(end: Standing, name: str) -> float:
+    """Mean square of the error that an effect's own signals still explain beside it."""
+    left = end.trial.held_out / max(int(end.plain.kept.sum()), 1)
+    return left * max((end.flexible.by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
+
+
+def _own(end: Standing, name: str) -> list[str]:
+    """The signals of an effect, by the names that a smooth law has for them."""
+    (effect,) = (one for one in end.trial.model.effects if one.name == name)
+    recorded = [one for one in end.flexible.by_signal if "recorded" in effect.signals and one not in SIGNALS]
+    return [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))] + recorded
 
 
 def _outweighs_the_rest(before: Standing, end: Standing) -> bool:

@@ -41,10 +41,10 @@ def _missing(time_s: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, re
     if len(x) < 2:
         return missing
     steps = np.diff(time_s)
-    reach = max(int(reach_s / max(float(np.median(steps)), 1e-9) + 0.5), _LEAST)
+    reach = max(int(reach_s / float(np.median(steps)) + 0.5), _LEAST)
     if len(x) <= 2 * reach:
         return missing
-    off = x - x[0] - _integral(v[0] + _integral(a, steps), steps)
+    off = x - _integral(v[0] + _integral(a, steps), steps)
     before, here, after = off[: -2 * reach], off[reach:-reach], off[2 * reach :]
     back = time_s[reach:-reach] - time_s[: -2 * reach]
     ahead = time_s[2 * reach :] - time_s[reach:-reach]

@@ -18,11 +18,6 @@ class Moments:
     # What is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
     known: Information | None = None
 
-    @property
-    def energy(self) -> FloatArray:
-        """Sum of the squared target in each fold."""
-        return self.products[:, -1, -1]
-
     def only(self, columns: BoolArray) -> "Moments":
         """With only these columns, a mask of shape (q,), and the target."""
         kept = np.append(np.flatnonzero(columns), len(columns))
@@ -116,7 +111,7 @@ def held_out_energy(moments: Moments, ridges: FloatArray) -> FloatArray:
 
 def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
     """Solve a symmetric system (q, q) that shrinkage made definite: in half the time of any other."""
-    if len(target) > 0:
+    if target.size:
         _, gains, failed = dposv(system, target)
         if not failed:
             return np.asarray(gains)

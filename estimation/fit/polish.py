@@ -88,10 +88,9 @@ def _polished(bench: Bench, trial: Trial, settled: float, step: float) -> Trial:
         return bench.whiten(at(numbers).residual) / unit
 
     low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
-    start = np.clip(np.zeros(len(scales)), low + 1e-9, high - 1e-9)
     found = least_squares(
         residual,
-        start,
+        np.zeros(len(scales)),
         bounds=(low, high),
         diff_step=step,
         ftol=settled,

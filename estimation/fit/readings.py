@@ -143,8 +143,9 @@ def shuffled(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> Floa
 def slow_part(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
     """Errors slower than a smoothing window lets show, (n,), drawn at the density that it leaves beside.
 
-    A reading's error does not end at the frequency where the smooth motion begins. That is where a cubic fit
-    to 2 h + 1 samples passes half of the power: R. W. Schafer, IEEE Signal Processing Magazine 28 (2011).
+    A reading's error does not end at the frequency where the smooth motion begins. That is about where a
+    cubic fit to 2 h + 1 samples passes half of a wave's size (for short windows, rather higher): R. W.
+    Schafer, IEEE Signal Processing Magazine 28 (2011).
     """
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
     slow = np.zeros_like(error)

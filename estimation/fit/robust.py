@@ -19,6 +19,7 @@ from robot_io.types import BoolArray, FloatArray
 CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
 _CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise
 _SMALLEST_RESIDUAL = 0.05  # in sigmas: keeps 1 / |residual| finite
+_NO_NOISE = 1e-100  # in any unit; the inverse of its square is still a number
 _INSIDE = 4.0  # sigmas within which a sample tells about the noise
 _LEVELS = 3  # times that the noise is found again
 _STEPS = 2  # with one noise
@@ -45,7 +46,7 @@ def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def absolute_share(residuals: FloatArray) -> FloatArray:
     """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,)."""
-    smallest = _SMALLEST_RESIDUAL * max(robust_sigma(residuals), np.finfo(float).tiny)
+    smallest = max(_SMALLEST_RESIDUAL * robust_sigma(residuals), _NO_NOISE)
     return np.asarray(1.0 / np.maximum(np.abs(residuals), smallest))
 
 

@@ -118,9 +118,8 @@ def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> Float
 
 
 def _memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
-    """Direction of the last reversal of a signal, in [-1, 1], over a path that is a share of its range."""
-    half = share * (float(np.ptp(signal)) or 1.0)
-    return (signal - play(signal, run, half)) / half
+    """Direction of the last reversal of a signal, over a path that is a share of its range and its unit."""
+    return signal - play(signal, run, share * float(np.ptp(signal)))
 
 
 def _curves(signal: FloatArray) -> FloatArray:

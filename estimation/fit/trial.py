@@ -177,7 +177,7 @@ def attempt(
         before = slopes
         gains = np.array([now[name] for name in names])
         wanted = data.effort - effort + slopes @ gains
-        if number and not np.abs(wanted).max(initial=0.0) < _LOST * np.abs(data.effort).max(initial=0.0):
+        if number and not np.abs(wanted).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
         target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:

@@ -351,17 +351,6 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     assert "two.csv --context warmth" in result.stderr
 
 
-def test_a_specimen_with_a_scale_of_its_own_is_a_gain_that_differs_from_run_to_run(tmp_path):
-    def stiffen_the_last(rows, _):
-        rows[rows[:, 3] == rows[-1, 3], 2] *= 3.0
-
-    presses = write_presses(tmp_path / "two.csv", cubic=0.0)
-    specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], stiffen_the_last)
-    (contact,) = json.loads(run("diagnose", specimen, "--json").stdout)["channels"]
-    assert contact["verdict"] == "missing"
-    assert [entry["effect"] for entry in contact["accepted"]] == ["run_gain"]
-
-
 def test_a_probing_session_is_judged_in_the_channel_that_is_named(probed):
     path, _ = probed
     result = run("diagnose", path, "--channel", "contact", "--json")

@@ -1,12 +1,15 @@
 """Draws from a fitted model look like the data where the model is right, and not where it is wrong."""
 
 from dataclasses import replace
+from itertools import islice
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
-from estimation.diagnosis.doubt import DRAWS, draws, gained, place, still_explained
+from estimation.diagnosis import doubt
+from estimation.diagnosis.doubt import DRAWS, Placed, draws, gained, place, still_explained
 from estimation.effects import EFFECTS
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
@@ -29,10 +32,8 @@ RIGHT = {
     "white noise": (PRESS, session),
     "slow noise": (PRESS, lambda seed: session(seed, correlation=0.9)),
     "a depth through noise": (PRESS, lambda seed: press_read(seed, noise=3e-5)),
-    "a depth in coarse steps": (PRESS, lambda seed: press_read(seed, step=1e-4)),
     "a joint": (SWING, swings),
     "a joint's coarse encoder": (SWING, lambda seed: read(swings(seed), step=2 * np.pi / 4096)),
-    "a joint at 100 Hz": (SWING, lambda seed: read(swings(seed, rate_hz=100.0), step=2 * np.pi / 16384)),
 }
 
 
@@ -145,3 +146,109 @@ def test_a_rival_is_refused_where_the_data_refuse_it(name):
     )
     refused = gained(theirs, ours, readings_of(data), np.random.default_rng(0)).is_unusual
     assert refused is not expected
+
+
+@pytest.mark.parametrize(
+    ("observed", "drawn", "unusual", "clear"),
+    [
+        (0.051, (), True, False),
+        (0.049, (), False, False),
+        (0.151, (0.1, 0.0), True, False),  # by more than a twentieth of the error
+        (0.149, (0.1, 0.0), False, False),
+        (0.04, (-0.2,) * 4, False, False),  # that a draw gained less than nothing proves nothing
+        (0.06, (-0.2,) * 4, True, True),
+        (0.31, (0.1,) * 4, True, True),
+        (0.29, (0.1,) * 4, True, False),
+        (0.31, (0.1,) * 3, True, False),
+    ],
+)
+def test_beyond_all_draws_by_a_margin_is_unusual_and_thrice_as_far_is_clear(observed, drawn, unusual, clear):
+    placed = Placed(observed, np.array(drawn))
+    assert (placed.is_unusual, placed.is_clear) == (unusual, clear)
+
+
+def test_what_is_compared_is_the_share_of_the_held_out_error():
+    data = swings(3, lambda q, v, a: 0.05 * np.tanh(v / 0.01), runs=3)
+    before, after = stand(data, SWING, {}), stand(data, SWING.with_effect(EFFECTS["coulomb_friction"]()), {})
+    readings = readings_of(data)
+    found = gained(before, after, readings, np.random.default_rng(0), "coulomb_friction")
+    assert found.observed == pytest.approx(1.0 - np.sqrt(after.trial.held_out / before.trial.held_out))
+    assert found.is_unusual
+    back = gained(after, before, readings, np.random.default_rng(0))
+    assert back.observed < 0.0
+    assert not back.is_unusual
+    left = still_explained(before, readings, np.random.default_rng(0))
+    assert left.observed == before.left_of_blocks()
+    # of what no law is in, a law of many signals explains next to nothing
+    assert np.abs(left.drawn).max() < 0.05
+
+
+@pytest.mark.parametrize("step", [0.0, 0.05])
+def test_draws_with_a_noise_that_is_known_have_it_and_the_reader_s_steps(step):
+    data = swings(5)
+    data = replace(data, effort=step * np.round(data.effort / step)) if step else data
+    standing = stand(data, SWING, {})
+    frame = standing.plain.frame
+    own = 0.3 * np.random.default_rng(1).normal(size=len(frame))
+    made = list(islice(draws(standing, readings_of(data), np.random.default_rng(0), own), 4))
+    for bench, trial in made:
+        assert np.std(trial.residual[bench.kept]) == pytest.approx(0.3, rel=0.1)
+        if step:
+            steps = bench.frame.data.effort / step
+            assert steps == pytest.approx(np.round(steps), abs=1e-6)
+    assert len({trial.parameters["pendulum.gravity"] for _, trial in made}) == 4
+
+
+@pytest.mark.parametrize(("made", "share"), [(0.0, 1.0), (0.6, 0.64), (1.0, 0.05), (3.0, 0.05)])
+def test_of_what_is_left_a_twentieth_is_the_effort_s_own_however_much_the_readings_may_make(made, share):
+    noise, trusted = np.tile([1.0, -1.0, 5.0], 10), np.tile([True, True, False], 10)
+    wave = np.tile([1.0, -1.0, 9.0], 10)
+    standing = SimpleNamespace(
+        data=SimpleNamespace(context={}),
+        plain=SimpleNamespace(frame=SimpleNamespace(trusted=trusted, reduce=lambda signal: signal)),
+        flexible=SimpleNamespace(residual=noise),
+        trial=SimpleNamespace(model=SimpleNamespace(predict=lambda *_: made * wave), parameters={}),
+    )
+    readings = SimpleNamespace(draw=lambda rng: swings(1, runs=1))
+    own = doubt._own_noise(standing, readings, np.zeros(30), None)
+    assert own == pytest.approx(np.sqrt(share) * noise)
+
+
+def test_where_the_error_is_more_than_noise_that_of_other_blocks_stands():
+    noise, trusted = np.array([1.0, 2.0, 30.0, 40.0, 50.0]), np.array([True, True, False, False, False])
+    assert doubt._of_trusted(noise, trusted).tolist() == [1.0, 2.0, 1.0, 2.0, 1.0]
+
+
+def test_draws_of_a_model_whose_load_was_derived_have_it_too():
+    rubbing = EFFECTS["load_dependent_friction"]()
+    law = lambda q, v, a: 0.2 * np.abs(0.05 * a + 2.0 * np.sin(q)) * np.tanh(v / 0.02)  # noqa: E731
+    start = {"load_dependent_friction.transition": 0.02}
+    standing = stand(swings(5, law), SWING.with_effect(rubbing), start)
+    made = islice(draws(standing, readings_of(standing.data), np.random.default_rng(0)), 6)
+    energies = [trial.held_out for _, trial in made]
+    assert np.mean(energies) == pytest.approx(standing.trial.held_out, rel=0.1)
+
+
+def test_each_form_of_an_effect_is_looked_at_in_a_draw():
+    friction = EFFECTS["dry_friction"]()
+    model = PRESS.with_effect(friction)
+    made = doubt._forms(model, friction)
+    assert [form.form for _, form in made] == [0, 1]
+    assert all(one.effects[-1] is form and len(one.effects) == len(model.effects) for one, form in made)
+    plain = EFFECTS["bias"]()
+    assert doubt._forms(PRESS.with_effect(plain), plain) == [(PRESS.with_effect(plain), plain)]
+
+
+@pytest.mark.parametrize(("friction_nm", "unusual"), [(0.05, True), (0.0, False)])
+def test_where_a_few_draws_are_not_clear_all_inner_parameters_are_fitted_to_each(
+    friction_nm, unusual, monkeypatch
+):
+    monkeypatch.setattr(doubt, "DRAWS", 5)
+    monkeypatch.setattr(doubt, "_FEW", 6)  # so that they never are
+    effect = EFFECTS["coulomb_friction"]()
+    data = swings(3, lambda q, v, a: friction_nm * np.tanh(v / 0.01), runs=3, seconds=1.5)
+    before, after = stand(data, SWING, {}), stand(data, SWING.with_effect(effect), {})
+    found = gained(before, after, readings_of(data), np.random.default_rng(0), effect.name)
+    assert found.is_unusual is unusual
+    assert (len(found.drawn) == 5) is unusual
+    assert np.abs(found.drawn).max() < 0.05

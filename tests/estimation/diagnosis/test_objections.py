@@ -1,17 +1,32 @@
 """What speaks against a model that leaves nothing to a smooth law, and what is only noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
-from estimation.diagnosis.objections import disagreement, objection_to
+from estimation.diagnosis import objections
+from estimation.diagnosis.doubt import Placed
+from estimation.diagnosis.objections import (
+    Disagreement,
+    Excess,
+    disagreement,
+    free_air,
+    objection_to,
+    unlike_noise,
+)
+from estimation.fit.colour import WHITE
+from estimation.fit.frame import Frame
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
+from estimation.fit.trial import Bench, attempt
 from estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.swings import swings
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
 
@@ -86,3 +101,204 @@ def test_a_swing_of_its_own_in_each_run_is_told_with_its_size_and_what_is_left_b
     assert told_n == pytest.approx(size_n / np.sqrt(2.0), rel=0.15)
     assert found.depends_on == "time"
     assert found.floor == pytest.approx(NOISE_N, rel=0.2)
+
+
+def contact(depth, force, run=None):
+    """A channel with a sample each 5 ms, which is a block."""
+    t, nothing = np.arange(len(depth)) * 0.005, np.zeros(len(depth))
+    run = np.zeros(len(depth), dtype=np.int64) if run is None else run
+    depth, force = np.asarray(depth, dtype=float), np.asarray(force, dtype=float)
+    return ChannelData("c", ChannelKind.CONTACT, t, depth, nothing, nothing, force, run, np.full(len(t), -1))
+
+
+WAVE = np.tile([1.0, -1.0], 200)
+
+
+@pytest.mark.parametrize(
+    ("before", "zero", "noise", "told"),
+    [
+        (60, 0.0, 0.1, 0.1),
+        (60, 3.0, 0.1, 0.1),  # about the mean of that run
+        (56, 0.0, 0.1, 0.1),  # of nine tenths, fifty are enough
+        (54, 0.0, 0.1, None),
+        (400, 0.0, 0.1, 0.1),  # nothing was touched
+        (0, 0.0, 0.1, None),
+    ],
+)
+def test_the_noise_of_free_air_is_that_before_the_first_touch(before, zero, noise, told):
+    at = np.arange(400)
+    depth = np.where((at < before) | (at > 390), -0.01, 0.01)
+    force = zero + noise * WAVE + np.where((at >= 0.9 * before) & (before < 400), 50.0, 0.0)
+    found = free_air(contact(depth, force))
+    assert found is None if told is None else found == pytest.approx(told)
+    assert free_air(swings(1)) is None
+
+
+def test_runs_with_a_zero_of_their_own_have_one_noise_of_free_air():
+    run = np.repeat([0, 1, 2], [200, 150, 50])
+    force = np.array([0.1, 0.3, 9.0])[run] * WAVE + np.array([0.0, 5.0, 0.0])[run]
+    depth = np.where(run < 2, -0.01, 0.01)
+    expected = np.sqrt((180 * 0.1**2 + 135 * 0.3**2) / 315)
+    assert free_air(contact(depth, force, run)) == pytest.approx(expected, rel=1e-3)
+
+
+def of_runs(gains, lengths, noise=0.1):
+    """A spring of another stiffness in each run, and the fit to all; with a block a sample."""
+    run = np.repeat(np.arange(len(gains)), lengths)
+    rng = np.random.default_rng(1)
+    depth = rng.uniform(0.0, 1.0, len(run))
+    data = contact(depth, np.array(gains)[run] * depth + noise * rng.normal(size=len(run)), run)
+    frame = Frame(data, np.arange(len(run))[:, None], run, run, np.ones(len(run), dtype=bool))
+    return frame, attempt(Bench(frame, WHITE), MODEL.without("damping"), {})
+
+
+def test_each_run_is_held_against_what_the_others_say_of_it_and_what_it_says_itself():
+    frame, trial = of_runs([10.0, 10.0, 12.0, 10.0], 200)
+    data, found = frame.data, disagreement(frame, trial)
+    predicted, alone = np.empty(800), np.empty(800)
+    for run in range(4):
+        mine = data.run == run
+        x, y = data.position, data.effort
+        gain = np.sum((x * y)[~mine]) / np.sum((x * x)[~mine])
+        predicted[mine] = y[mine] - gain * x[mine]
+        design = np.column_stack([x[mine], np.ones(200)])  # a run may have a zero of its own
+        left = y[mine] - design @ np.linalg.lstsq(design, y[mine], rcond=None)[0]
+        alone[mine] = left * np.sqrt(200 / 198)
+
+    def size(error):
+        return np.sqrt(np.mean(error**2))
+
+    assert found.run == 2
+    assert (found.predicted, found.alone) == pytest.approx((size(predicted), size(alone)), rel=1e-6)
+    mine = data.run == 2
+    assert (found.run_predicted, found.run_alone) == pytest.approx(
+        (size(predicted[mine]), size(alone[mine])), rel=1e-6
+    )
+    assert found.own_residual == pytest.approx(alone, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gains", "lengths", "disagree"),
+    [
+        ([10.0, 10.0, 10.0], 200, False),
+        ([10.0, 11.2, 10.0], 200, True),
+        ([10.0, 10.3, 10.0], 200, False),  # less than half as much again as by themselves
+        ([10.0, 10.0, 12.0], [200, 200, 59], False),  # too short to be fitted by itself
+        ([10.0, 10.0, 12.0], [200, 200, 60], True),
+        ([10.0, 13.0], 200, True),
+        ([10.0, 13.0], [200, 50], False),  # a single run is left
+    ],
+)
+def test_runs_disagree_where_each_by_itself_leaves_clearly_less(gains, lengths, disagree):
+    frame, trial = of_runs(gains, lengths, noise=0.3)
+    assert (disagreement(frame, trial) is not None) is disagree
+
+
+@pytest.mark.parametrize(("memory", "chosen", "share"), [(0.0, 1.0, 0.0), (0.8, 1.0, 0.8), (0.8, 0.5, 0.8)])
+def test_what_neighbouring_blocks_share_is_their_covariance(memory, chosen, share):
+    rng, noise = np.random.default_rng(1), np.zeros(20_000)
+    for i in range(1, len(noise)):
+        noise[i] = memory * noise[i - 1] + rng.normal()
+    some = np.arange(len(noise)) % 100 < 100 * chosen
+    found = objections._shared_by_neighbours(noise, np.zeros(len(noise), dtype=int), some)
+    assert found**2 / np.var(noise) == pytest.approx(share, abs=0.05)
+
+
+def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
+    noise, every = np.ones(50), np.ones(50, dtype=bool)
+    shared = objections._shared_by_neighbours
+    assert shared(noise, np.arange(50), every) == 0.0
+    assert shared(noise, np.zeros(50), np.arange(50) % 2 == 0) == 0.0
+    assert shared(-noise, np.zeros(50), every) == 1.0
+    assert shared(noise, np.zeros(50), np.arange(50) < 21) == 1.0
+    assert shared(noise, np.zeros(50), np.arange(50) < 20) == 0.0  # too few pairs
+
+
+def test_noise_is_that_about_the_mean_of_each_run():
+    residual, run = np.array([1.0, 3.0, 99.0, 10.0, 14.0]), np.array([0, 0, 0, 1, 1])
+    found = objections._about_run_means(residual, run, residual < 50.0)
+    assert found.tolist() == [-1.0, 1.0, -2.0, 2.0]
+
+
+def test_what_is_left_in_contact_is_held_against_free_air():
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    standing = stand(hum, MODEL, {})
+    found = unlike_noise(standing, readings_of(hum), np.random.default_rng(0))
+    assert found.frequency_hz == pytest.approx(7.3, abs=0.05)
+    assert found.contact == pytest.approx(0.4 / np.sqrt(2.0), rel=0.15)
+    block = standing.plain.frame.rows.shape[1]
+    assert found.expected == pytest.approx(NOISE_N / np.sqrt(block), rel=0.3)
+    told = objection_to(standing, readings_of(hum), np.random.default_rng(0), complete=True)
+    assert f"{found.contact:.3g} N, is {found.contact / found.expected:.0f} times" in told.reason
+    assert told.floor == pytest.approx(NOISE_N, rel=0.15)  # of single samples
+    assert unlike_noise(stand(session(2), MODEL, {}), readings_of(hum), np.random.default_rng(0)) is None
+
+
+APART = Disagreement(2, 1.0, 0.4, np.zeros(3), 2.0, 0.4)
+EXCESS = Excess(1.0, 0.1, None)
+
+
+@pytest.mark.parametrize(
+    ("complete", "floor", "apart", "chance", "excess", "depends_on"),
+    [
+        (True, 0.1, None, False, None, None),
+        (True, 0.1, APART, False, None, "run"),
+        (True, 0.1, APART, True, None, None),  # draws disagree as much
+        (True, 0.1, APART, True, EXCESS, "time"),
+        (True, 0.1, None, False, EXCESS, "time"),
+        (False, 0.1, None, False, EXCESS, None),  # a smooth law explains some of it: that is told
+        (False, 0.79, APART, False, EXCESS, None),
+        (False, 0.81, APART, False, EXCESS, "run"),  # runs by themselves leave less than half of its rest
+    ],
+)
+def test_runs_are_looked_at_first_then_what_is_left_in_contact(
+    complete, floor, apart, chance, excess, depends_on, monkeypatch
+):
+    monkeypatch.setattr(objections, "disagreement", lambda *_: apart)
+    monkeypatch.setattr(objections, "_is_no_chance", lambda *_: not chance)
+    monkeypatch.setattr(objections, "unlike_noise", lambda *_: excess)
+    monkeypatch.setattr(objections, "_swinging", lambda *_: None)
+    end = SimpleNamespace(data=swings(1), plain=SimpleNamespace(frame=None), trial=None, floor=lambda: floor)
+    found = objection_to(end, None, None, complete=complete)
+    assert (found and found.depends_on) == depends_on
+    if depends_on == "run":
+        assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2 N m when")
+        assert found.floor == 0.4
+    if depends_on == "time":
+        assert "1 N m, is 10 times the noise in free air, does not look like noise; no signal" in found.reason
+        assert found.floor == 0.1  # there is no free air
+
+
+@pytest.mark.parametrize(
+    ("drawn", "no_chance"),
+    [((1.0, 0.0), True), ((2.44, 1.0), True), ((2.46, 1.0), False), ((3.0, 9.0), False)],
+)
+def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chance, monkeypatch):
+    """These do by 2.5; draws that agree count as none."""
+    figures = iter(drawn * 20)
+
+    def disagree(*_):
+        figure = next(figures)
+        return replace(APART, predicted=figure, alone=1.0) if figure else None
+
+    monkeypatch.setattr(objections, "disagreement", disagree)
+    bench = SimpleNamespace(frame=None)
+    monkeypatch.setattr(objections, "draws", lambda *_: iter([(bench, None)] * 40))
+    end = SimpleNamespace(plain=SimpleNamespace(frame=SimpleNamespace(reduce=lambda signal: signal)))
+    assert objections._is_no_chance(APART, end, None, None) is no_chance
+    assert Placed(2.5, np.array(drawn)).is_unusual is no_chance
+
+
+@pytest.mark.parametrize(
+    ("share", "times", "told"),
+    [(0.36, 41.0, True), (0.19, 41.0, False), (0.36, 39.0, False), (None, None, False)],
+)
+def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, told, monkeypatch):
+    found = share and (7.0, share, times)
+    monkeypatch.setattr(objections, "strongest_swing", lambda *_: found)
+    end = stand(session(7), MODEL, {})
+    swung = objections._swinging(end)
+    assert (swung is not None) is told
+    if told:  # the energy of a swing and of the rest add up
+        assert f"7 Hz with {0.6 * end.rmse:.3g} N" in swung.reason
+        assert swung.floor == pytest.approx(0.8 * end.rmse)

@@ -11,7 +11,7 @@ from estimation.diagnosis import established
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.doubt import Placed
 from estimation.diagnosis.established import Standards, rivals, simplest
-from estimation.diagnosis.search import LEVEL, _key, _some_runs, looked_back, search_of
+from estimation.diagnosis.search import _key, _some_runs, looked_back
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.inner_search import Attempts
@@ -20,15 +20,10 @@ from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.searches import SWING, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
 
-BASE = tuple(EFFECTS[name]() for name in ("pendulum", "viscous_friction"))
-SWING = Model("pendulum", BASE)
-
-
-def searched(data, *effects, base=SWING):
-    good, library = np.ones(len(data), dtype=np.bool_), tuple(EFFECTS[name]() for name in effects)
-    return search_of(data, base, good, library, np.random.default_rng(0))
+BASE = SWING.effects
 
 
 def rippling(q, v, a):
@@ -162,18 +157,6 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     assert found == pytest.approx(compliance, rel=0.06)
 
 
-@pytest.mark.parametrize(("friction_nm", "needed"), [(0.004, False), (0.03, True)])
-def test_what_is_certain_but_small_is_not_needed(friction_nm, needed):
-    """Both take away more than chance would; one of them less than a twentieth of the error."""
-    data = swings(1, lambda q, v, a: friction_nm * np.tanh(v / 0.01))
-    search = searched(data, "coulomb_friction")
-    (candidate,) = search.screened(search.start)
-    end = search.with_candidate(candidate)
-    assert search.p_value(search.start, end) <= LEVEL
-    assert (end.rmse < 0.95 * search.start.rmse) == needed
-    assert search.is_needed(search.start, end) == needed
-
-
 @pytest.mark.parametrize(
     ("driven_before", "driven_after", "sound"),
     [(False, False, True), (False, True, False), (True, True, True), (True, False, True)],
@@ -189,14 +172,6 @@ def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
     after = search(driven_after).start
     assert search(driven_before).is_sound(after, "viscous_friction") == sound
     assert search(driven_before).is_sensible(after) == sound
-
-
-def test_of_models_that_leave_as_much_the_simpler_is_better():
-    search = searched(swings(1), "coulomb_friction")
-    larger = search.with_candidate(search.screened(search.start)[0])
-    assert larger.trial.held_out == pytest.approx(search.start.trial.held_out, rel=0.02)
-    assert search.is_better(search.start, larger)
-    assert not search.is_better(larger, search.start)
 
 
 def left(*effects, held_out=1.0, rmse=1.0, by_fold=(0.0,)):
@@ -315,3 +290,149 @@ def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, e
     whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
     search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
     assert established._is_below_a_step(search, whole, name) is below
+
+
+def driven(q, v, a):
+    """Drag by the square of the speed, which alone looks like a damping; the joint's own is a drive."""
+    return 0.4 * v * np.abs(v) - (0.15 + 0.2) * v
+
+
+def test_a_base_gain_that_an_added_effect_turns_beyond_its_bounds_is_held_at_the_bound():
+    search = searched(swings(1, driven), "quadratic_friction", "coulomb_friction")
+    assert search.start.trial.parameters["viscous_friction.d"] > 0.5
+    end = search.fitted(SWING.with_effect(EFFECTS["quadratic_friction"]()), {})
+    assert end.trial.parameters["viscous_friction.d"] == 0.0
+    assert end.trial.model.held == {"viscous_friction.d": 0.0}
+    assert end.trial.spread["viscous_friction.d"] == 0.0
+    assert search.is_sensible(end)
+    more = search.fitted(end.trial.model.with_effect(EFFECTS["coulomb_friction"]()), end.trial.parameters)
+    assert more.trial.parameters["viscous_friction.d"] == 0.0
+    assert search.start.trial.model.held == {}
+
+
+def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
+    search = searched(swings(1, rippling), "torque_ripple", "coulomb_friction")
+    ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
+    poor = search.fitted(ripple, {"torque_ripple.cycles": 40.0})
+    assert search.fitted(ripple, {"torque_ripple.cycles": 15.0}) is poor
+    beside = search.screened(poor)
+    assert search.screened(poor) is beside
+    assert search.instead(poor, "torque_ripple") is search.instead(poor, "torque_ripple")
+    glanced = search.glanced(poor)
+    assert search.glanced(poor) is glanced
+    good = search.refitted(ripple, {"torque_ripple.cycles": 15.0})
+    assert good.trial.sse < 0.9 * poor.trial.sse
+    assert search.fitted(ripple, {}) is good
+    assert search.refitted(ripple, {"torque_ripple.cycles": 40.0}) is good
+    assert search.screened(good) is not beside  # what was tried beside the poor one says nothing now
+    (tried,) = (one for one in search.screened(search.start) if one.effect.name == "torque_ripple")
+    assert search.with_candidate(tried) is good
+
+
+def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
+    told, data = [], swings(1, rippling)
+    search = replace(searched(data, "bias", COULOMB, RIPPLE), progress=lambda *what: told.append(what))
+    left = [one.held_out for one in search.screened(search.start)]
+    assert left == sorted(left)
+    beside = "joint_1: beside pendulum, viscous_friction"
+    assert told == [(f"{beside}: {name}", k / 3) for k, name in enumerate(("bias", COULOMB, RIPPLE))]
+    glanced = search.glanced(search.start)
+    assert [one.held_out for one in glanced] == sorted(one.held_out for one in glanced)
+    assert all(one.possible and len(one.search.trials) <= 5 for one in glanced)
+
+
+def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
+    data = swings(1, rippling, rate_hz=100.0)
+    search = searched(data, "bias", COULOMB, RIPPLE, "quadratic_friction")
+    assert search.sketch is None
+    made = search.extensions(search.start)
+    assert [search.added(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
+    assert len(made) == 3  # a bias lowers nothing
+    assert made == search.ordered(made)
+    assert [search.added(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
+    assert len(replace(search, sketch=search).extensions(search.start, 4)) == 2
+    monkeypatch.setattr(type(search), "is_sensible", lambda self, one: self.added(one) != [RIPPLE])
+    assert search.added(search.extensions(search.start)[0]) == [COULOMB]
+
+
+def test_an_effect_is_exchanged_for_another_that_does_better():
+    data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
+    search = searched(data, COULOMB, "stribeck_friction", "quadratic_friction")
+    (made,) = search.exchanged(reached(search, COULOMB), COULOMB)  # drag is nowhere near
+    assert search.added(made) == ["stribeck_friction"]
+
+
+def test_in_the_place_of_an_effect_the_others_are_tried_with_everything_else_as_it_is():
+    search = searched(swings(1, rippling), COULOMB, RIPPLE, "joint_spring", "asymmetric_friction")
+    end = reached(search, RIPPLE, COULOMB)
+    tried = {one.effect.name: one for one in search.instead(end, COULOMB)}
+    assert COULOMB in tried
+    assert RIPPLE not in tried
+    for name in end.trial.model.inner:
+        if not name.startswith(COULOMB):
+            assert tried[COULOMB].search.best.parameters[name] == end.trial.parameters[name]
+    made = search.exchanged(end, COULOMB)
+    assert all(COULOMB not in search.added(one) and RIPPLE in search.added(one) for one in made)
+    assert made == search.ordered(made)
+
+
+def test_parts_are_tried_in_the_place_of_their_whole():
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
+    search = searched(data, COULOMB, "bias", "asymmetric_friction")
+    end = search.fitted(
+        SWING.with_effect(EFFECTS["asymmetric_friction"]()), {"asymmetric_friction.transition": 0.01}
+    )
+    assert {COULOMB, "bias"} in [
+        set(search.added(one)) for one in search.exchanged(end, "asymmetric_friction")
+    ]
+    press = EFFECTS["adhesion"]()
+    assert not press.applies_to(data)
+    assert search.with_each(search.start, [press]) is search.start
+
+
+@pytest.mark.parametrize(
+    ("friction_nm", "low", "high"), [(0.0, 0.02, 1.0), (0.004, 0.0, 0.01), (0.3, 0.0, 0.0)]
+)
+def test_chance_is_told_by_how_often_noise_alone_gives_as_much(friction_nm, low, high):
+    """Nothing is there; something small; and so much of so many samples that nobody need ask."""
+    search = searched(
+        swings(2, lambda q, v, a: friction_nm * np.tanh(v / 0.02)), COULOMB, "bias", "joint_spring"
+    )
+    end = reached(search, COULOMB)
+    found = search.p_value(search.start, end)
+    assert low <= found <= high
+    if found:
+        assert found * 200 == pytest.approx(round(found * 200))
+
+
+def quick(hidden, rate_hz=1000.0, runs=5):
+    return swings(1, hidden, rate_hz=rate_hz, runs=runs)
+
+
+def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
+    names = ("bias", "joint_spring", "payload", "delay", "lag", "saturation", COULOMB, RIPPLE)
+    data = quick(rippling)
+    search = searched(data, *names)
+    assert search.sketch.sketch is None
+    assert len(search.sketch.data) == len(data) // 10
+    assert searched(quick(rippling, 100.0), *names).sketch is None  # a sample is a block
+    rough = {one.effect.name: one for one in search.sketch.screened(search.sketch.start)}
+    found = {one.effect.name: one.search for one in search.screened(search.start)}
+    for name in (COULOMB, RIPPLE):
+        (start,) = (one.parameters for one in found[name].starts)
+        best = rough[name].search.best.parameters
+        assert all(start[f"{name}.{one.name}"] == best[f"{name}.{one.name}"] for one in EFFECTS[name].inner)
+    step_s = 1e-3
+    times = [one.parameters["delay.time"] for one in found["delay"].starts]
+    proposed = [one["time"] for one in EFFECTS["delay"]().starts(data) if abs(one["time"]) < 40.0 * step_s]
+    assert times[1:] == pytest.approx(proposed)  # within four blocks the sketch hardly tells times
+    limits = [one.parameters["saturation.limit"] for one in found["saturation"].starts]
+    assert limits[1:] == pytest.approx([one["limit"] for one in EFFECTS["saturation"]().starts(data)])
+
+
+def test_beyond_a_shortlist_only_what_a_sketch_cannot_see_is_tried(monkeypatch):
+    monkeypatch.setattr("estimation.diagnosis.search.SHORTLIST", 1)
+    search = searched(quick(rippling), "bias", "joint_spring", "delay", "saturation", COULOMB, RIPPLE)
+    assert {one.effect.name for one in search.screened(search.start)} == {RIPPLE, "delay", "saturation"}
+    end = search.fitted(SWING.with_effect(EFFECTS[COULOMB]()), {})
+    assert {one.effect.name for one in search.instead(end, COULOMB)} == {RIPPLE, COULOMB}

@@ -13,7 +13,6 @@ from estimation.fit.along import parts_along
 from estimation.fit.colour import colour_of
 from estimation.fit.frame import frame_of
 from estimation.fit.held_out import held_out_residual
-from estimation.fit.inner_search import look, refine
 from estimation.fit.intervals import _widest, final, inner_slopes, values
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
@@ -156,16 +155,6 @@ def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
         assert np.sqrt(np.mean((error[mine] - expected) ** 2)) < 0.1 * NOISE_NM
 
 
-def test_gains_are_those_of_least_squares_on_blocks_and_near_the_truth():
-    data = swings(3)
-    found = fit(data, SWING, {}).trial
-    truth = {"pendulum.inertia": INERTIA, "pendulum.gravity": WEIGHT, "viscous_friction.d": DAMPING}
-    for name, value in truth.items():
-        assert found.parameters[name] == pytest.approx(value, abs=4 * found.spread[name])
-    gains = np.linalg.lstsq(found.columns, found.target, rcond=None)[0]
-    assert [found.parameters[name] for name in SWING.gains] == pytest.approx(gains, rel=1e-3, abs=1e-4)
-
-
 def power_law(t, x, v, run):
     return np.where(x > 0, 2.0e4 * np.maximum(x, 0.0) ** 1.7 + 15.0 * v, 0.0).clip(0.0)
 
@@ -281,18 +270,6 @@ def test_a_sample_that_a_small_step_carries_over_the_surface_has_no_slope():
     assert 0.9 * K < np.abs(slope).max() < 3.0 * K
 
 
-def test_parameters_that_make_up_for_each_other_have_no_interval():
-    """Uneven friction has viscous parts of its own: with those of the model only sums are determined."""
-    data = swings(4, lambda q, v, a: np.where(v > 0.0, 0.3 + 0.2 * v, -0.15 + 0.05 * v))
-    standing = stand(data, with_effects(SWING, "asymmetric_friction"), {})
-    found = values(*final(standing))
-    assert np.isnan(found["viscous_friction.d"].std_err)
-    assert np.isnan(found["asymmetric_friction.viscous_forward"].std_err)
-    assert found["asymmetric_friction.forward"].std_err < 0.01
-    total = found["viscous_friction.d"].value + found["asymmetric_friction.viscous_forward"].value
-    assert total == pytest.approx(DAMPING + 0.2, abs=0.02)
-
-
 ROTOR, SHARE = 0.03, 0.3
 
 
@@ -365,18 +342,6 @@ def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
     found = parts_along(data, model, effect, {**there, **dict.fromkeys(own, 1.0)})(inner)
     for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
-
-
-def test_a_search_keeps_the_blocks_of_its_best_trial_only():
-    standing, effect = stand(session(3), PRESS, {}), EFFECTS["saturation"]()
-    model = PRESS.with_effect(effect)
-    looked = look(standing.plain, model, effect, standing.trial.parameters, effect.starts(standing.data))
-    refined = refine(standing.plain, model, effect, looked)
-    assert refined.best.sse <= looked.best.sse
-    for found in (looked, refined):
-        with_blocks = [trial for trial in found.trials if trial.columns.size + trial.target.size]
-        assert with_blocks == [found.best]
-    assert len(refined.trials) > refined.start_count == len(looked.trials)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.effects import EFFECTS
 from estimation.fit.frame import block_length, coarse_copy, frame_of
 from tests.estimation.presses import kelvin_voigt
 from tests.estimation.swings import swings
@@ -43,9 +44,18 @@ def test_a_block_lasts_5_or_10_ms(kind, rate_hz, block):
 
 @pytest.mark.parametrize(("frequency_hz", "block"), [(5.0, 10), (15.0, 5), (40.0, 2)])
 def test_a_joint_s_effort_does_not_swing_within_a_block(frequency_hz, block):
-    t = np.arange(0.0, 4.0, 1e-3)
+    t = np.arange(0.0, 4.003, 1e-3)
     data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(2.0 * np.pi * frequency_hz * t + 0.3))
     assert block_length(data) == block
+
+
+@pytest.mark.parametrize(("rate_hz", "block"), [(100.0, 1), (200.0, 2), (300.0, 3)])
+def test_a_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
+    data = swings(1, runs=1, rate_hz=rate_hz)
+    frame = frame_of(data)
+    several = np.column_stack([data.position, data.velocity])
+    assert frame.reduce(several) == pytest.approx(several.reshape(-1, block, 2).mean(axis=1))
+    assert frame.effort == pytest.approx(data.effort.reshape(-1, block).mean(axis=1))
 
 
 def test_noise_of_a_joint_s_effort_is_no_swing():
@@ -56,7 +66,8 @@ def test_noise_of_a_joint_s_effort_is_no_swing():
 @pytest.mark.parametrize(("seconds", "unknown_s"), [(10.0, 0.1), (1.0, 0.05)])
 def test_what_was_before_a_run_is_not_known_at_its_start(seconds, unknown_s):
     t = np.arange(0.0, seconds, 1e-3)
-    frame = frame_of(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t)))
+    data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t))
+    frame = frame_of(replace(data, time_s=data.time_s + 7.0))
     assert np.argmax(frame.trusted) == pytest.approx(unknown_s / 0.01, abs=1)
     assert frame.trusted[np.argmax(frame.trusted) :].all()
 
@@ -123,3 +134,67 @@ def test_the_coarse_copy_has_a_sample_for_each_block():
         assert getattr(copy, name) == pytest.approx(getattr(data, name).reshape(-1, 10).mean(axis=1))
     assert copy.context["temperature_c"] == pytest.approx(4.5 + 10.0 * np.arange(1500))
     np.testing.assert_array_equal(copy.run, data.run[::10])
+    press_copy = coarse_copy(frame_of(replace(press(), touching=np.arange(4000) >= 1000)))
+    assert press_copy.touching.tolist() == [False] * 200 + [True] * 600
+    assert coarse_copy(frame_of(replace(data, phase=np.arange(15_000)))).phase[:3].tolist() == [0, 10, 20]
+
+
+def stepping(times, run=None):
+    """A deep contact at 200 Hz, a sample to a block, whose velocity steps down and up at these samples."""
+    speed = np.zeros(800)
+    for number, at in enumerate(times):
+        speed[at:] = -1.0 if number % 2 else 1.0
+    data = recorded(ChannelKind.CONTACT, np.full(800, 0.05), np.ones(800), rate_hz=200.0, run=run)
+    return replace(data, velocity=speed + 0.05 * np.sin(np.arange(800) / 5.0))
+
+
+@pytest.mark.parametrize(
+    ("times", "sharp"),
+    [
+        ((400,), [*range(396, 404)]),  # a jump from one sample to the next, and three to either side
+        ((400, 403), [*range(396, 407)]),
+        ((798,), [*range(794, 800)]),
+        (range(100, 800, 40), 18 * 8),  # a fifth of all blocks
+        (range(100, 800, 34), 0),  # more: so coarsely sampled that there is nothing else
+    ],
+)
+def test_where_the_velocity_jumps_a_contact_does_not_count(times, sharp):
+    frame = frame_of(stepping(times))
+    lost = np.flatnonzero(~frame.trusted[20:]) + 20
+    assert (lost.tolist() if isinstance(sharp, list) else len(lost)) == sharp
+
+
+def test_a_jump_from_one_run_to_the_next_is_no_corner():
+    assert frame_of(stepping((400,), np.repeat([0, 1], 400))).trusted[380:400].all()
+
+
+@pytest.mark.parametrize(("averaged", "lost"), [(1, [40]), (4, [39, 40])])
+def test_of_means_neither_beside_a_surface_counts(averaged, lost):
+    """Which reading passed it is not known."""
+    depth = np.where(np.arange(100) < 40, -0.01, 0.01)
+    data = replace(
+        recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0, run=np.repeat([0, 1], 50)),
+        averaged=averaged,
+        position_step=1e-6,
+    )
+    assert np.flatnonzero(~frame_of(data).trusted[10:45]).tolist() == [one - 10 for one in lost]
+
+
+@pytest.mark.parametrize(("again", "taken"), [(20, False), (6, True)])
+def test_a_press_that_was_not_seen_from_its_start_counts_where_there_is_hardly_another(again, taken):
+    depth = np.full(200, -0.01)
+    depth[:100] = depth[150 : 150 + again] = 0.01
+    frame = frame_of(recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0))
+    assert frame.trusted[20:99].all() == frame.trusted[20:99].any() == taken
+    assert frame.trusted[102:149].all()
+
+
+def test_blocks_share_what_does_not_depend_on_the_load_and_compute_the_rest_anew():
+    data = replace(swings(1, runs=1), context={"load": np.ones(750)})
+    one = frame_of(data)
+    two = frame_of(replace(data, context={"load": np.full(750, 3.0)}), memory=one.memory)
+    viscous, loaded = EFFECTS["viscous_friction"](), EFFECTS["load_dependent_friction"]()
+    inner = {"transition": 0.01, "link_share": 1.0}
+    assert two.columns(viscous, {}) is one.columns(viscous, {})
+    assert two.columns(loaded, inner) == pytest.approx(3.0 * one.columns(loaded, inner))
+    assert one.columns(loaded, inner) is one.columns(loaded, inner)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.effect import Parameter
-from estimation.fit.inner_search import Attempts, _between, _vertex
+from estimation.fit import inner_search
+from estimation.fit.inner_search import Attempts, _between, _vertex, look, refine
 from estimation.fit.polish import Scale
 
 
@@ -79,3 +80,66 @@ def test_a_search_moves_numbers_of_order_one(start, log, value, number):
     assert scale.value(number) == pytest.approx(value)
     assert scale.number(start) == 0.0
     assert scale.bounds == (scale.number(-100.0), scale.number(100.0))
+
+
+class Tried(SimpleNamespace):
+    """A trial that keeps its blocks until it is told not to."""
+
+    def without_blocks(self):
+        return Tried(**{**vars(self), "blocks": False})
+
+
+def searched(monkeypatch, cost, *inner, starts):
+    """A search of the lowest cost: what `look` and `refine` tried."""
+
+    def attempt(bench, model, parameters, parts):
+        assert parts == "parts"
+        here = {name[2:]: value for name, value in parameters.items() if name.startswith("e.")}
+        assert parameters["other.x"] == 5.0
+        return Tried(sse=cost(**here), parameters=dict(parameters), blocks=True)
+
+    monkeypatch.setattr(inner_search, "attempt", attempt)
+    monkeypatch.setattr(inner_search, "parts_along", lambda *args: lambda there: "parts")
+    bench, effect = SimpleNamespace(frame=SimpleNamespace(data=None)), SimpleNamespace(name="e", inner=inner)
+    looked = look(bench, None, effect, {"other.x": 5.0}, starts)
+    return looked, refine(bench, None, effect, looked)
+
+
+WIDTH = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=True)
+SHIFT = Parameter("shift", "m", -10.0, 10.0, (-5.0, 5.0))
+WIDTHS = [{"width": value} for value in (2.0, 4.0, 8.0, 16.0, 32.0)]
+
+
+@pytest.mark.parametrize("lowest", [1.2, 3.0, 5.7, 22.0, 60.0])
+@pytest.mark.parametrize("sharp", [0.5, 2.0])
+def test_a_search_along_one_parameter_ends_at_the_lowest_cost_after_few_trials(monkeypatch, lowest, sharp):
+    def cost(width):
+        return abs(np.log(width / lowest)) ** (2.0 * sharp) * (1.0 + 0.2 * width / lowest)
+
+    looked, refined = searched(monkeypatch, cost, WIDTH, starts=WIDTHS)
+    assert [one.parameters["e.width"] for one in looked.trials] == [one["width"] for one in WIDTHS]
+    assert refined.trials[:5] == tuple(refined.starts)
+    assert refined.best.parameters["e.width"] == pytest.approx(lowest, rel=0.02 if sharp == 2.0 else 0.1)
+    assert 5 < len(refined.trials) - 5 <= 12
+    assert [one.blocks for one in refined.trials] == [one is refined.best for one in refined.trials]
+    assert not any(one.blocks for one in refined.without_blocks().trials)
+
+
+def test_two_parameters_are_searched_by_turns_twice(monkeypatch):
+    """Where the one is best depends on the other."""
+    grid = [{"width": w, "shift": s} for w in (2.0, 8.0, 32.0) for s in (-5.0, 0.0, 5.0)]
+
+    def cost(width, shift):
+        return (np.log(width / 6.0)) ** 2 + 0.1 * (shift - 2.0 + 0.5 * np.log(width / 6.0)) ** 2
+
+    looked, refined = searched(monkeypatch, cost, WIDTH, SHIFT, starts=grid)
+    best = refined.best.parameters
+    assert best["e.width"] == pytest.approx(6.0, rel=0.15)
+    assert best["e.shift"] == pytest.approx(2.0, abs=0.2)
+    assert refined.start_count == len(looked.trials) == 9
+
+
+def test_what_has_one_place_to_be_tried_is_not_refined(monkeypatch):
+    looked, refined = searched(monkeypatch, lambda width: width, WIDTH, starts=WIDTHS[:1])
+    assert refined.trials == looked.trials
+    assert refined.best.blocks

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import freqz, savgol_coeffs
 
 from estimation.data.derivatives import differentiate
-from estimation.fit.readings import derived, readings_of, shuffled
+from estimation.fit.readings import derived, readings_of, shuffled, slow_part
 from tests.estimation.presses import channel, motion, session
 from tests.estimation.swings import read, swings
 
@@ -170,3 +171,48 @@ def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
     drawn = readings.draw(np.random.default_rng(1)).acceleration - readings.true_motion.acceleration
     # more than the reading's: what noise the exact motion still has is bent, too
     assert 0.8 < np.std(drawn) / np.std(twice.acceleration - SMOOTH.acceleration) < 1.6
+
+
+@pytest.mark.parametrize("half", [10, 25, 50])
+def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_its_size(half):
+    """White noise less what a cubic through the window follows, with what is drawn for that, is white."""
+    window = savgol_coeffs(2 * half + 1, 3)
+    turn, passed = freqz(window, worN=np.pi * np.linspace(1e-3, 0.5, 2000))
+    edge = turn[np.argmax(np.abs(passed) < 0.5)] / (2.0 * np.pi)  # in cycles a sample
+    rng, run = np.random.default_rng(half), np.repeat(np.arange(20), 500)
+    frequency, power = np.fft.rfftfreq(500), 0.0
+    white = np.fft.rfft(rng.normal(size=(20, 500)), axis=1) * (frequency > edge)
+    error = np.fft.irfft(white, 500, axis=1).ravel()
+    drawn = [slow_part(error, run, half, rng).reshape(20, 500) for _ in range(10)]
+    power = np.mean([np.abs(np.fft.rfft(one, axis=1)) ** 2 for one in drawn], axis=(0, 1)) / 500.0
+    assert power[0] == pytest.approx(0.0, abs=1e-12)
+    assert power[(frequency > 0.0) & (frequency < 0.85 * edge)].mean() == pytest.approx(1.0, rel=0.25)
+    assert power[frequency > 1.25 * edge].max() < 1e-12
+    whole = np.random.default_rng(1).normal(size=10_000)  # hides nothing: little is added
+    assert np.std(slow_part(whole, run, half, rng)) < 0.8 * np.sqrt(2.0 * edge)
+    assert not slow_part(np.zeros(10_000), run, half, rng).any()
+    short = np.repeat(np.arange(2500), 4)
+    assert np.isfinite(slow_part(whole, short, 200, rng)).all()
+
+
+def test_derivatives_without_any_noise_are_recognised_and_what_bent_them_is_taken_back():
+    halves = (3, 20)
+    velocity, acceleration = (derived(SMOOTH, SMOOTH.position, h, k) for k, h in enumerate(halves, start=1))
+    readings = readings_of(replace(SMOOTH, velocity=velocity, acceleration=acceleration))
+    assert readings.windows == halves
+    for name in ("position", "velocity", "acceleration"):
+        exact = getattr(SMOOTH, name)
+        off, bent = (np.std(getattr(one, name) - exact) for one in (readings.true_motion, readings.data))
+        assert off < max(0.5 * bent, 1e-4 * np.std(exact)), name
+        drawn = getattr(readings.draw(np.random.default_rng(0)), name)
+        assert np.std(drawn - getattr(readings.data, name)) < 5e-3 * np.std(exact), name
+
+
+def test_what_rests_or_whose_acceleration_nobody_knows_is_read_as_it_was():
+    rest = replace(SMOOTH, position=0.0 * SMOOTH.position, velocity=0.0 * SMOOTH.velocity)
+    for data in (rest, replace(rest, acceleration=0.0 * rest.velocity)):
+        readings = readings_of(data)
+        assert readings.windows == (None, None)
+        drawn = readings.draw(np.random.default_rng(0))
+        assert not drawn.velocity.any()
+        assert drawn.acceleration == pytest.approx(data.acceleration)

@@ -1,0 +1,268 @@
+"""Which effects are tried, in which forms, places and order, and whether what was found makes sense."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.diagnosis.candidates import (
+    bounds_passed,
+    candidates,
+    extended,
+    is_credible,
+    is_misnamed,
+    is_possible,
+    library,
+    size,
+    try_all,
+)
+from estimation.effect import AdditiveEffect, Parameter
+from estimation.effects import EFFECTS
+from estimation.fit.standing import fit
+from estimation.fit.trial import Trial, attempt
+from estimation.model import Model
+from tests.estimation.presses import session
+from tests.estimation.swings import swings
+
+BASE = ("pendulum", "viscous_friction")
+
+
+def model(*names):
+    return Model("m", tuple(EFFECTS[name]() for name in names))
+
+
+SWUNG = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + 6.0 * q)
+STOOD = fit(SWUNG, model(*BASE), {})
+
+
+class Made(AdditiveEffect):
+    """An effect whose columns are given."""
+
+    name, signals, channels = "made", ("position",), frozenset()
+
+    def __init__(self, *gains, inner=(), essential=()):
+        self.gains, self.inner, self.essential = gains, inner, essential
+
+    def columns(self, data, inner):
+        raise NotImplementedError
+
+
+def gain(name="g", lower=0.0, upper=10.0):
+    return Parameter(name, "N", lower, upper, (1.0, 2.0))
+
+
+class Line:
+    """A bench that fits columns by least squares, on 100 blocks of one run of 10 ms steps."""
+
+    frame = SimpleNamespace(data=SimpleNamespace(time_s=0.01 * np.arange(100), run=np.zeros(100, dtype=int)))
+
+    def fit(self, columns, target):
+        left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+        return SimpleNamespace(sse=np.array([left @ left]))
+
+
+def tried(effect, values, columns, noise=0.0, spread=0.0, inner=()):
+    """A trial of one effect alone, with these gains, a noise that no column has, and standard errors."""
+    made = Model("m", (effect,))
+    wave = np.tile([1.0, -1.0], 50)
+    parameters = dict(zip((*made.gains, *made.inner), (*values, *inner), strict=True))
+    columns = np.column_stack(columns)
+    scores = SimpleNamespace(spread=np.full(len(values), spread), sse=np.array([noise**2 * 100]))
+    target = columns @ np.array(values) + noise * wave
+    return Trial(made, parameters, columns, target, scores)
+
+
+LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
+
+
+@pytest.mark.parametrize(
+    ("value", "spread", "loose", "possible"),
+    [
+        (0.0, 0.0, 0.0, True),
+        (10.0, 0.0, 0.0, True),
+        (-1e-3, 0.0, 0.0, False),
+        (10.001, 0.0, 0.0, False),
+        (-0.19, 0.1, 0.0, True),  # two standard errors
+        (-0.21, 0.1, 0.0, False),
+        (10.19, 0.1, 0.0, True),
+        (10.21, 0.1, 0.0, False),
+        (-0.1, 0.0, 1.1, True),  # this share of the effort, which is all its own
+        (-0.1, 0.0, 0.9, False),
+    ],
+)
+def test_a_gain_is_within_its_bounds_but_for_its_error(value, spread, loose, possible):
+    effect = Made(gain())
+    assert is_possible(effect, tried(effect, [value], [2.0 * ONES], spread=spread), Line(), loose) is possible
+
+
+@pytest.mark.parametrize(("value", "possible"), [(-0.9, True), (-1.1, False)])
+@pytest.mark.parametrize("name", ["minor", "major"])
+def test_only_what_is_not_essential_may_be_beyond_its_bounds_by_the_noise(name, value, possible):
+    effect = Made(gain("minor"), gain("major"), essential=("major",))
+    values = [value, 5.0] if name == "minor" else [5.0, value]
+    found = is_possible(effect, tried(effect, values, [2.0 * ONES, LINE], noise=2.0), Line())
+    assert found is (possible and name == "minor")
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "possible"),
+    [
+        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 9.8, True),
+        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 9.95, False),  # it ended at the far end
+        (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 1e-3, True),
+        (Parameter("w", "m", -10.0, 10.0, (0.1, 1.0)), 9.95, True),
+        (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), 0.006, True),
+        (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), 0.004, False),  # less than half a step
+        (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), -0.006, True),
+        (Parameter("t", "s", -1.0, 1.0, (0.1, 1.0)), -0.004, False),
+    ],
+)
+def test_an_inner_parameter_was_found_within_its_range_and_a_time_is_no_less_than_half_a_step(
+    parameter, value, possible
+):
+    effect = Made(gain(), inner=(parameter,))
+    assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), Line()) is possible
+
+
+@pytest.mark.parametrize(("share", "possible"), [(0.021, True), (0.019, False)])
+def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_error(share, possible):
+    effect, wave = (
+        Made(gain("minor"), gain("major"), essential=("major",)),
+        np.tile([1.0, 1.0, -1.0, -1.0], 25),
+    )
+    found = tried(effect, [5.0, np.sqrt(share)], [ONES, wave], noise=1.0)
+    assert is_possible(effect, found, Line()) is possible
+
+
+@pytest.mark.parametrize(
+    ("value", "credible"), [(-0.04, True), (-0.06, False), (10.04, True), (10.06, False)]
+)
+def test_a_base_gain_is_credible_within_a_twentieth_of_the_effort_beyond_its_bounds(value, credible):
+    effect = Made(gain())
+    trial = tried(effect, [value], [ONES])
+    trial = replace(trial, target=np.tile([1.0, -1.0], 50))
+    assert is_credible(effect, trial) is credible
+    assert is_credible(EFFECTS["lag"](), trial)
+
+
+@pytest.mark.parametrize(("value", "bounds"), [(-1.0, {"made.g": 0.0}), (11.0, {"made.g": 10.0}), (10.0, {})])
+def test_a_bound_that_a_gain_is_beyond_is_told(value, bounds):
+    effect = Made(gain(), gain("h"))
+    assert bounds_passed(effect, tried(effect, [value, 1.0], [ONES, LINE])) == bounds
+
+
+def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves():
+    seen = {}
+
+    class Judge(Made):
+        def is_misnamed(self, data, parameters, errors, noise):
+            seen.update(data=data, parameters=parameters, errors=errors(), noise=noise)
+            return True
+
+    effect = Judge(gain())
+    found = tried(effect, [5.0], [ONES], noise=0.5, spread=0.25)
+    moved = Model("m", (effect, EFFECTS["contact_offset"]()))
+    found = replace(found, model=moved, parameters={**found.parameters, "contact_offset.offset": 2e-3})
+    data = session(1)
+    assert is_misnamed(effect, found, SimpleNamespace(frame=SimpleNamespace(data=data)))
+    assert seen["data"].position == pytest.approx(data.position - 2e-3)
+    assert (seen["errors"], seen["noise"]) == ({"made.g": 0.25}, pytest.approx(0.5))
+
+
+@pytest.mark.parametrize(
+    ("data", "base", "tried", "not_tried"),
+    [
+        ("joint", ("inertia",), {"weight", "bias"}, {"gravity_tilt", "inertia", "pendulum"}),
+        ("joint", BASE, {"gravity_tilt", "armature"}, {"weight", *BASE, "inertia", "stiffness", "damping"}),
+        ("joint", ("inertia", "gravity_tilt"), set(), {"weight", "gravity_tilt"} - {"weight"}),
+        ("slide", ("inertia",), {"bias"}, {"damping", "stiffness", "run_gain"}),
+        ("press", ("stiffness",), {"damping", "cubic_stiffness"}, {"run_gain", "run_offset", "rigid_body"}),
+        ("press", (), {"stiffness"}, {"inertia", "pendulum", "rigid_body_fitted", "weight"}),
+    ],
+)  # fmt: skip
+def test_what_is_tried_fits_the_channel_and_what_the_model_has(data, base, tried, not_tried):
+    kinds = {"joint": swings(1, runs=2), "press": session(1)}
+    made = kinds.get(data) or replace(kinds["joint"], kind="prismatic")
+    names = {effect.name for effect in candidates(made, model(*base), library())}
+    assert tried <= names
+    assert not names & not_tried
+
+
+def test_a_sensor_s_fault_may_lie_before_another_and_each_form_is_tried():
+    lag, delay, bias = (EFFECTS[name]() for name in ("lag", "delay", "bias"))
+    orders = [[e.name for e in one.effects] for one in extended(Model("m", (bias, lag)), delay)]
+    assert orders == [["bias", "lag", "delay"], ["delay", "bias", "lag"]]
+    assert len(extended(Model("m", (bias,)), delay)) == 1
+    assert len(extended(Model("m", (lag,)), bias)) == 1
+    forms = EFFECTS["dry_friction"]().forms()
+    assert [one.effects[-1].form for one in extended(Model("m", (bias,)), forms[0])] == [0, 1]
+
+
+@pytest.mark.parametrize(("name", "count"), [("bias", 1), ("coulomb_friction", 2), ("lag", 1)])
+def test_the_size_of_an_effect_is_how_many_parameters_it_has(name, count):
+    assert size(EFFECTS[name]()) == count
+
+
+NAMES = ("bias", "coulomb_friction", "joint_spring", "torque_ripple")
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    told = []
+    found = try_all(STOOD, [EFFECTS[name]() for name in NAMES], lambda *what: told.append(what))
+    return found, told
+
+
+def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
+    found, told = ranked
+    left = [one.held_out for one in found]
+    assert left == sorted(left)
+    assert found[0].effect.name == "joint_spring"
+    assert found[0].held_out == pytest.approx(found[0].search.held_out.sum())
+    assert told == [(share, name) for share, name in zip((0.0, 0.25, 0.5, 0.75), NAMES, strict=True)]
+    assert all(one.search.best.columns.size == 0 for one in found)  # they would fill the memory
+    assert all(one.possible for one in found if one.effect.name != "torque_ripple")
+
+
+@pytest.mark.parametrize(
+    ("refined", "ripple_nm", "names"),
+    [
+        (0, 0.03, set()),
+        (1, 0.1, {"coulomb_friction"}),
+        (2, 0.1, {"coulomb_friction", "torque_ripple"}),
+        (
+            1,
+            0.15,
+            {"coulomb_friction", "torque_ripple"},
+        ),  # more than three tenths of what the best takes away
+    ],
+)
+def test_in_between_are_tried_the_best_and_what_comes_near_them(refined, ripple_nm, names):
+    data = swings(2, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + ripple_nm * np.sin(15.0 * q), seconds=1.5)
+    stood = fit(data, model(*BASE), {})
+    effects = [EFFECTS[name]() for name in ("torque_ripple", "coulomb_friction")]
+    found = {one.effect.name: one.search for one in try_all(stood, effects, refined=refined)}
+    assert {name for name, one in found.items() if len(one.trials) > one.start_count} == names
+    for effect in effects:
+        assert found[effect.name].start_count == len(effect.starts(data))
+
+
+def test_effects_are_tried_where_one_says():
+    (found,) = try_all(
+        STOOD, [EFFECTS["coulomb_friction"]()], starts=lambda effect: [{"transition": 0.3}], refined=0
+    )
+    assert [one.parameters["coulomb_friction.transition"] for one in found.search.trials] == [0.3]
+    assert try_all(STOOD, []) == []
+
+
+def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
+    """What a bias does, an offset of the surface did before: found where that is taken back."""
+    data = session(3)
+    data = replace(
+        data, effort=data.effort + 0.8 * (data.position > 0) * (data.position * 800 + 15 * data.velocity > 0)
+    )
+    stood = fit(data, model("stiffness", "damping", "contact_offset"), {})
+    off = replace(stood, trial=attempt(stood.plain, stood.trial.model, {"contact_offset.offset": -0.002}))
+    (found,) = try_all(off, [EFFECTS["bias"]()], refined=0)
+    assert found.search.best.parameters["contact_offset.offset"] == 0.0

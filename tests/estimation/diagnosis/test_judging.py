@@ -1,0 +1,196 @@
+"""How a channel is judged from its gate to its answer, with what decides replaced by what a test says."""
+
+from importlib import import_module
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.diagnosis.answer import insufficient
+from estimation.diagnosis.diagnose import (
+    _below_a_step,
+    _Completeness,
+    _established,
+    diagnose,
+    diagnose_channel,
+)
+from estimation.diagnosis.result import Verdict
+from estimation.effects import EFFECTS
+from estimation.model import Model
+from tests.estimation.searches import SWING
+from tests.estimation.study.joints import joints
+from tests.estimation.swings import swings
+
+module = import_module("estimation.diagnosis.diagnose")  # its package hands on a function of that name
+
+
+@pytest.mark.parametrize(
+    ("levels", "rmse", "said"),
+    [
+        (
+            np.arange(4) * 0.5,
+            0.3,
+            "only 4 different readings, 0.5 N m apart, and the model is off by 0.3 N m",
+        ),
+        (np.arange(4) * 0.5, 0.5, None),  # a step or more
+        (np.arange(12) * 0.5, 0.3, "only 12 different readings"),
+        (np.arange(13) * 0.5, 0.3, None),  # it crosses so many that they average out
+        (np.arange(2) * 0.5, 0.3, "only 2 different readings"),
+        (np.zeros(1), -1.0, None),
+        (np.array([0.0, 0.1, 0.2, 5.0]), 0.05, "0.1 N m apart"),
+    ],
+)
+def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, said):
+    data = SimpleNamespace(effort=np.tile(levels, 10), kind=SimpleNamespace(effort_unit="N m"))
+    found = _below_a_step(SimpleNamespace(data=data, rmse=rmse))
+    assert found is None if said is None else said in found
+
+
+@pytest.mark.parametrize(
+    ("exact", "outdone", "rmse", "unusual", "complete", "drawn"),
+    [
+        (True, True, 2.0, True, True, 0),  # nothing is left
+        (False, True, 1.0, False, False, 0),  # a law without a name does better
+        (False, False, 1.049, True, True, 0),  # within a twentieth of the floor
+        (False, False, 1.051, True, False, 1),
+        (False, False, 1.051, False, True, 1),  # draws from it show as much
+    ],
+)
+def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
+    exact, outdone, rmse, unusual, complete, drawn, monkeypatch
+):
+    asked, standing = [], SimpleNamespace(rmse=rmse, floor=lambda: 1.0)
+    monkeypatch.setattr(module, "is_exact", lambda _: exact)
+    monkeypatch.setattr(module, "standards", lambda *_: SimpleNamespace(is_outdone=outdone))
+    unlike = SimpleNamespace(is_unusual=unusual)
+    monkeypatch.setattr(module, "still_explained", lambda *_: asked.append(1) or unlike)
+    monkeypatch.setattr(module, "objection_to", lambda *_, complete: asked.append(complete) or "why")
+    judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
+    assert judge(standing) is judge(standing) is complete
+    assert asked == [1] * drawn  # each model is judged once
+    assert judge.objection(standing) == judge.objection(standing) == (None if exact else "why")
+    assert asked[drawn:] == ([] if exact else [complete])
+    assert judge.in_every_respect(standing) is (complete and exact)
+
+
+@pytest.mark.parametrize(
+    ("found", "stands", "expected"),
+    [
+        ("base", {}, "base"),
+        ("ab", {"ab": "ab"}, "ab simplest"),
+        ("ab", {"ab": "a"}, "a simplest"),
+        ("ab", {"b": "b", "c": "c"}, "b simplest"),  # of the best effects alone the first that stands
+        ("ab", {}, "base simplest"),
+    ],
+)
+def test_where_the_model_that_leaves_least_is_not_established_the_best_effects_alone_may_be(
+    found, stands, expected, monkeypatch
+):
+    looked = []
+    tried = SimpleNamespace(start="base", extensions=lambda start, count: ["a", "b", "c", "d"][:count])
+
+    def established(tried, one, readings, *, complete):
+        looked.append(one)
+        return stands.get(one, "base")
+
+    monkeypatch.setattr(module, "established", established)
+    monkeypatch.setattr(module, "simplest", lambda tried, end, *_: f"{end} simplest")
+    judge = SimpleNamespace(readings=None, in_every_respect=lambda one: True)
+    assert _established(tried, found, judge) == expected
+    assert "d" not in looked
+
+
+FLOW = {  # what is true of a channel: what is answered
+    "nothing is hidden": ({}, ("base", True, None)),
+    "it is exact": ({"exact": True}, ("base", True, None)),
+    "an effect is found": ({"found": "a"}, ("a", True, None)),
+    "runs differ": ({"found": "a", "varied": "a+runs"}, ("a+runs", True, None)),
+    "runs and more": ({"found": "a", "varied": "a+runs", "objected": ("a+runs",)}, ("a", True, None)),
+    "something is left": ({"found": "a", "complete": False}, ("a", False, None)),
+    "something is left that may be rounding": ({"complete": False, "step": "coarse"}, "coarse"),
+    "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, ("a", False, None)),
+    "the same, and nothing is left": ({"step": "coarse"}, ("base", True, None)),
+    "it cannot say": ({"refused": "too short"}, "too short"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FLOW)
+def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch):
+    given, expected = FLOW[name]
+    found = given.get("found", "base")
+    objected = given.get("objected", ())
+
+    class Judge:
+        def __init__(self, search):
+            self.readings = "readings"
+
+        def objection(self, one):
+            return "objection" if one in objected else None
+
+        def in_every_respect(self, one):
+            return given.get("complete", True)
+
+    def searching(tried, is_complete):
+        assert not given.get("exact")  # nothing is left to be searched for
+        return found
+
+    stubs = {
+        "refuse": lambda data, model: given.get("refused"),
+        "search_of": lambda *_: SimpleNamespace(start="base"),
+        "_Completeness": Judge,
+        "is_exact": lambda _: given.get("exact", False),
+        "search": searching,
+        "vary": lambda tried, one: given.get("varied", one),
+        "_established": lambda tried, one, judge: one,
+        "_below_a_step": lambda _: given.get("step"),
+        "answer": lambda one: (one.end, one.complete, one.objection),
+        "insufficient": lambda data, reason: reason,
+    }
+    for what, stub in stubs.items():
+        monkeypatch.setattr(module, what, stub)
+    assert diagnose_channel(swings(1, runs=2), SWING, (), np.random.default_rng(0)) == expected
+
+
+@pytest.fixture
+def told_its_draw(monkeypatch):
+    """A diagnosis that says the first number that it draws, and the model's first effect."""
+
+    def say(data, model, effects, rng, progress=None):
+        return insufficient(data, f"{rng.random()} {model.effects[0].name} {len(effects)}")
+
+    monkeypatch.setattr(module, "diagnose_channel", say)
+
+
+def test_a_channel_is_judged_alike_alone_among_others_and_in_another_process(told_its_draw):
+    one, two = joints()
+    told = []
+
+    def reasons(channels, processes=1):
+        found = diagnose(
+            channels,
+            SWING,
+            [EFFECTS["bias"]()],
+            rng=np.random.default_rng(5),
+            file="x.csv",
+            processes=processes,
+            progress=lambda *what: told.append(what),
+        )
+        assert (found.file, found.model) == ("x.csv", "pendulum")
+        return {entry.channel: entry.reason for entry in found.channels}
+
+    together = reasons([one, two])
+    assert list(together) == ["joint_1", "joint_2"]
+    assert together == reasons([one, two], 2)
+    assert together == reasons([two]) | reasons(one)
+    assert len({reason.split()[0] for reason in together.values()}) == 2
+    assert told[:2] == [("joint_1: judging", 0.0), ("joint_2: judging", 0.0)]
+    assert told[2:] == [("joint_1: insufficient", 1.0), ("joint_2: insufficient", 1.0)]
+
+
+def test_each_channel_has_its_model_and_the_whole_library_is_tried_by_default(told_its_draw):
+    other = Model("free", (EFFECTS["inertia"](),))
+    found = diagnose(list(joints()), [SWING, other], rng=np.random.default_rng(1))
+    assert found.model == "pendulum+free"
+    assert [entry.reason.split()[1] for entry in found.channels] == ["pendulum", "inertia"]
+    assert {entry.reason.split()[2] for entry in found.channels} == {str(len(EFFECTS))}
+    assert found.channels[0].verdict is Verdict.INSUFFICIENT

@@ -1,0 +1,137 @@
+"""Intervals against the textbook's, and what an acceleration is worth by the positions behind it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.fit.acceleration_doubt import doubted
+from estimation.fit.intervals import _errors, _without_jumps, final, values
+from estimation.fit.standing import stand
+from estimation.model import Model
+from estimation.statistics.serial_covariance import sum_covariance
+from tests.estimation.swings import swings
+
+BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+RNG = np.random.default_rng(3)
+COUNT = 4000
+SLOPES = RNG.normal(size=(COUNT, 3)) * [1.0, 1e3, 1e-3]
+RUN = np.repeat(np.arange(8), COUNT // 8)
+
+
+def test_standard_errors_are_those_of_least_squares_where_noise_is_white():
+    noise = 0.3 * RNG.normal(size=COUNT)
+    textbook = 0.3 * np.sqrt(np.diag(np.linalg.inv(SLOPES.T @ SLOPES)))
+    assert _errors(SLOPES, noise, RUN) == pytest.approx(textbook, rel=0.08)
+    few = _errors(SLOPES[:8], noise[:8], RUN[:8])
+    more = _errors(np.tile(SLOPES[:8], (100, 1)), np.tile(noise[:8], 100), np.arange(800))
+    assert (few > 9.0 * more).all()  # freedom that eight samples for three parameters lack
+
+
+def test_slow_noise_makes_slow_parameters_less_certain():
+    """A mean of AR(1) noise: its variance is (1 + r) / (1 - r) times that of white noise as large."""
+    noise = np.zeros(COUNT)
+    for i in range(1, COUNT):
+        noise[i] = 0.8 * noise[i - 1] + 0.6 * RNG.normal()
+    ones = np.ones((COUNT, 1))
+    assert _errors(ones, noise, RUN) == pytest.approx([np.sqrt(9.0 / COUNT)], rel=0.25)
+    meat = sum_covariance(ones * noise[:, None], RUN).matrix[0, 0]
+    assert _errors(ones, noise, RUN)[0] == pytest.approx(np.sqrt(meat) / COUNT, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("columns", "unknown"),
+    [
+        ([0, 1, 0], [True, False, True]),  # two make up for each other
+        ([0, 1, 2], [False, False, False]),
+    ],
+)
+def test_what_makes_up_for_each_other_has_no_error(columns, unknown):
+    assert np.isnan(_errors(SLOPES[:, columns], RNG.normal(size=COUNT), RUN)).tolist() == unknown
+    nothing = np.column_stack([SLOPES, np.zeros(COUNT)])
+    assert np.isnan(_errors(nothing, RNG.normal(size=COUNT), RUN)).tolist() == [False] * 3 + [True]
+
+
+@pytest.mark.parametrize(("size", "kept"), [(19.0, True), (21.0, False), (-21.0, False)])
+def test_a_jump_is_twenty_times_what_most_slopes_are(size, kept):
+    slope = np.append(np.zeros(500), np.append(np.tile([1.0, -1.0], 200), size))
+    assert (_without_jumps(slope)[-1] == size) == kept
+    assert _without_jumps(slope)[:-1] == pytest.approx(slope[:-1])
+    assert not _without_jumps(np.zeros(5)).any()
+
+
+@pytest.fixture(scope="module")
+def found():
+    model = replace(BASE.with_effect(EFFECTS["coulomb_friction"]()), held={"viscous_friction.d": 0.15})
+    standing = stand(
+        swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), model, {"coulomb_friction.transition": 0.02}
+    )
+    return values(*final(standing)), standing
+
+
+def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(found):
+    known, standing = found
+    assert list(known) == [*standing.trial.model.gains, *standing.trial.model.inner]
+    units = [
+        known[name].unit
+        for name in ("pendulum.inertia", "coulomb_friction.force", "coulomb_friction.transition")
+    ]
+    assert units == ["N m s^2/rad", "N m", "rad/s"]
+    for name, one in known.items():
+        assert one.interval == pytest.approx((one.value - 1.96 * one.std_err, one.value + 1.96 * one.std_err))
+        assert one.name == name
+    force = known["coulomb_friction.force"]
+    assert abs(force.value - 0.3) < 4.0 * force.std_err < 0.02
+    assert (known["viscous_friction.d"].value, known["viscous_friction.d"].std_err) == (0.15, 0.0)
+    assert not any(one.at_bound for one in known.values())
+
+
+def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
+    _, standing = found
+    bench, trial = final(standing)
+    assert bench is standing.judge
+    assert trial.parameters == pytest.approx(standing.trial.parameters, rel=0.05)
+    missing = stand(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
+    assert final(missing) == (missing.plain, missing.trial)
+
+
+def accelerated(error, *, run=None, uneven=False, steps=0.0):
+    """Swings whose acceleration is off by this share."""
+    t = np.arange(0.0, 4.0, 2e-3)
+    t = t + (1e-3 * np.random.default_rng(1).uniform(0, 1, len(t)) if uneven else 0.0)
+    x, v, a = np.sin(3.0 * t), 3.0 * np.cos(3.0 * t), -9.0 * np.sin(3.0 * t)
+    x = steps * np.round(x / steps) if steps else x
+    base = swings(1, runs=1).select(np.zeros(len(t), dtype=np.int64))
+    run = np.zeros(len(t), dtype=np.int64) if run is None else run(t)
+    return replace(base, time_s=t, position=x, velocity=v, acceleration=(1.0 + error) * a, run=run), a
+
+
+@pytest.mark.parametrize("error", [0.0, 0.05, -0.3])
+@pytest.mark.parametrize("how", [{}, {"uneven": True}, {"run": lambda t: (t > 2.0).astype(np.int64)}])
+def test_positions_tell_what_an_acceleration_lacks(error, how):
+    """On the average over 30 ms to either side, but for the ends of runs."""
+    data, exact = accelerated(error, **how)
+    told = doubted(data).acceleration
+    inside = np.zeros(len(data), dtype=bool)
+    for run in data.runs:
+        inside[np.flatnonzero(data.run == run)[20:-20]] = True
+    assert told[inside] == pytest.approx(exact[inside], abs=0.03)
+    assert told[[0, 1, -2, -1]] == pytest.approx(data.acceleration[[0, 1, -2, -1]])
+    assert doubted(data).position == pytest.approx(data.position)
+
+
+def test_steps_of_an_encoder_count_the_less_the_further_positions_are_compared():
+    data, exact = accelerated(0.0, steps=1e-4)
+    off = [
+        np.std((doubted(data, reach_s=reach).acceleration - exact)[100:-100]) for reach in (0.01, 0.03, 0.1)
+    ]
+    assert off[0] > 5.0 * off[1] > 5.0 * off[2]
+
+
+@pytest.mark.parametrize("count", [1, 2, 6, 7])
+def test_runs_too_short_to_be_compared_are_left_as_they_are(count):
+    data, _ = accelerated(0.5)
+    short = data.select(np.arange(0, 50 * count, 50))
+    same = doubted(short).acceleration == short.acceleration
+    assert same.all() == (count < 7)
