@@ -20,7 +20,7 @@ _ALERT = 6  # MOSFET over temperature
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
-def _to_uint(value: float, limit: float, bits: int) -> int:
+def to_uint(value: float, limit: float, bits: int) -> int:
     """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer."""
     value = min(max(value, -limit), limit)
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
@@ -136,9 +136,9 @@ class EmulatedMitMotor(CanNode):
     def _reply(self) -> can.Message:
         motion = self._stuck or self._plant.joint(self._joint)
         torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
-        position = _to_uint(self._shaft_rad(motion), self._position_limit, 16)
-        velocity = _to_uint(motion.velocity_rad_s * self._gear_ratio, self._velocity_limit, 12)
-        torque = _to_uint(torque_nm, self._torque_limit, 12)
+        position = to_uint(self._shaft_rad(motion), self._position_limit, 16)
+        velocity = to_uint(motion.velocity_rad_s * self._gear_ratio, self._velocity_limit, 12)
+        torque = to_uint(torque_nm, self._torque_limit, 12)
         data = bytes(
             (
                 self.number,

@@ -5,9 +5,10 @@ from typing import Any
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.can import damiao_motor, mit_motor
+from sim_backend.emulators.can import damiao_motor, mit_motor, robstride_motor
 from sim_backend.emulators.can.damiao_motor import EmulatedDamiao
 from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
+from sim_backend.emulators.can.robstride_motor import EmulatedRobstride
 from sim_backend.emulators.can.wire import CanWire, open_virtual_bus
 from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -32,7 +33,7 @@ class _Motor(FileModel, extra="ignore"):
     def limits(self) -> Limits:
         if self.ranges is not None:
             return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
-        known = mit_motor.LIMITS | damiao_motor.LIMITS
+        known = mit_motor.LIMITS | damiao_motor.LIMITS | robstride_motor.LIMITS
         if self.model not in known:
             raise InputError(f"no emulated motor is a '{self.model}'. Valid: {', '.join(known)}")
         return known[self.model]
@@ -45,7 +46,7 @@ class _Motor(FileModel, extra="ignore"):
 class _Settings(FileModel, extra="ignore"):
     motors: tuple[_Motor, ...]
     maker: str = "cubemars"
-    host_id: int = 0
+    host_id: int | None = None
     watchdog_s: Positive = 0.1
     ask_with: str = "exit"
 
@@ -71,5 +72,7 @@ def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> Emulat
     }
     if own.maker == "damiao":
         return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
+    if own.maker == "robstride":
+        return EmulatedRobstride(*place, **mounting, host_id=own.host_id or robstride_motor.HOST)
     mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
-    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id)
+    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)

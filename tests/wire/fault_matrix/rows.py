@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROOT, SO101
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROBSTRIDE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -39,6 +39,7 @@ FAMILIES = {
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
     "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
     "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
+    "robstride": Family("MIT mode, Robstride, CAN", ROBSTRIDE, "motors", 5, late_s=0.15),
     "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
@@ -146,7 +147,9 @@ GOES_ON = (None, None)
 _STUCK_ENCODER = (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER)
 
 
-def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[object, ...], ...]:
+def _mit_mode(
+    sizes: str, back_at_once: tuple[object, ...], hot: str = "MOSFET over temperature"
+) -> tuple[tuple[object, ...], ...]:
     """Ends of motors in MIT mode, whose states have so many bytes."""
     silent = "joint 3 (motor 3): nothing valid for"
     return (
@@ -156,7 +159,7 @@ def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[objec
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, silent),
-        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (2, BRAKED, f"joint 3 (motor 3): {hot}"),
         (OLD, BRAKED, silent),
         back_at_once,
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
@@ -164,6 +167,7 @@ def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[objec
     )
 
 
+_LEFT = (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?")
 _MOTOR_ROWS = {
     "dynamixel": (
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
@@ -192,7 +196,8 @@ _MOTOR_ROWS = {
         _STUCK_ENCODER,
     ),
     "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF)),
-    "damiao": _mit_mode("8", (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?")),
+    "damiao": _mit_mode("8", _LEFT),
+    "robstride": _mit_mode("8", _LEFT, "over temperature"),
     "feetech": (
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
@@ -212,6 +217,7 @@ _NUMBERS = {
     "odrive": (0, 1, 2),
     "mit": (1, 2, 3),
     "damiao": (1, 2, 3),
+    "robstride": (1, 2, 3),
     "feetech": (2, 3, 4),
 }  # of the devices, by joint
 
@@ -288,7 +294,7 @@ _PROGRAM_ROWS = {
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     family: ((None, off_ms, "", _CUT_OFF), (501, off_ms, "the program was held up for 0.5", _HELD_UP))
-    for family, off_ms in {"dynamixel": 62, "odrive": 52, "mit": 102, "damiao": 102}.items()
+    for family, off_ms in {"dynamixel": 62, "odrive": 52, "mit": 102, "damiao": 102, "robstride": 102}.items()
 }
 _WATCHDOG_ROWS["feetech"] = ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS))
 
