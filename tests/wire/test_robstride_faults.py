@@ -46,7 +46,7 @@ def ignores_it(motor):
     [
         (lambda motor: setattr(motor, "parameters", Stubborn(motor.parameters)), "its canTimeout is 0 after"),
         (lambda motor: motor.parameters.pop(TIMEOUT), "does not say its canTimeout"),
-        (ignores_it, "still in motor mode after 0.15 s without commands; set the CAN timeout to 0.1 s"),
+        (ignores_it, "is still in motor mode after 0.15 s without commands; set its timeout to 0.1 s"),
     ],
 )
 def test_a_timeout_that_is_not_kept_not_known_or_does_nothing_is_refused(bench, spoil, problem):

@@ -1,16 +1,11 @@
-"""Motors in MIT mode (CubeMars AK, Damiao, Robstride ...) on a CAN bus: zero gains and feed-forward torque.
+"""Motors in MIT mode (CubeMars, Damiao, Robstride ...) on a CAN bus: zero gains and feed-forward torque."""
 
-A motor speaks only when it is spoken to: each command is answered with the motor's state, which the next poll
-takes in. While the torque is off, each poll asks again.
-"""
-
-from collections.abc import Mapping
 from math import inf
 
-from robot_io.driver import DriverContext
+from robot_io.drivers.can.asked import ANSWER_S
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.can.motors import MotorEncoder, MotorTorque
-from robot_io.drivers.mit.exchange import ANSWER_S, MitExchange
+from robot_io.drivers.mit.exchange import MitExchange
 from robot_io.drivers.mit.frames import Order
 from robot_io.drivers.mit.registers import TIMEOUT_STEP_S, MotorRegister
 from robot_io.errors import DeviceError
@@ -20,7 +15,6 @@ _SAME_RANGE = 1e-3  # share by which a motor's own range may differ from the sta
 _SAME_POSITION_RAD = 0.02  # between two answers of a motor without torque
 _TRIAL_SHARE = 0.01  # of a motor's torque range
 _TRIAL_S = 0.01  # until it is exerted
-_LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
 
 
 class MitBus(MitExchange):
@@ -28,23 +22,12 @@ class MitBus(MitExchange):
 
     name = "mit_bus"
 
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        super().__init__(settings, context)
-        self._commanded_s = -inf
-        self._command: list[CanFrame] = []
-        self._flushed = False
-
     def configure(self) -> None:
         """Open the adapter and hear every motor, with the torque off.
 
-        DeviceError: the adapter cannot be opened, or a motor is silent.
+        DeviceError: the adapter cannot be opened, or a motor is silent, or is not what the robot file says.
         """
-        self.line.open()
-        self._ask()
-        if not self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S):
-            silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
-            labels = ", ".join(map(self.motor_label, silent))
-            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}")
+        self._hear_all()
         if self._own.ask_with == "exit":  # one answer to each frame
             self._measure_latency(self._ask, self._motion_at_s)
         self._check_ranges()
@@ -61,8 +44,8 @@ class MitBus(MitExchange):
                 remedy = "check its power, cable and id, and its protocol"
                 observations.append(fail(label, "does not answer", remedy))
             elif error:
-                names = self._dialect.error_names(error)
-                observations.append(fail(label, names, "remove the cause, then restart it"))
+                remedy = "remove the cause, then restart it"
+                observations.append(fail(label, self._error_names(error), remedy))
             else:
                 value = f"answers, at {self._position_rad[joint]:+.3f} rad; does not report its model, "
                 value += f"the robot file says {motor.model}; CAN timeout {self._own.watchdog_s:g} s, "
@@ -96,18 +79,6 @@ class MitBus(MitExchange):
             self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
-
-    def _refuse_errors(self, but: int | None = None) -> None:
-        """DeviceError: some motors have errors, other than `but`; with their names."""
-        errors = [self._error(joint) for joint in range(self.joint_count)]
-        self._alarms = [0] * self.joint_count  # told once: what a motor says at the next activation counts
-        problems = [
-            f"{self.motor_label(joint)}: {self._dialect.error_names(error)}"
-            for joint, error in enumerate(errors)
-            if error not in (0, but)
-        ]
-        if problems:
-            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
 
     def _check_ranges(self) -> None:
         """That the numbers on the wire mean what the robot file says. DeviceError: they do not."""
@@ -166,22 +137,15 @@ class MitBus(MitExchange):
             _TRIAL_SHARE * ranges.torque_nm * abs(motor.signed_ratio)
             for ranges, motor in zip(self._ranges, self._motors, strict=True)
         ]
-        silence_s = _LATEST_WATCHDOG * self._own.watchdog_s
         if not says_mode:
             self._exert(trial_nm)
-        self._clock.sleep_until(self._clock.now_s() + silence_s)
+        self._outlast_watchdogs()
         if says_mode:
             self._answered(self._zero_torque())
             going_on = [bool(enabled) for enabled in self._enabled]
         else:
             going_on = self._exerting(self._to_every_motor(Order.ENTER), trial_nm)
-        if any(going_on):
-            alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
-            raise DeviceError(
-                f"{self.line.label}: {alive} still {'in motor mode' if says_mode else 'exerts torque'} "
-                f"after {silence_s:.2g} s without commands; "
-                f"set the CAN timeout to {self._own.watchdog_s:g} s in the motor"
-            )
+        self._refuse_going_on(going_on, "is still in motor mode" if says_mode else "still exerts torque")
 
     def _exert(self, trial_nm: list[float]) -> None:
         """Exert torques (n) [N m] at the joints. DeviceError: a motor shows none."""
@@ -210,28 +174,6 @@ class MitBus(MitExchange):
         leave = self._to_every_motor(Order.LEAVE)
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
-
-    def poll(self, deadline_s: float) -> None:
-        """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
-        try:
-            super().poll(deadline_s)
-        finally:
-            if not self.line.bus_off:
-                self._request_states()
-            self._flushed = False
-
-    def flush(self, deadline_s: float) -> None:
-        if self._staged:
-            self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
-        super().flush(deadline_s)
-
-    def _request_states(self) -> None:
-        """Make the motors answer: say the last command again, but not for longer than the watchdog's time."""
-        if not self._powered:
-            self._ask()
-        elif not self._flushed:
-            forgotten = self._clock.now_s() - self._commanded_s > self._own.watchdog_s
-            self._send_all(self._zero_torque() if forgotten else self._command)
 
     def _ask(self) -> None:
         if self._own.ask_with == "exit":
