@@ -180,6 +180,10 @@ def open_robstride() -> Bench:
     return open_wired(load_robot_file(ROBOTS / "robstride_3dof.yaml"), 0.1)
 
 
+def open_moteus() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "moteus_3dof.yaml"), 0.1)
+
+
 def open_dynamixel() -> Bench:
     """Servos that know the fast sync read. Their watchdog counts reading as a sign of life too."""
     return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
@@ -207,6 +211,7 @@ BACKENDS = [
     Backend("cubemars_lorenz", open_cubemars),
     Backend("damiao_cell", open_damiao),
     Backend("robstride_cell", open_robstride),
+    Backend("moteus_cell", open_moteus),
     Backend("dynamixel_fast", open_dynamixel),
     Backend("dynamixel_plain", open_plain_dynamixel),
     Backend("feetech_so101", open_so101),

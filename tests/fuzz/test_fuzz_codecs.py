@@ -11,6 +11,7 @@ from robot_io.drivers.dynamixel import protocol as dynamixel
 from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit import robstride
+from robot_io.drivers.moteus import protocol as moteus
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.serial_force import lorenz_protocol, microcontroller_cell, text
 from robot_io.errors import ProtocolError
@@ -59,6 +60,10 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
     ("mit_robstride", robstride, "_FOUR_WORDS", lambda old: struct.Struct("<4H")),
     ("mit_robstride", robstride, "_MODES", lambda old: 4),
     ("mit_robstride", robstride.RobstrideFrames, "sender", lambda old: lambda frames, frame: 1),
+    ("moteus", moteus, "_HEADS", lambda old: Anything()),
+    ("moteus", moteus, "_ANSWER", lambda old: struct.Struct(">2sb2s3f3s4b")),
+    ("moteus", moteus, "isfinite", lambda old: lambda value: True),
+    ("moteus", moteus, "_VOLT", lambda old: 0.1),
     ("odrive", odrive, "isfinite", lambda old: lambda value: True),
     ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),

@@ -28,6 +28,7 @@ CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
 READ_SHARE = 0.6  # of a tick, as the control loop allows
 DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"
 ROBSTRIDE = ROOT / "robots" / "robstride_3dof.yaml"
+MOTEUS = ROOT / "robots" / "moteus_3dof.yaml"
 SO101 = ROOT / "robots" / "so101.yaml"
 LINES = (  # a load cell that is read by a pattern, in place of the ODrive arm's
     "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",

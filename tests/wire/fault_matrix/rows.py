@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROBSTRIDE, ROOT, SO101
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, MOTEUS, ODRIVE, ROBSTRIDE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -40,6 +40,7 @@ FAMILIES = {
     "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
     "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
     "robstride": Family("MIT mode, Robstride, CAN", ROBSTRIDE, "motors", 5, late_s=0.15),
+    "moteus": Family("moteus, CAN FD", MOTEUS, "motors", 5, late_s=0.16),
     "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
@@ -148,14 +149,17 @@ _STUCK_ENCODER = (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_E
 
 
 def _mit_mode(
-    sizes: str, back_at_once: tuple[object, ...], hot: str = "MOSFET over temperature"
+    sizes: str,
+    back_at_once: tuple[object, ...],
+    hot: str = "MOSFET over temperature",
+    who: str = "motor",
 ) -> tuple[tuple[object, ...], ...]:
     """Ends of motors in MIT mode, whose states have so many bytes."""
     silent = "joint 3 (motor 3): nothing valid for"
     return (
         (OLD, OLD_OFF, silent),
         (OLD, BRAKED, silent),
-        (OLD, OLD_OFF, f"last was: motor state has 3 bytes, expected {sizes}"),
+        (OLD, OLD_OFF, f"last was: {who} state has 3 bytes, expected {sizes}"),
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, silent),
@@ -198,6 +202,7 @@ _MOTOR_ROWS = {
     "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF)),
     "damiao": _mit_mode("8", _LEFT),
     "robstride": _mit_mode("8", _LEFT, "over temperature"),
+    "moteus": _mit_mode("24", _LEFT, "over temperature", "moteus"),
     "feetech": (
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
@@ -212,12 +217,11 @@ _MOTOR_ROWS = {
         (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
     ),
 }
+_ASKED = ("mit", "damiao", "robstride", "moteus")
 _NUMBERS = {
     "dynamixel": (1, 2, 3),
     "odrive": (0, 1, 2),
-    "mit": (1, 2, 3),
-    "damiao": (1, 2, 3),
-    "robstride": (1, 2, 3),
+    **dict.fromkeys(_ASKED, (1, 2, 3)),
     "feetech": (2, 3, 4),
 }  # of the devices, by joint
 
@@ -294,7 +298,7 @@ _PROGRAM_ROWS = {
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     family: ((None, off_ms, "", _CUT_OFF), (501, off_ms, "the program was held up for 0.5", _HELD_UP))
-    for family, off_ms in {"dynamixel": 62, "odrive": 52, "mit": 102, "damiao": 102, "robstride": 102}.items()
+    for family, off_ms in {"dynamixel": 62, "odrive": 52, **dict.fromkeys(_ASKED, 102)}.items()
 }
 _WATCHDOG_ROWS["feetech"] = ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS))
 
