@@ -150,6 +150,13 @@ def open_odrive_and_cell() -> Bench:
     )
 
 
+def open_odrive_and_mark10() -> Bench:
+    """A gauge that is asked for each reading, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    gauge = text.replace("driver: loadstar", "driver: mark10, reversed: true")
+    return open_wired(parse_robot_file(gauge, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -207,6 +214,7 @@ BACKENDS = [
     Backend("odrive_0.6_loadstar", open_odrive),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("odrive_0.6_cell", open_odrive_and_cell),
+    Backend("odrive_0.6_mark10", open_odrive_and_mark10),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", open_cubemars),
     Backend("damiao_cell", open_damiao),

@@ -1,5 +1,6 @@
 """A short run of benchmarks/fuzz_codecs.py, and that its judges can judge."""
 
+import re
 import struct
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit import robstride
 from robot_io.drivers.moteus import protocol as moteus
 from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.serial_force import lorenz_protocol, microcontroller_cell, text
+from robot_io.drivers.serial_force import lorenz_protocol, mark10, microcontroller_cell, text
 from robot_io.errors import ProtocolError
 
 INPUTS = 4000
@@ -69,6 +70,8 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
     ("lorenz_telegram", lorenz_protocol, "checksums", lambda old: lambda content: AnyPair()),
     ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),
+    ("mark10", mark10, "_READING", lambda old: re.compile(r"([+-]?[0-9.]+) ?([A-Za-z]*).*")),
+    ("mark10", mark10, "newtons_per", lambda old: lambda unit: 2.0),
     ("loadstar", text, "float", lambda old: lambda number: 10.0 * float(number)),
 ]
 

@@ -41,6 +41,7 @@ CELL = (  # one on a microcontroller, in its place
     "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
     "zero_counts: -30000, rate_hz: 320}",
 )
+MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
 
 
 class WireBench:

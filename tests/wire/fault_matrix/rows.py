@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, MOTEUS, ODRIVE, ROBSTRIDE, ROOT, SO101
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, MARK10, MOTEUS, ODRIVE, ROBSTRIDE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -45,6 +45,7 @@ FAMILIES = {
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
+    "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
     "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
@@ -242,14 +243,16 @@ _SILENT = (11, BRAKED + 5, "no reading for")
 _STUCK = (22, BRAKED + 22, "force sensor: stuck at", "", _FROZEN_FORCE)
 
 
-def _streamed(corrupt_ticks: int, reversed_ticks: int) -> tuple[tuple[object, ...], ...]:
+def _streamed(
+    corrupt_ticks: int, reversed_ticks: int, reordered: tuple[object, ...] = GOES_ON
+) -> tuple[tuple[object, ...], ...]:
     """Ends of a sensor that streams lines; how soon digits that are flipped are told is a matter of luck."""
     return (
         _SILENT,
         _SILENT,
         (corrupt_ticks, BRAKED + corrupt_ticks, "no reading for", _NO_CHECKSUM),
         GOES_ON,
-        GOES_ON,
+        reordered,
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
@@ -271,6 +274,7 @@ _FORCE_ROWS = {
         _STUCK,
     ),
     "lines": _streamed(17, 22),
+    "mark10": _streamed(17, 30, _SILENT),
     "cell": (
         *[(11, BRAKED + 5, "no reading for")] * 3,
         GOES_ON,
