@@ -4,13 +4,13 @@ import math
 
 from sim_backend.emulators.serial.pty_line import SerialSensor
 
-_UNITS = {  # command, what it writes behind a reading, and newtons
+_UNITS = {  # command, what it writes behind a reading, and what that is [N], or [N m]
     "N": ("N", 1.0),
     "LB": ("lbF", 4.4482216152605),
     "KG": ("kgF", 9.80665),
     "G": ("gF", 0.00980665),
     "MN": ("mN", 1e-3),
-    "LBIN": ("lbFin", math.nan),
+    "LBIN": ("lbFin", 1.0),
 }
 _SILENT = ("AOUT", "AOFF", "IPOL", "OPOL", "FULL", "NUM", "CUR")  # settings that are not answered
 
