@@ -12,15 +12,14 @@ from typing import Any
 
 import can
 
-from robot_io.files.file_model import FileModel, Number, Positive, validate
+from robot_io.files.file_model import FileModel, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.can.wire import CanNode, CanWire, open_virtual_bus
-from sim_backend.emulators.faults import Fault, FaultKind
-from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.can.motor import EmulatedMotor, MotorPlace, wire_of
+from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11
-HOT = 38
+HOT, _CUT = 38, 99  # over temperature; cut by servo.max_current_A
 _FORMATS = ("b", "<h", "<i", "<f")
 _LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)  # that a CAN FD frame can have, from 8 on
 _KP_NM_REV, _KD_NMS_REV = 4.0, 0.05  # as delivered
@@ -37,15 +36,10 @@ _STEPS = {
 _DEFAULTS = {0x20: 0.0, 0x21: 0.0, 0x22: 0.0, 0x23: 1.0, 0x24: 1.0, 0x27: 0.0, 0x2B: 1.0}
 
 
-class EmulatedMoteus(CanNode):
-    """One controller.
+class EmulatedMoteus(EmulatedMotor):
+    """One controller; `EmulatedMotor` has the other arguments.
 
     Args:
-        number: its id.
-        joint: which joint of the plant it moves, from 0.
-        plant: the arm.
-        gear_ratio: turns of its output for one turn of the joint, negative if it is reversed.
-        zero_rad: joint angle where its output is at zero [rad].
         max_torque_nm: what its current limit allows at the output [N m].
 
     Attributes:
@@ -55,19 +49,10 @@ class EmulatedMoteus(CanNode):
     known = True
 
     def __init__(
-        self,
-        number: int,
-        joint: int,
-        plant: Plant,
-        *,
-        gear_ratio: float = 1.0,
-        zero_rad: float = 0.0,
-        max_torque_nm: float = math.inf,
+        self, number: int, joint: int, plant: Plant, *, max_torque_nm: float = math.inf, **mounting: float
     ) -> None:
-        self.number, self._max_torque_nm = number, max_torque_nm
-        self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
-        self._silent_until_s = self._heard_s = -math.inf
-        self._stuck: JointState | None = None
+        super().__init__(number, joint, plant, **mounting)
+        self._max_torque_nm = max_torque_nm
         self.mode, self.fault, self.home = STOPPED, 0, 2
         self._command = dict(_DEFAULTS)
 
@@ -127,21 +112,17 @@ class EmulatedMoteus(CanNode):
         return struct.pack(_FORMATS[form], min(max(steps, -largest), largest))
 
     def _value(self, register: int) -> float:
-        motion = self._stuck or self._plant.joint(self._joint)
-        torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
+        shown = self.shown
         return {
             0x00: self.mode,
-            0x01: self._output_rev(motion) if self.known else math.nan,
-            0x02: motion.velocity_rad_s * self._gear_ratio / math.tau,
-            0x03: torque_nm,
+            0x01: shown.position_rad / math.tau if self.known else math.nan,
+            0x02: shown.velocity_rad_s / math.tau,
+            0x03: shown.torque_nm,
             0x0C: self.home,
             0x0D: 24.0,
             0x0E: 31.0,
             0x0F: self.fault,
         }.get(register, 0.0)
-
-    def _output_rev(self, joint: JointState) -> float:
-        return (joint.position_rad - self._zero_rad) * self._gear_ratio / math.tau
 
     def _obey(self, mode: int, written: dict[int, float], now_s: float) -> None:
         if mode == STOPPED:
@@ -152,17 +133,15 @@ class EmulatedMoteus(CanNode):
         self._drive()
 
     def _drive(self) -> None:
-        torque_nm = 0.0
+        torque_nm, limit_nm, command = 0.0, self._max_torque_nm, self._command
         if self.mode == POSITION:
-            joint, command = self._plant.joint(self._joint), self._command
-            error_rev = command[0x20] - self._output_rev(joint)
-            error_rev_s = command[0x21] - joint.velocity_rad_s * self._gear_ratio / math.tau
+            shaft = self.shaft
+            error_rev = command[0x20] - shaft.position_rad / math.tau
+            error_rev_s = command[0x21] - shaft.velocity_rad_s / math.tau
             torque_nm = command[0x22] + command[0x24] * _KD_NMS_REV * error_rev_s
             torque_nm += 0.0 if math.isnan(error_rev) else command[0x23] * _KP_NM_REV * error_rev
-        limit_nm = self._max_torque_nm
-        is_cut = self.mode == POSITION and abs(torque_nm) > limit_nm
-        self.fault = self.fault if self.mode == FAULT else 99 * is_cut
-        self._plant.set_torque(self._joint, min(max(torque_nm, -limit_nm), limit_nm) * self._gear_ratio)
+        self.fault = self.fault if self.mode == FAULT else _CUT * (abs(torque_nm) > limit_nm)
+        self._exert(min(max(torque_nm, -limit_nm), limit_nm))
 
     def tell(self, now_s: float) -> list[can.Message]:
         """See `CanNode.tell`: nothing unasked, but here its watchdog runs."""
@@ -172,21 +151,15 @@ class EmulatedMoteus(CanNode):
             self._drive()
         return []
 
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self.mode, self.fault = FAULT, HOT
-        elif fault.kind is FaultKind.STUCK:
-            self._stuck = self._stuck or self._plant.joint(self._joint)
-        elif fault.kind is FaultKind.REBOOT:
-            self.mode, self.fault, self._silent_until_s = STOPPED, 0, now_s + fault.delay_s
-        self._drive()
+    def _fail(self) -> None:
+        self.mode, self.fault = FAULT, HOT
+
+    def _start_up(self) -> None:
+        self.mode, self.fault = STOPPED, 0
 
 
-class _Motor(FileModel, extra="ignore"):
+class _Motor(MotorPlace):
     motor_id: int
-    gear_ratio: Positive = 1.0
-    reversed: bool = False
-    zero_rad: Number = 0.0
     max_torque_nm: Positive
 
 
@@ -200,17 +173,8 @@ class MoteusWires(WireMaker):
     name = "moteus_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_Settings, request.section.settings)
-        nodes = [
-            EmulatedMoteus(
-                motor.motor_id,
-                joint,
-                request.plant,
-                gear_ratio=-motor.gear_ratio if motor.reversed else motor.gear_ratio,
-                zero_rad=motor.zero_rad,
-                max_torque_nm=motor.max_torque_nm,
-            )
-            for joint, motor in enumerate(own.motors)
-        ]
-        bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
-        return CanWire(bus, nodes, request.faults), reach
+        def node(joint: int, motor: _Motor) -> EmulatedMoteus:
+            limit_nm, plant = motor.max_torque_nm, request.plant
+            return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **motor.mounting)
+
+        return wire_of(request, validate(_Settings, request.section.settings).motors, node)

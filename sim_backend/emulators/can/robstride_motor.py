@@ -11,7 +11,6 @@ from typing import Any
 import can
 
 from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits, to_uint
-from sim_backend.emulators.faults import Fault, FaultKind
 from sim_backend.emulators.plant import Plant
 
 HOST = 0xFD
@@ -87,7 +86,7 @@ class EmulatedRobstride(EmulatedMitMotor):
 
     def _parameter(self, data: bytes) -> can.Message:
         index = int.from_bytes(data[:2], "little")
-        known = {**self.parameters, _POSITION: self._shaft_rad(self._plant.joint(self._joint))}
+        known = {**self.parameters, _POSITION: self.shown.position_rad}
         if index not in known:
             return self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))
         packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
@@ -107,28 +106,25 @@ class EmulatedRobstride(EmulatedMitMotor):
         news, self._news = self._news, []
         return news
 
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self.error, self.enabled = _HOT_STATE, False
-            self.tell_faults(_HOT_FAULT)
-            self._drive()
-            return
-        super().strike(fault, now_s)
-        if fault.kind is FaultKind.REBOOT:
-            self.parameters, self.timeout_s, self.error = {_RUN_MODE: 0, TIMEOUT: 0}, None, 0
+    def _fail(self) -> None:
+        self.error, self.enabled = _HOT_STATE, False
+        self.tell_faults(_HOT_FAULT)
+
+    def _start_up(self) -> None:
+        self.parameters, self.timeout_s = {_RUN_MODE: 0, TIMEOUT: 0}, None
+        self.error, self.enabled = 0, False
 
     def tell_faults(self, faults: int) -> None:
         """Report fault bits unasked with the next `tell`."""
         self._news.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
 
     def _reply(self) -> can.Message:
-        motion = self._stuck or self._plant.joint(self._joint)
-        torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
+        shown = self.shown
         data = struct.pack(
             ">4H",
-            to_uint(self._shaft_rad(motion), self._position_limit, 16),
-            to_uint(motion.velocity_rad_s * self._gear_ratio, self._velocity_limit, 16),
-            to_uint(torque_nm, self._torque_limit, 16),
+            to_uint(shown.position_rad, self._position_limit, 16),
+            to_uint(shown.velocity_rad_s, self._velocity_limit, 16),
+            to_uint(shown.torque_nm, self._torque_limit, 16),
             251,  # tenths of a degree Celsius
         )
         mode = 2 if self.enabled else 0
