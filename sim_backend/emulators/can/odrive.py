@@ -19,6 +19,8 @@ from sim_backend.emulators.wiring import WireMaker, WireRequest
 IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
 ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
+OVERSPEED_BIT = {"0.5": 1 << 9, "0.6": 1 << 15}  # CONTROLLER_FAILED; VELOCITY_LIMIT_VIOLATION
+_TOLERANCE = 1.2  # times its velocity limit, as delivered
 ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
 
 
@@ -34,6 +36,8 @@ class EmulatedOdrive(EmulatedMotor):
         watchdog_s: None is a watchdog that is not enabled [s].
 
     Attributes:
+        velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
+        current_limit_a: as it was last set over CAN [A].
         velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
             2 and 1/6; None: switched off.
     """
@@ -58,6 +62,7 @@ class EmulatedOdrive(EmulatedMotor):
         self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
         self._next_heartbeat_s = heartbeat_s
         self._next_cyclic_s = cyclic_s
+        self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
         self.velocity_limiter: tuple[float, float] | None = None
         self._start_up()
 
@@ -89,6 +94,8 @@ class EmulatedOdrive(EmulatedMotor):
             self._control_mode = struct.unpack("<II", data)[0]
         elif command == 0x0E and len(data) >= 4:
             self._input_torque_nm = struct.unpack_from("<f", data)[0]
+        elif command == 0x0F and len(data) == 8:
+            self.velocity_limit_rev_s, self.current_limit_a = struct.unpack("<ff", data)
         elif command == 0x18:
             self.error = 0
         self._drive()
@@ -138,6 +145,9 @@ class EmulatedOdrive(EmulatedMotor):
             and now_s - self._fed_s > self.watchdog_s
         ):
             self._disarm(WATCHDOG_BIT[self._firmware])
+        fastest_rev_s = _TOLERANCE * self.velocity_limit_rev_s
+        if self.state == CLOSED_LOOP and abs(self.shaft.velocity_rad_s) / math.tau > fastest_rev_s:
+            self._disarm(OVERSPEED_BIT[self._firmware])
         messages = []
         if now_s >= self._next_cyclic_s - 1e-9:
             self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
