@@ -142,8 +142,10 @@ class SerialReader:
             self._ask(self._poll, now_s)
 
     def _ask(self, poll: Poll, now_s: float) -> None:
+        question = poll.to_send(now_s)
         try:
-            os.write(self._file_descriptor, poll.to_send(now_s))
+            if question:
+                os.write(self._file_descriptor, question)
         except OSError as error:
             self.failure = f"the port failed ({error})"
 
