@@ -150,6 +150,13 @@ def open_odrive_and_cell() -> Bench:
     )
 
 
+def open_odrive_and_mark10() -> Bench:
+    """A gauge that is asked for each reading, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    gauge = text.replace("driver: loadstar", "driver: mark10, reversed: true")
+    return open_wired(parse_robot_file(gauge, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -176,6 +183,14 @@ def open_damiao() -> Bench:
     return open_wired(load_robot_file(ROBOTS / "damiao_3dof.yaml"), 0.1)
 
 
+def open_robstride() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "robstride_3dof.yaml"), 0.1)
+
+
+def open_moteus() -> Bench:
+    return open_wired(load_robot_file(ROBOTS / "moteus_3dof.yaml"), 0.1)
+
+
 def open_dynamixel() -> Bench:
     """Servos that know the fast sync read. Their watchdog counts reading as a sign of life too."""
     return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
@@ -199,9 +214,12 @@ BACKENDS = [
     Backend("odrive_0.6_loadstar", open_odrive),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("odrive_0.6_cell", open_odrive_and_cell),
+    Backend("odrive_0.6_mark10", open_odrive_and_mark10),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", open_cubemars),
     Backend("damiao_cell", open_damiao),
+    Backend("robstride_cell", open_robstride),
+    Backend("moteus_cell", open_moteus),
     Backend("dynamixel_fast", open_dynamixel),
     Backend("dynamixel_plain", open_plain_dynamixel),
     Backend("feetech_so101", open_so101),

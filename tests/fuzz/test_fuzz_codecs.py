@@ -1,5 +1,6 @@
 """A short run of benchmarks/fuzz_codecs.py, and that its judges can judge."""
 
+import re
 import struct
 from dataclasses import replace
 
@@ -10,8 +11,10 @@ from benchmarks.fuzzers import Fuzzer, all_fuzzers, run_fuzzer
 from robot_io.drivers.dynamixel import protocol as dynamixel
 from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
+from robot_io.drivers.mit import robstride
+from robot_io.drivers.moteus import protocol as moteus
 from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.serial_force import lorenz_protocol, microcontroller_cell, text
+from robot_io.drivers.serial_force import lorenz_protocol, mark10, microcontroller_cell, text
 from robot_io.errors import ProtocolError
 
 INPUTS = 4000
@@ -53,13 +56,22 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
     ("feetech_packet", feetech, "LARGEST_ID", lambda old: 0xFE),  # so is an echo
     ("feetech_stream", feetech, "LARGEST_ID", lambda old: 0xFE),
     ("mit", mit, "_MAX_12", lambda old: 4096),
-    ("mit", mit, "_from_bits", lambda old: lambda bits, half, largest: -old(bits, half, largest)),
+    ("mit", mit, "from_bits", lambda old: lambda bits, half, largest: -old(bits, half, largest)),
     ("mit", mit, "expect_length", lambda old: lambda *args: None),
+    ("mit_robstride", robstride, "_FOUR_WORDS", lambda old: struct.Struct("<4H")),
+    ("mit_robstride", robstride, "_MODES", lambda old: 4),
+    ("mit_robstride", robstride.RobstrideFrames, "sender", lambda old: lambda frames, frame: 1),
+    ("moteus", moteus, "_HEADS", lambda old: Anything()),
+    ("moteus", moteus, "_ANSWER", lambda old: struct.Struct(">2sb2s3f3s4b")),
+    ("moteus", moteus, "isfinite", lambda old: lambda value: True),
+    ("moteus", moteus, "_VOLT", lambda old: 0.1),
     ("odrive", odrive, "isfinite", lambda old: lambda value: True),
     ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
     ("lorenz_telegram", lorenz_protocol, "checksums", lambda old: lambda content: AnyPair()),
     ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),
+    ("mark10", mark10, "_READING", lambda old: re.compile(r"([+-]?[0-9.]+) ?([A-Za-z]*).*")),
+    ("mark10", mark10, "newtons_per", lambda old: lambda unit: 2.0),
     ("loadstar", text, "float", lambda old: lambda number: 10.0 * float(number)),
 ]
 

@@ -27,6 +27,8 @@ DYNAMIXEL = ROOT / "robots" / "dynamixel_3dof.yaml"
 CUBEMARS = ROOT / "robots" / "cubemars_3dof.yaml"
 READ_SHARE = 0.6  # of a tick, as the control loop allows
 DAMIAO = ROOT / "robots" / "damiao_3dof.yaml"
+ROBSTRIDE = ROOT / "robots" / "robstride_3dof.yaml"
+MOTEUS = ROOT / "robots" / "moteus_3dof.yaml"
 SO101 = ROOT / "robots" / "so101.yaml"
 LINES = (  # a load cell that is read by a pattern, in place of the ODrive arm's
     "{driver: loadstar, bus: load_cell, capacity_n: 100.0}",
@@ -39,6 +41,7 @@ CELL = (  # one on a microcontroller, in its place
     "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
     "zero_counts: -30000, rate_hz: 320}",
 )
+MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
 
 
 class WireBench:

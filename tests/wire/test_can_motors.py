@@ -5,7 +5,7 @@ import pytest
 
 from robot_io.errors import DeviceError
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, DAMIAO, ODRIVE, V0_5
+from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -28,6 +28,8 @@ PUSH_NM = (3.0, -2.0, 1.0)
             id="cubemars turned",
         ),
         pytest.param(DAMIAO, (), 2 * 56 / 4095, 0.1, 2e-3, id="damiao"),
+        pytest.param(MOTEUS, (), 1e-5, 0.05, 2e-3, id="moteus"),
+        pytest.param(ROBSTRIDE, (), 2 * 120 / 65535, 0.05, 2e-3, id="robstride"),
     ],
 )
 def test_torques_arrive_and_come_back_within_the_wire_s_steps(
@@ -62,9 +64,11 @@ def test_answers_under_another_motor_s_id_are_no_position(bench, path, frames):
     [
         (CUBEMARS, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
         (DAMIAO, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
+        (ROBSTRIDE, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
+        (MOTEUS, r"no answer in 0.05 s from joint 2 \(motor 2\)"),
         (ODRIVE, r"joint 3 \(node 2\): no heartbeat"),
     ],
-    ids=["cubemars", "damiao", "odrive"],
+    ids=["cubemars", "damiao", "robstride", "moteus", "odrive"],
 )
 def test_a_motor_that_is_not_there_is_named(bench, path, problem):
     arm = bench(path)
@@ -73,7 +77,7 @@ def test_a_motor_that_is_not_there_is_named(bench, path, problem):
         arm.robot.configure()
 
 
-@pytest.mark.parametrize("path", [CUBEMARS, ODRIVE], ids=["cubemars", "odrive"])
+@pytest.mark.parametrize("path", [CUBEMARS, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 @pytest.mark.parametrize("late_ms", [0.0, 1.5, 4.2])
 def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, late_ms):
     """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""

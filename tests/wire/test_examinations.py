@@ -9,7 +9,7 @@ from robot_io.errors import DeviceError
 from robot_io.examination import Level
 from sim_backend.emulators.dynamixel import control_table as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
-from tests.wire.parts import CUBEMARS, DAMIAO, ODRIVE, SO101
+from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 
 LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s, without stuffing
 
@@ -20,6 +20,11 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
         (ODRIVE, 3, "firmware 0.6.10, 24.0 V, IDLE", "DI-1000, counts in lb", 3 * (2 * LONG + SHORT)),
         (CUBEMARS, 3, "answers, at .* proven at act", "serial number 123456, 100 N, 1000 s", 3 * 2 * LONG),
         (DAMIAO, 3, "answers, at .* set and read back at act", "nau7802, 320 samples/s", 3 * 2 * LONG),
+        (
+            *(ROBSTRIDE, 3, "answers, at .* set, read back and proven at act", "nau7802, 320 samples/s"),
+            3 * 2 * (LONG + 20e-6),
+        ),
+        (MOTEUS, 3, "mode 0, 24.0 V, 31 °C, position known by the output", "nau7802, 320", 3 * 200.4e-6),
         (SO101, 5, "answers, and holds|STS3215-12V, firmware 3.9, 12.0 V, 30 °C", "nau7802, 320", None),
     ],
 )

@@ -41,7 +41,7 @@ def test_a_timeout_that_does_not_bite_is_refused(bench, timeout_s):
     arm.motors[1].timeout_s = timeout_s
     arm.robot.configure()
     with pytest.raises(
-        DeviceError, match=r"joint 2 \(motor 2\) still exerts torque .*set the CAN timeout to 0.1 s"
+        DeviceError, match=r"joint 2 \(motor 2\) still exerts torque .*set its timeout to 0.1 s"
     ):
         arm.robot.activate()
     assert not any(node.enabled for node in arm.motors)

@@ -16,7 +16,7 @@ TOLERANCES = {
     "motors": 0.02,
     "load_cell": 2.0,
 }  # [rad], [N]: 1 % of the capacity is believed, and what it moves
-CAN = ("odrive", "mit", "damiao")  # a frame that has lost a byte does not arrive: CORRUPT cuts it short
+CAN = ("odrive", "mit", "damiao", "robstride", "moteus")  # CORRUPT cuts: a frame that lost a byte is none
 PLAIN = (("fast_sync_read: true", "fast_sync_read: false"),)
 CASES = [
     *((family, (), FaultKind.CORRUPT) for family in FAMILIES),

@@ -6,7 +6,7 @@ import pytest
 from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import V0_5
+from tests.wire.parts import ODRIVE, V0_5
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -86,6 +86,22 @@ def test_a_velocity_limiter_that_cuts_torques_is_named(bench):
     assert "joint 1 (node 0): exerts 0.3" in arm.problem
     assert "enable_torque_mode_vel_limit = False" in arm.problem
     assert "node 1" not in arm.problem
+
+
+def test_limits_are_written_where_the_robot_file_states_a_current(bench):
+    """As delivered an axis fails beyond 2.4 rev/s, a quarter of what this robot file allows."""
+    said = [("max_torque_nm: 4.4}", "max_torque_nm: 4.4, current_limit_a: 40}")]
+    for changes, failed in (((), True), (said, False)):
+        arm = bench(ODRIVE, changes)
+        arm.motors[0].velocity_limit_rev_s = 2.0
+        arm.start()
+        speed = 0.0
+        while speed < 3.0 and not arm.robot.bus_errors:
+            speed = arm.tick((6.0, 0.0, 0.0)).joint_velocity_rad_s[0]
+        arm.ticks(12)
+        assert ("joint 1 (node 0): IDLE VELOCITY_LIMIT_VIOLATION" in arm.problem) == failed
+    assert arm.motors[0].velocity_limit_rev_s == pytest.approx(1.5 * 9 * 6.0 / (2.0 * np.pi))
+    assert [node.current_limit_a for node in arm.motors[:2]] == [40.0, pytest.approx(np.nan, nan_ok=True)]
 
 
 @pytest.mark.parametrize("watchdog_s", [None, 5.0])

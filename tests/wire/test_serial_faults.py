@@ -16,9 +16,14 @@ from robot_io.drivers.serial_force.loadstar import loadstar_stream
 from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, LINES, ODRIVE
+from tests.wire.parts import CUBEMARS, LINES, MARK10, ODRIVE
 
-SENSORS = {"loadstar": (ODRIVE, ()), "lorenz": (CUBEMARS, ()), "force_lines": (ODRIVE, (LINES,))}
+SENSORS = {
+    "loadstar": (ODRIVE, ()),
+    "lorenz": (CUBEMARS, ()),
+    "force_lines": (ODRIVE, (LINES,)),
+    "mark10": (ODRIVE, (MARK10,)),
+}
 
 
 @pytest.fixture(params=SENSORS, ids=str)
@@ -283,3 +288,49 @@ def test_a_force_is_as_old_as_it_is(bench, path, delay_s, ages_ms):
     arm = bench(path, [("delay_s: 0.0 ", f"delay_s: {delay_s} ")]).start()
     ticks = [arm.tick() for _ in range(20)]
     assert {round(1e3 * (one.time_s - one.force_at_s), 3) for one in ticks} == ages_ms
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        ({"unit": "LBIN"}, "unit 'lbFin' is not a known unit of force"),
+        ({"unknown": ("FULL",)}, r"says '\*10 illegal command' when asked for its model"),
+        ({"hear": lambda data, now_s: b""}, "no gauge says an answer; check port and baud rate"),
+    ],
+)
+def test_a_gauge_that_cannot_be_asked_for_a_force_is_refused(bench, spoil, problem):
+    arm = bench(ODRIVE, [MARK10])
+    vars(arm.arm.wires["load_cell"]._sensor).update(spoil)
+    with pytest.raises(DeviceError, match=problem):
+        arm.robot.configure()
+
+
+def test_a_gauge_without_commands_for_signs_is_taken(bench):
+    arm = bench(ODRIVE, [MARK10])
+    arm.arm.wires["load_cell"]._sensor.unknown = ("IPOL", "OPOL")
+    arm.robot.configure()
+    press(arm, 5.0)
+    assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
+    arm = bench(ODRIVE, [MARK10])
+    arm.robot.configure()
+    arm.ticks(10, None)
+    arm.arm.wires["load_cell"]._sensor.unit = "N"
+    arm.ticks(20, None)
+    assert "the gauge reads in N, and read in lbF when it was configured" in arm.problem
+
+
+@pytest.mark.parametrize("late_ms", [4.2, 60.0, 130.0])
+def test_an_answer_is_as_old_as_its_question(bench, late_ms):
+    """What comes later than the driver waits for belongs to no younger question."""
+    arm = bench(ODRIVE, [MARK10])
+    arm.robot.configure()
+    arm.ticks(10, None)
+    arm.strike("load_cell", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    struck_s = arm.clock.now_s()
+    for _ in range(900):
+        measurement = arm.tick(None)
+        if measurement.force_at_s > struck_s:
+            assert measurement.time_s - measurement.force_at_s >= late_ms * 1e-3

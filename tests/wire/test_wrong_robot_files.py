@@ -7,7 +7,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, ODRIVE
+from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, MOTEUS, ODRIVE, ROBSTRIDE
 
 
 @pytest.mark.parametrize(
@@ -38,6 +38,12 @@ from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, ODRIVE
         (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 2,", "2 is a motor's id"),
         (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 18,", "18 is .* two motors"),
         (DAMIAO, "motor_id: 1,", "motor_id: 1, answer_id: 0x7ff,", "answer_id"),
+        (DAMIAO, "motor_id: 1,", "motor_id: 16,", "'damiao' has at most 15"),
+        (MOTEUS, "motor_id: 2", "motor_id: 1", "not all different"),
+        (MOTEUS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 3", "host_id 3 are not all different"),
+        (MOTEUS, "socketcan", "slcan", "slcan carries no CAN FD"),
+        (ROBSTRIDE, "motor_id: 1,", "motor_id: 128,", "'robstride' has at most 127"),
+        (ROBSTRIDE, "watchdog_s: 0.1", "watchdog_s: 0.1\n    host_id: 256", "at most 255"),
         (DAMIAO, "watchdog_s: 0.1", "watchdog_s: 0.00002", "watchdog_s"),
         (CUBEMARS, "watchdog_s: 0.1", "watchdog_s: 0.1\n    check_watchdog: false", "check_watchdog"),
         (CUBEMARS, "unit: N", "unit: bar", "not a known unit"),

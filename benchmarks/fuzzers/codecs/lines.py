@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_io.drivers.serial_force.force_lines import pattern_stream
 from robot_io.drivers.serial_force.loadstar import loadstar_stream
+from robot_io.drivers.serial_force.mark10 import Mark10Stream
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream
 from sim_backend.emulators.serial.cell import crc, line
 
@@ -49,6 +50,28 @@ class LoadstarFuzzer(_LinesFuzzer):
     def decode(self, data: bytes) -> list[object]:
         self._remember(data)
         return list(self._stream.feed(data))
+
+
+class Mark10Fuzzer(_LinesFuzzer):
+    """A gauge that is asked, in newtons."""
+
+    name = "mark10"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stream = Mark10Stream("N", 100.0)
+
+    def frame(self, rng: np.random.Generator) -> bytes:
+        return f"{rng.normal(scale=30.0):.2f} N\r\n".encode()
+
+    def decode(self, data: bytes) -> list[object]:
+        self._remember(data)
+        return list(self._stream.feed(data))
+
+    def is_wrong(self, data: bytes, accepted: object) -> bool:
+        """See `Fuzzer.is_wrong`: the number must stand before the unit, and nothing else in its line."""
+        whole = (line.strip().split(b" ") for line in re.split(rb"[\r\n]", self._seen))
+        return not any(words[1:] == [b"N"] and _is(words[0], accepted) for words in whole)
 
 
 class PatternFuzzer(_LinesFuzzer):

@@ -5,6 +5,7 @@ import numpy as np
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit.makers import DIALECTS, Maker
+from robot_io.drivers.mit.robstride import RobstrideFrames
 
 from ..fuzzer import Fuzzer
 
@@ -60,3 +61,38 @@ class DamiaoFuzzer(MitFuzzer):
             return True
         plain = bytes((data[0] % 16, *data[1:7], error))
         return super().is_wrong(plain, accepted)
+
+
+class RobstrideFuzzer(Fuzzer):
+    """States of one of Robstride's; the first four bytes of an input are the id."""
+
+    name = "mit_robstride"
+
+    def __init__(self) -> None:
+        self._frames = RobstrideFrames(0xFD, {})
+
+    def frame(self, rng: np.random.Generator) -> bytes:
+        return bytes((2, int(rng.integers(256)), 1, 0xFD)) + rng.bytes(8)
+
+    def decode(self, data: bytes) -> list[object]:
+        frame = CanFrame(int.from_bytes(data[:4], "big") & 0x1FFFFFFF, data[4:], extended=True)
+        if self._frames.sender(frame) != 1:
+            return []
+        return [self._frames.state(frame, _RANGES)]
+
+    def is_wrong(self, data: bytes, accepted: object) -> bool:
+        """See `Fuzzer.is_wrong`: by the bits of the manual, of motor 1 to host FD."""
+        if not isinstance(accepted, mit.MitState) or len(data) != 12:
+            return True
+        bits = "".join(f"{byte:08b}" for byte in data)
+        said = (accepted.position_rad / 12.5, accepted.velocity_rad_s / 50.0, accepted.torque_nm / 25.0)
+        numbers = "".join(f"{round((share + 1.0) / 2.0 * 65535):016b}" for share in said)
+        mode = {True: ("10",), False: ("00", "01")}.get(bool(accepted.enabled), ())
+        at_end = any(len(set(field)) == 1 for field in (bits[32:48], bits[48:64]))
+        return (
+            bits[3:8] + bits[16:32] != "00010" + "00000001" + "11111101"
+            or bits[8:10] not in mode
+            or accepted.error != int(bits[10:16], 2)
+            or (accepted.motor_id, accepted.at_range_end) != (1, at_end)
+            or numbers != bits[32:80]
+        )

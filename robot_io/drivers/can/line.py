@@ -11,10 +11,10 @@ import time
 from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import can
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from robot_io.clock import Clock
 from robot_io.drivers.can.slcan import SlcanBus
@@ -29,12 +29,13 @@ _MOST_FRAMES = 1000  # taken in one go; a node that babbles does not hold up the
 
 @dataclass(frozen=True, slots=True)
 class CanFrame:
-    """One classic CAN 2.0 frame."""
+    """One CAN frame."""
 
     can_id: int  # arbitration id, 11 bits, or 29 when `extended`
-    data: bytes = b""  # 0 to 8 bytes
+    data: bytes = b""  # 0 to 8 bytes, or to 64 when `fd`
     extended: bool = False  # whether the id has 29 bits
     remote: bool = False  # whether it asks for a frame of this id instead of being one
+    fd: bool = False  # whether it is a CAN FD frame, whose data travels at the second bit rate
 
 
 def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
@@ -61,6 +62,8 @@ def _named(channel: str | int) -> str | int:
 class CanLineSettings(FileModel):
     """Which adapter, and how it is opened."""
 
+    fd: ClassVar = False  # whether the devices speak CAN FD
+
     # slcan, or a python-can interface: socketcan, pcan, virtual, udp_multicast .
     interface: Annotated[str, matching(r"[a-z0-9_]{1,32}", "1 to 32 small letters, digits or _")]
     # What the interface calls its channel.
@@ -71,13 +74,21 @@ class CanLineSettings(FileModel):
     options: dict[str, str | bool | int | float] = Field(default_factory=dict)
     timestamps: Timestamps = Timestamps.WALL  # what its time stamps mean
 
+    @model_validator(mode="after")
+    def _can_be_carried(self) -> Self:
+        if self.fd and self.interface == SLCAN:
+            raise ValueError("interface: slcan carries no CAN FD frames, give an adapter of python-can's")
+        return self
+
     def arguments(self) -> dict[str, Any]:
         """Arguments for `can.Bus`; multicast stays on this machine unless told otherwise."""
         arguments: dict[str, Any] = {"interface": self.interface, "channel": self.channel}
         if self.bitrate is not None:
             arguments["bitrate"] = self.bitrate
         if self.interface == "udp_multicast":
-            arguments.update(hop_limit=0, fd=False)
+            arguments.update(hop_limit=0, fd=self.fd)
+        elif self.fd:
+            arguments["fd"] = True
         return {**arguments, **self.options}
 
 
@@ -170,6 +181,8 @@ class CanLine:
             is_remote_frame=frame.remote,
             data=None if frame.remote else frame.data,
             dlc=8 if frame.remote else len(frame.data),
+            is_fd=frame.fd,
+            bitrate_switch=frame.fd,
             timestamp=self._clock.now_s() if self._settings.timestamps is Timestamps.ROBOT else 0.0,
         )
         try:
@@ -245,11 +258,15 @@ class CanLine:
             elif message.arbitration_id & RESTARTED:
                 self.bus_off = False
             return None
-        if message.is_fd:
+        if message.is_fd and not self._settings.fd:
             self.counts["CAN FD"] += 1
             return None
         return CanFrame(
-            message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame
+            message.arbitration_id,
+            bytes(message.data),
+            message.is_extended_id,
+            message.is_remote_frame,
+            message.is_fd,
         )
 
 

@@ -18,6 +18,7 @@ from robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
 _FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)
+_EXTENSION_BITS = 20  # more with a 29 bit id
 _USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
 _LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
@@ -141,9 +142,10 @@ class MotorBus(Bus, Examinable):
             observations.append(fail(self.line.label, value, remedy))
         return tuple(observations)
 
-    def _frame_s(self, byte_count: int) -> float:
+    def _frame_s(self, byte_count: int, *, extended: bool = False) -> float:
         """Time that a frame is on the wire at least [s]; stuffing adds up to a fifth."""
-        return (_FRAME_BITS + 8 * byte_count) / (self.line.bitrate or _USUAL_BITRATE)
+        bits = _FRAME_BITS + _EXTENSION_BITS * extended + 8 * byte_count
+        return bits / (self.line.bitrate or _USUAL_BITRATE)
 
     def close(self) -> None:
         self.line.close()

@@ -61,5 +61,5 @@ class DynamixelSettings(FileModel):
         if twice is not None:
             raise ValueError(f"servos: id {twice} is there twice")
         if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
-            raise ValueError("servos: XL330 and larger models keep their data elsewhere, and need two buses")
+            raise ValueError("servos: X330 and larger models keep their data elsewhere, and need two buses")
         return self

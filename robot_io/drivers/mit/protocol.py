@@ -31,7 +31,7 @@ ENTER_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 EXIT_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
 CLEAR_ERROR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"  # Damiao
 
-_MAX_16 = (1 << 16) - 1
+MAX_16 = (1 << 16) - 1
 _MAX_12 = (1 << 12) - 1
 
 
@@ -68,11 +68,11 @@ def encode_command(  # noqa: PLR0917 (the order of the frame)
     ranges: MitRanges,
 ) -> CanFrame:
     """Command all five values; each is cut at its range. InputError: a value is not a number."""
-    position = _to_bits(position_rad, -ranges.position_rad, ranges.position_rad, _MAX_16)
-    velocity = _to_bits(velocity_rad_s, -ranges.velocity_rad_s, ranges.velocity_rad_s, _MAX_12)
-    stiffness = _to_bits(stiffness_nm_rad, 0.0, MAX_STIFFNESS, _MAX_12)
-    damping = _to_bits(damping_nms_rad, 0.0, MAX_DAMPING, _MAX_12)
-    torque = _to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+    position = to_bits(position_rad, -ranges.position_rad, ranges.position_rad, MAX_16)
+    velocity = to_bits(velocity_rad_s, -ranges.velocity_rad_s, ranges.velocity_rad_s, _MAX_12)
+    stiffness = to_bits(stiffness_nm_rad, 0.0, MAX_STIFFNESS, _MAX_12)
+    damping = to_bits(damping_nms_rad, 0.0, MAX_DAMPING, _MAX_12)
+    torque = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
     bits = position << 48 | velocity << 36 | stiffness << 24 | damping << 12 | torque
     return CanFrame(motor_id, bits.to_bytes(8, "big"))
 
@@ -82,8 +82,8 @@ def as_sent(torque_nm: float, ranges: MitRanges) -> float:
 
     InputError: the torque is not a number.
     """
-    bits = _to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
-    return _from_bits(bits, ranges.torque_nm, _MAX_12)
+    bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
+    return from_bits(bits, ranges.torque_nm, _MAX_12)
 
 
 def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:
@@ -105,20 +105,22 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
         error, enabled = (status if status > 1 else 0), status == 1
     return MitState(
         motor_id=motor_id,
-        position_rad=_from_bits(position, ranges.position_rad, _MAX_16),
-        velocity_rad_s=_from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
-        torque_nm=_from_bits(torque, ranges.torque_nm, _MAX_12),
-        at_range_end=position in (0, _MAX_16) or velocity in (0, _MAX_12),
+        position_rad=from_bits(position, ranges.position_rad, MAX_16),
+        velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, _MAX_12),
+        torque_nm=from_bits(torque, ranges.torque_nm, _MAX_12),
+        at_range_end=position in (0, MAX_16) or velocity in (0, _MAX_12),
         error=error,
         enabled=enabled,
     )
 
 
-def _to_bits(value: float, low: float, high: float, largest: int) -> int:
+def to_bits(value: float, low: float, high: float, largest: int) -> int:
+    """The number from 0 to `largest` that stands for a value. InputError: it is not a number."""
     if isnan(value):
         raise InputError("a motor command is not a number")
     return round((min(max(value, low), high) - low) / (high - low) * largest)
 
 
-def _from_bits(bits: int, half_range: float, largest: int) -> float:
+def from_bits(bits: int, half_range: float, largest: int) -> float:
+    """What a number from 0 to `largest` stands for, from -half_range to half_range."""
     return (2.0 * bits / largest - 1.0) * half_range

@@ -21,7 +21,7 @@ class MotorRegister:
     """One value of a motor."""
 
     name: str  # as in the manual
-    number: int  # of the register
+    number: int  # of the register, or Robstride's index
     format: str  # of its four bytes, for struct
 
 
@@ -56,8 +56,8 @@ def is_about_register(frame: CanFrame, motor_id: int) -> bool:
 
 
 def decode_register(frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
-    """The value in an answer. ProtocolError: it is another motor's, of another register, or none."""
-    if not is_about_register(frame, motor_id):
+    """The value that was asked for. ProtocolError: it is another motor's, of another register, or none."""
+    if not is_about_register(frame, motor_id) or frame.data[2] != _READ:
         raise ProtocolError(f"no answer of motor {motor_id} about a register: {frame.data.hex(' ')}")
     if frame.data[3] != register.number:
         raise ProtocolError(f"register {frame.data[3]} in place of {register.number}")

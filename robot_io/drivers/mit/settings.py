@@ -11,7 +11,7 @@ from robot_io.drivers.mit.protocol import MitRanges
 from robot_io.drivers.mit.registers import REGISTERS_ID
 from robot_io.files.file_model import FileModel, Number, Positive
 
-LARGEST_DAMIAO_ID, USUAL_ANSWER_OFFSET = 15, 16
+USUAL_ANSWER_OFFSET, LARGEST_ROBSTRIDE_HOST = 16, 0xFF
 
 
 class MitRangeSettings(FileModel):
@@ -37,13 +37,14 @@ class MitBusSettings(CanLineSettings):
 
     maker: Maker = Maker.CUBEMARS  # whose motors they are
     motors: Annotated[tuple[MitMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
-    # Arbitration id of the motors' answers; an answer under the motor's own id is taken too. Damiao's motors
-    # have an `answer_id` each instead.
-    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] = 0
-    # After how long without a command a motor lets go [s] (CAN timeout). It is written to Damiao's motors and
-    # read back. With others the protocol can do neither, so it is proven at each activation: every motor gets
-    # 1 % of its torque, and must have let go after a silence. Without commands for so long the host sends
-    # zero torque as well, for a motor can only be read by commanding it.
+    # Id to which the motors answer; None is 0, and 253 for Robstride's. An answer under the motor's own id is
+    # taken too, except from Robstride's. Damiao's motors have an `answer_id` each instead.
+    host_id: Annotated[int, Field(ge=0, le=0x7FF, strict=True)] | None = None
+    # After how long without a command a motor lets go [s] (CAN timeout). It is written to Damiao's and
+    # Robstride's motors and read back, and Robstride's must have left motor mode after a silence at each
+    # activation. With others the protocol can do neither: every motor gets 1 % of its torque, and must have
+    # let go after the silence. Without commands for so long the host sends zero torque as well, for a motor
+    # can only be read by commanding it.
     watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
@@ -55,11 +56,17 @@ class MitBusSettings(CanLineSettings):
         ids = [motor.motor_id for motor in self.motors]
         if len(set(ids)) != len(ids):
             raise ValueError(f"motors: ids {ids} are not all different")
-        if self.maker is Maker.DAMIAO and max(ids) > LARGEST_DAMIAO_ID:
-            raise ValueError(f"motors: ids {ids}: a Damiao motor says four bits of its id, at most 15")
-        if self.maker is Maker.DAMIAO and "host_id" in self.model_fields_set:
+        if max(ids) > self.dialect.largest_id:
+            raise ValueError(
+                f"motors: ids {ids}: a motor of '{self.maker}' has at most {self.dialect.largest_id}"
+            )
+        if self.maker is Maker.ROBSTRIDE and self.host > LARGEST_ROBSTRIDE_HOST:
+            raise ValueError(
+                f"host_id {self.host}: is at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
+            )
+        if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")
-        if self.maker is not Maker.DAMIAO and any(motor.answer_id is not None for motor in self.motors):
+        if not self.dialect.has_answer_ids and any(motor.answer_id is not None for motor in self.motors):
             raise ValueError(
                 f"motors: 'answer_id' is Damiao's; those of maker '{self.maker}' have one 'host_id'"
             )
@@ -75,8 +82,8 @@ class MitBusSettings(CanLineSettings):
 
     def _check_answer_ids(self, motor_ids: list[int]) -> None:
         """An answer under a motor's id would be a command to it."""
-        has_own = self.dialect.has_registers
-        answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host_id]
+        has_own = self.dialect.has_answer_ids
+        answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
         wrong = [one for one in answer_ids if one in motor_ids or answer_ids.count(one) > 1]
         if wrong:
             raise ValueError(f"answer id {wrong[0]} is a motor's id, or that of two motors' answers")
@@ -85,6 +92,11 @@ class MitBusSettings(CanLineSettings):
     def dialect(self) -> Dialect:
         """How these motors speak."""
         return DIALECTS[self.maker]
+
+    @property
+    def host(self) -> int:
+        """To whom the motors answer."""
+        return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:
         """What the numbers on the wire mean."""
@@ -95,6 +107,6 @@ class MitBusSettings(CanLineSettings):
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
         """Arbitration ids under which a motor's answers are taken."""
-        if self.dialect.has_registers:
+        if self.dialect.has_answer_ids:
             return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
-        return (self.host_id, motor.motor_id)
+        return (self.host, motor.motor_id)

@@ -34,6 +34,7 @@ from robot_io.errors import DeviceError
 from robot_io.examination import Finding, fail, ok, warn
 
 _OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
+_SPARE_SPEED = 1.5  # times the robot file's: the guard stops the arm before an axis fails
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
@@ -173,19 +174,23 @@ class OdriveBus(MotorBus):
     @property
     def _setup_commands(self) -> tuple[str, ...]:
         """Everything that an axis must be told over USB, as typed into odrivetool."""
-        fastest_rev_s = max(
-            speed * axis.gear_ratio / tau
-            for speed, axis in zip(self._limits.velocity_rad_s, self._axes, strict=True)
+        limits = (
+            f"{VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
+            f"{CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
         )
+        are_written = all(axis.current_limit_a for axis in self._axes)
         return (
             *self._rate_commands,
             f"{WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
             f"{ENABLE_WATCHDOG} = True",
             f"{LIMITER} = False",
-            f"{VELOCITY_LIMIT} = {fastest_rev_s:.1f} or more",
-            f"{CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
+            *(() if are_written else limits),
             "odrv0.save_configuration()",
         )
+
+    def _fastest_rev_s(self, joint: int) -> float:
+        """How fast a motor turns at the robot file's limit [rev/s]."""
+        return self._limits.velocity_rad_s[joint] * self._axes[joint].gear_ratio / tau
 
     def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
         """That something comes before it is too old, once in three times: the machine may be busy."""
@@ -221,6 +226,15 @@ class OdriveBus(MotorBus):
         nodes = [axis.node_id for axis in self._axes]
         armed_s = self._clock.now_s()
         self._send_all([odrive.encode_clear_errors(node) for node in nodes])
+        self._send_all(
+            [
+                odrive.encode_limits(
+                    axis.node_id, _SPARE_SPEED * self._fastest_rev_s(joint), axis.current_limit_a
+                )
+                for joint, axis in enumerate(self._axes)
+                if axis.current_limit_a is not None
+            ]
+        )
         self._send_all([odrive.encode_controller_mode(node, TORQUE_CONTROL, PASSTHROUGH) for node in nodes])
         self._send_all([odrive.encode_input_torque(node, 0.0) for node in nodes])
         self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))

@@ -30,6 +30,7 @@ class OdriveCommand(IntEnum):
     ENCODER_ESTIMATES = 0x09
     SET_CONTROLLER_MODE = 0x0B
     SET_INPUT_TORQUE = 0x0E
+    SET_LIMITS = 0x0F
     GET_IQ = 0x14
     BUS_VOLTAGE_CURRENT = 0x17
     CLEAR_ERRORS = 0x18
@@ -243,6 +244,14 @@ def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_INPUT_TORQUE), data)
+
+
+def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanFrame:
+    """Set how fast a motor may turn [rev/s], beyond which it fails, and its largest current [A].
+
+    Lost at the next start; no command of CANSimple reads them.
+    """
+    return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
 
 
 def encode_clear_errors(node_id: int) -> CanFrame:

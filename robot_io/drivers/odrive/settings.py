@@ -15,6 +15,9 @@ class OdriveAxis(MotorMounting):
 
     node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
     max_torque_nm: Positive  # largest motor torque, from its current limit [N m]
+    # What lets it exert that [A]. If stated, each activation writes it to the axis, with a velocity limit
+    # that leaves room beyond this file's (Set_Limits); else both are as they were set over USB.
+    current_limit_a: Annotated[Positive, Field(le=1000)] | None = None
     # Motor torque per ampere, needed with firmware 0.5, which reports current [N m/A].
     torque_constant_nm_a: Positive | None = None
 

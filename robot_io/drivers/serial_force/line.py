@@ -13,6 +13,7 @@ from pydantic import Field
 
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverContext
+from robot_io.drivers.serial_force.poll import Poll
 from robot_io.drivers.serial_force.text import Stream
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.files.file_model import FileModel, NotNegative
@@ -59,6 +60,7 @@ class SerialReader:
         capacity_n: of the sensor [N].
         held_back_s: for how long the stream waits for what confirms a reading [s].
         has_checksums: whether the stream knows by itself what is damaged.
+        poll: asks a sensor that speaks only when it is asked; a reading is then as old as its question.
 
     Attributes:
         newest: the newest reading, None before the first.
@@ -74,8 +76,9 @@ class SerialReader:
         held_back_s: float = 0.0,
         *,
         has_checksums: bool = False,
+        poll: Poll | None = None,
     ) -> None:
-        self._held_back_s, self._has_checksums = held_back_s, has_checksums
+        self._held_back_s, self._has_checksums, self._poll = held_back_s, has_checksums, poll
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
@@ -134,17 +137,33 @@ class SerialReader:
             self.failure = "the port was unplugged"
             return
         arrived_s = (now_s if now_s - before_s <= _PROMPT_S else before_s) - self._held_back_s
-        for force_n in self._undamaged(data):
-            if self._has_checksums or self._is_plausible(force_n):
-                self.newest = ForceSample(force_n, arrived_s)
+        self._keep(data, arrived_s)
+        if self._poll:
+            self._ask(self._poll, now_s)
 
-    def _undamaged(self, data: bytes) -> list[float]:
-        """The readings in `data`, without those that come soon after damaged ones."""
+    def _ask(self, poll: Poll, now_s: float) -> None:
+        question = poll.to_send(now_s)
+        try:
+            if question:
+                os.write(self._file_descriptor, question)
+        except OSError as error:
+            self.failure = f"the port failed ({error})"
+
+    def _keep(self, data: bytes, arrived_s: float | None) -> None:
         rejected = self._stream.rejected
         samples = self._stream.feed(data)
+        is_damaged = self._stream.rejected != rejected
+        if self._poll and (samples or is_damaged):
+            arrived_s = self._poll.answered()
+        for force_n in self._undamaged(samples, is_damaged=is_damaged):
+            if arrived_s is not None and (self._has_checksums or self._is_plausible(force_n)):
+                self.newest = ForceSample(force_n, arrived_s)
+
+    def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
+        """The readings that have come, without those beside damaged ones or soon after them."""
         if self._has_checksums:
             return samples
-        if self._stream.rejected != rejected:
+        if is_damaged:
             self._to_discard, self._good = self._discard_next, 0
             self._held_n = nan
             if self.newest:  # what a device says of itself before its first reading is no damage
@@ -259,11 +278,18 @@ class SerialLine(Bus):
         return None
 
     def listen(
-        self, stream: Stream, capacity_n: float, held_back_s: float = 0.0, *, has_checksums: bool = False
+        self,
+        stream: Stream,
+        capacity_n: float,
+        held_back_s: float = 0.0,
+        *,
+        has_checksums: bool = False,
+        question: bytes = b"",
     ) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
 
-        `held_back_s` and `has_checksums` are as for `SerialReader`.
+        `held_back_s` and `has_checksums` are as for `SerialReader`; each reading is asked for by `question`,
+        if there is one.
 
         DeviceError: the port is not open.
         """
@@ -275,6 +301,7 @@ class SerialLine(Bus):
             capacity_n,
             held_back_s,
             has_checksums=has_checksums,
+            poll=Poll(question) if question else None,
         )
         self._reader.start()
 

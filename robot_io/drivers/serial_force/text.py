@@ -96,14 +96,18 @@ class LineStream:
     Args:
         parse: the number as it is written, and newtons per unit, of a line; ProtocolError: it is no reading.
         largest_n: no reading beyond it is accepted [N].
+        from_beginning: whether the first line cannot have lost its beginning.
     """
 
     complaint = ""  # such devices do not complain
 
-    def __init__(self, parse: Callable[[str], tuple[str, float]], largest_n: float) -> None:
+    def __init__(
+        self, parse: Callable[[str], tuple[str, float]], largest_n: float, *, from_beginning: bool = False
+    ) -> None:
         self._parse, self._largest_n = parse, largest_n
         self._lines = LineSplitter()
-        self._lines.resynchronise()  # the first line may have lost its beginning
+        if not from_beginning:
+            self._lines.resynchronise()
         self._decimals, self._same = 0, 0  # in so many lines in a row
         self._bad = 0
 

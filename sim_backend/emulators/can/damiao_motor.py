@@ -11,7 +11,6 @@ from typing import Any
 import can
 
 from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
-from sim_backend.emulators.faults import Fault, FaultKind
 from sim_backend.emulators.plant import Plant
 
 _LOST, _HOT = 13, 11
@@ -84,19 +83,14 @@ class EmulatedDamiao(EmulatedMitMotor):
         """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._fail(_LOST)
+            self._drive()
         return []
 
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self._fail(_HOT)
-        else:
-            super().strike(fault, now_s)
-        if fault.kind is FaultKind.REBOOT:
-            self.registers[_TIMEOUT], self.timeout_s, self.error = 0, None, 0
-
-    def _fail(self, error: int) -> None:
+    def _fail(self, error: int = _HOT) -> None:
         self.error, self.enabled = error, False
-        self._drive()
+
+    def _start_up(self) -> None:
+        self.registers[_TIMEOUT], self.timeout_s, self.error, self.enabled = 0, None, 0, False
 
     def _reply(self) -> can.Message:
         message = super()._reply()

@@ -8,19 +8,16 @@ and does not say that it exerts nothing. The manual says that the mode comes fir
 for by the frame that enters it: so a motor may as well be deaf to commands until then.
 """
 
-import math
-
 import can
 
-from sim_backend.emulators.can.wire import CanNode
-from sim_backend.emulators.faults import Fault, FaultKind
-from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.can.motor import EmulatedMotor
+from sim_backend.emulators.plant import Plant
 
 _ALERT = 6  # MOSFET over temperature
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
-def _to_uint(value: float, limit: float, bits: int) -> int:
+def to_uint(value: float, limit: float, bits: int) -> int:
     """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer."""
     value = min(max(value, -limit), limit)
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
@@ -30,16 +27,11 @@ def _to_float(number: int, low: float, high: float, bits: int) -> float:
     return number * (high - low) / ((1 << bits) - 1) + low
 
 
-class EmulatedMitMotor(CanNode):
-    """One motor.
+class EmulatedMitMotor(EmulatedMotor):
+    """One motor; `EmulatedMotor` has the other arguments.
 
     Args:
-        number: motor id.
-        joint: which joint of the plant it moves, from 0.
-        plant: the arm.
         limits: ends of the ranges of position [rad], velocity [rad/s] and torque [N m].
-        gear_ratio: turns of its output for one turn of the joint, negative if it is reversed.
-        zero_rad: joint angle where its output is at zero [rad].
         host_id: arbitration id of its answers.
         timeout_s: CAN timeout [s]; None is none.
         deaf_when_off: out of motor mode it answers nothing but the special codes.
@@ -52,19 +44,14 @@ class EmulatedMitMotor(CanNode):
         plant: Plant,
         *,
         limits: Limits,
-        gear_ratio: float = 1.0,
-        zero_rad: float = 0.0,
         host_id: int = 0,
         timeout_s: float | None = 0.1,
         deaf_when_off: bool = False,
+        **mounting: float,
     ) -> None:
-        self.number = number
-        self._joint, self._plant = joint, plant
+        super().__init__(number, joint, plant, **mounting)
         self._position_limit, self._velocity_limit, self._torque_limit = limits
-        self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
         self._host_id, self.timeout_s, self._deaf_when_off = host_id, timeout_s, deaf_when_off
-        self._heard_s = self._silent_until_s = -math.inf
-        self._stuck: JointState | None = None
         self.enabled = False
         self.error = 0
         self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -105,40 +92,31 @@ class EmulatedMitMotor(CanNode):
         torque_nm = 0.0
         if self.enabled and not self.error:
             position, velocity, stiffness, damping, feed_forward = self._command
-            joint = self._plant.joint(self._joint)
-            torque_nm = feed_forward
+            shaft, torque_nm = self.shaft, feed_forward
             if stiffness or damping:
-                torque_nm += stiffness * (position - self._shaft_rad(joint))
-                torque_nm += damping * (velocity - joint.velocity_rad_s * self._gear_ratio)
+                torque_nm += stiffness * (position - shaft.position_rad)
+                torque_nm += damping * (velocity - shaft.velocity_rad_s)
             torque_nm = min(max(torque_nm, -self._torque_limit), self._torque_limit)
-        self._plant.set_torque(self._joint, torque_nm * self._gear_ratio)
+        self._exert(torque_nm)
 
     def tell(self, now_s: float) -> list[can.Message]:
         """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
             self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
-            self._plant.set_torque(self._joint, 0.0)
+            self._exert(0.0)
         return []
 
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self.error = _ALERT
-        elif fault.kind is FaultKind.STUCK:
-            self._stuck = self._stuck or self._plant.joint(self._joint)
-        elif fault.kind is FaultKind.REBOOT:
-            self.enabled = False
-            self._silent_until_s = now_s + fault.delay_s
-        self._drive()
+    def _fail(self) -> None:
+        self.error = _ALERT
 
-    def _shaft_rad(self, joint: JointState) -> float:
-        return (joint.position_rad - self._zero_rad) * self._gear_ratio
+    def _start_up(self) -> None:
+        self.enabled = False
 
     def _reply(self) -> can.Message:
-        motion = self._stuck or self._plant.joint(self._joint)
-        torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
-        position = _to_uint(self._shaft_rad(motion), self._position_limit, 16)
-        velocity = _to_uint(motion.velocity_rad_s * self._gear_ratio, self._velocity_limit, 12)
-        torque = _to_uint(torque_nm, self._torque_limit, 12)
+        shown = self.shown
+        position = to_uint(shown.position_rad, self._position_limit, 16)
+        velocity = to_uint(shown.velocity_rad_s, self._velocity_limit, 12)
+        torque = to_uint(shown.torque_nm, self._torque_limit, 12)
         data = bytes(
             (
                 self.number,

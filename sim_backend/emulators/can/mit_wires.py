@@ -3,12 +3,13 @@
 from typing import Any
 
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, Positive, validate
+from robot_io.files.file_model import FileModel, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.can import damiao_motor, mit_motor
+from sim_backend.emulators.can import damiao_motor, mit_motor, robstride_motor
 from sim_backend.emulators.can.damiao_motor import EmulatedDamiao
 from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
-from sim_backend.emulators.can.wire import CanWire, open_virtual_bus
+from sim_backend.emulators.can.motor import MotorPlace, wire_of
+from sim_backend.emulators.can.robstride_motor import EmulatedRobstride
 from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
@@ -19,12 +20,9 @@ class _Ranges(FileModel):
     torque_nm: Positive
 
 
-class _Motor(FileModel, extra="ignore"):
+class _Motor(MotorPlace):
     motor_id: int
     model: str
-    gear_ratio: Positive = 1.0
-    reversed: bool = False
-    zero_rad: Number = 0.0
     ranges: _Ranges | None = None
     answer_id: int | None = None
 
@@ -32,20 +30,16 @@ class _Motor(FileModel, extra="ignore"):
     def limits(self) -> Limits:
         if self.ranges is not None:
             return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
-        known = mit_motor.LIMITS | damiao_motor.LIMITS
+        known = mit_motor.LIMITS | damiao_motor.LIMITS | robstride_motor.LIMITS
         if self.model not in known:
             raise InputError(f"no emulated motor is a '{self.model}'. Valid: {', '.join(known)}")
         return known[self.model]
-
-    @property
-    def signed_ratio(self) -> float:
-        return -self.gear_ratio if self.reversed else self.gear_ratio
 
 
 class _Settings(FileModel, extra="ignore"):
     motors: tuple[_Motor, ...]
     maker: str = "cubemars"
-    host_id: int = 0
+    host_id: int | None = None
     watchdog_s: Positive = 0.1
     ask_with: str = "exit"
 
@@ -57,19 +51,15 @@ class MitWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)
-        nodes = [_emulated(own, motor, joint, request.plant) for joint, motor in enumerate(own.motors)]
-        bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
-        return CanWire(bus, nodes, request.faults), reach
+        return wire_of(request, own.motors, lambda joint, motor: _emulated(own, motor, joint, request.plant))
 
 
 def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> EmulatedMitMotor:
     place: tuple[int, int, Plant] = (motor.motor_id, joint, plant)
-    mounting: dict[str, Any] = {
-        "limits": motor.limits,
-        "gear_ratio": motor.signed_ratio,
-        "zero_rad": motor.zero_rad,
-    }
+    mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
     if own.maker == "damiao":
         return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
+    if own.maker == "robstride":
+        return EmulatedRobstride(*place, **mounting, host_id=own.host_id or robstride_motor.HOST)
     mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
-    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id)
+    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)

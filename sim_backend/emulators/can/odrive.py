@@ -10,29 +10,25 @@ from typing import Any
 
 import can
 
-from robot_io.files.file_model import FileModel, Number, Positive, validate
+from robot_io.files.file_model import FileModel, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.can.wire import CanNode, CanWire, open_virtual_bus
-from sim_backend.emulators.faults import Fault, FaultKind
-from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.can.motor import EmulatedMotor, MotorPlace, wire_of
+from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
 ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
+OVERSPEED_BIT = {"0.5": 1 << 9, "0.6": 1 << 15}  # CONTROLLER_FAILED; VELOCITY_LIMIT_VIOLATION
+_TOLERANCE = 1.2  # times its velocity limit, as delivered
 ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
 
 
-class EmulatedOdrive(CanNode):
-    """One axis.
+class EmulatedOdrive(EmulatedMotor):
+    """One axis; `EmulatedMotor` has the other arguments.
 
     Args:
-        number: node id.
-        joint: which joint of the plant it moves, from 0.
-        plant: the arm.
         firmware: "0.5" or "0.6".
-        gear_ratio: motor turns for one turn of the joint, negative if the motor is reversed.
-        zero_rad: joint angle where the motor counts zero [rad].
         max_torque_nm: what its current limit allows [N m].
         torque_constant_nm_a: motor torque per ampere [N m/A].
         heartbeat_s: period of heartbeats [s].
@@ -40,6 +36,8 @@ class EmulatedOdrive(CanNode):
         watchdog_s: None is a watchdog that is not enabled [s].
 
     Attributes:
+        velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
+        current_limit_a: as it was last set over CAN [A].
         velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
             2 and 1/6; None: switched off.
     """
@@ -51,23 +49,20 @@ class EmulatedOdrive(CanNode):
         plant: Plant,
         *,
         firmware: str,
-        gear_ratio: float,
-        zero_rad: float,
         max_torque_nm: float,
         torque_constant_nm_a: float = 1.0,
         heartbeat_s: float = 0.1,
         cyclic_s: float = 1e-3,
         watchdog_s: float | None = 0.1,
+        **mounting: float,
     ) -> None:
-        self.number = number
-        self._joint, self._plant, self._firmware = joint, plant, firmware
-        self._gear_ratio, self._zero_rad = gear_ratio, zero_rad
+        super().__init__(number, joint, plant, **mounting)
+        self._firmware = firmware
         self._max_torque_nm, self._torque_constant = max_torque_nm, torque_constant_nm_a
         self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
         self._next_heartbeat_s = heartbeat_s
         self._next_cyclic_s = cyclic_s
-        self._silent_until_s = -math.inf
-        self._stuck: JointState | None = None
+        self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
         self.velocity_limiter: tuple[float, float] | None = None
         self._start_up()
 
@@ -99,6 +94,8 @@ class EmulatedOdrive(CanNode):
             self._control_mode = struct.unpack("<II", data)[0]
         elif command == 0x0E and len(data) >= 4:
             self._input_torque_nm = struct.unpack_from("<f", data)[0]
+        elif command == 0x0F and len(data) == 8:
+            self.velocity_limit_rev_s, self.current_limit_a = struct.unpack("<ff", data)
         elif command == 0x18:
             self.error = 0
         self._drive()
@@ -121,9 +118,9 @@ class EmulatedOdrive(CanNode):
         )
         if self.velocity_limiter is not None:
             limit_rev_s, gain = self.velocity_limiter
-            rev_s = self._plant.joint(self._joint).velocity_rad_s * self._gear_ratio / math.tau
+            rev_s = self.shaft.velocity_rad_s / math.tau
             torque_nm = min(max(torque_nm, (-limit_rev_s - rev_s) * gain), (limit_rev_s - rev_s) * gain)
-        self._plant.set_torque(self._joint, torque_nm * self._gear_ratio)
+        self._exert(torque_nm)
 
     def _answer(self, command: int) -> list[can.Message]:
         match command:
@@ -148,6 +145,9 @@ class EmulatedOdrive(CanNode):
             and now_s - self._fed_s > self.watchdog_s
         ):
             self._disarm(WATCHDOG_BIT[self._firmware])
+        fastest_rev_s = _TOLERANCE * self.velocity_limit_rev_s
+        if self.state == CLOSED_LOOP and abs(self.shaft.velocity_rad_s) / math.tau > fastest_rev_s:
+            self._disarm(OVERSPEED_BIT[self._firmware])
         messages = []
         if now_s >= self._next_cyclic_s - 1e-9:
             self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
@@ -157,27 +157,16 @@ class EmulatedOdrive(CanNode):
             messages.append(self._heartbeat())
         return [message for message in messages if message is not None]
 
-    def strike(self, fault: Fault, now_s: float) -> None:
-        if fault.kind is FaultKind.ALERT:
-            self._disarm(ALERT_BIT[self._firmware])
-        elif fault.kind is FaultKind.STUCK:
-            self._stuck = self._stuck or self._plant.joint(self._joint)
-        elif fault.kind is FaultKind.REBOOT:
-            self._start_up()
-            self._drive()
-            self._silent_until_s = now_s + fault.delay_s
-
-    def _motor(self) -> JointState:
-        return self._stuck or self._plant.joint(self._joint)
+    def _fail(self) -> None:
+        self._disarm(ALERT_BIT[self._firmware])
 
     def _encoder_estimates(self) -> can.Message:
-        motor = self._motor()
-        position_rev = (motor.position_rad - self._zero_rad) * self._gear_ratio / math.tau
-        velocity_rev_s = motor.velocity_rad_s * self._gear_ratio / math.tau
-        return self._message(0x09, struct.pack("<ff", position_rev, velocity_rev_s))
+        shown = self.shown
+        data = struct.pack("<ff", shown.position_rad / math.tau, shown.velocity_rad_s / math.tau)
+        return self._message(0x09, data)
 
     def _torque(self) -> can.Message:
-        motor_torque_nm = self._plant.joint(self._joint).torque_nm / self._gear_ratio
+        motor_torque_nm = self.shaft.torque_nm
         if self._firmware == "0.6":
             return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, motor_torque_nm))
         constant = self._torque_constant
@@ -197,11 +186,8 @@ class EmulatedOdrive(CanNode):
         return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)
 
 
-class _Axis(FileModel, extra="ignore"):
+class _Axis(MotorPlace):
     node_id: int
-    gear_ratio: Positive = 1.0
-    reversed: bool = False
-    zero_rad: Number = 0.0
     max_torque_nm: Positive
     torque_constant_nm_a: Positive = 1.0
 
@@ -220,20 +206,18 @@ class OdriveWires(WireMaker):
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         own = validate(_Settings, request.section.settings)
-        nodes = [
-            EmulatedOdrive(
+
+        def node(joint: int, axis: _Axis) -> EmulatedOdrive:
+            return EmulatedOdrive(
                 axis.node_id,
                 joint,
                 request.plant,
                 firmware=own.firmware,
-                gear_ratio=-axis.gear_ratio if axis.reversed else axis.gear_ratio,
-                zero_rad=axis.zero_rad,
                 max_torque_nm=axis.max_torque_nm,
                 torque_constant_nm_a=axis.torque_constant_nm_a,
                 heartbeat_s=own.heartbeat_s,
                 watchdog_s=own.watchdog_s,
+                **axis.mounting,
             )
-            for joint, axis in enumerate(own.axes)
-        ]
-        bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
-        return CanWire(bus, nodes, request.faults), reach
+
+        return wire_of(request, own.axes, node)

@@ -113,8 +113,11 @@ class CanWire(EmulatedWire):
             message.data = message.data[:3]
             message.dlc = 3
         if strikes(FaultKind.WRONG_ID, number, now_s):
-            message.arbitration_id = _STRANGER
-            message.data = bytearray([0xFE, *message.data[1:]])
+            if message.is_extended_id:  # the sender stands in the id
+                message.arbitration_id = message.arbitration_id & ~0xFF00 | 0xFE00
+            else:
+                message.arbitration_id = _STRANGER
+                message.data = bytearray([0xFE, *message.data[1:]])
         if strikes(FaultKind.REORDER, number, now_s) and number not in self._held_back:
             self._held_back[number] = message
             return

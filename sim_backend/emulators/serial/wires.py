@@ -8,6 +8,7 @@ from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.serial.cell import EmulatedCell
+from sim_backend.emulators.serial.mark10 import EmulatedMark10
 from sim_backend.emulators.serial.pty_line import PtyLine, SerialSensor
 from sim_backend.emulators.serial.sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
 from sim_backend.emulators.wiring import WireMaker, WireRequest
@@ -85,11 +86,14 @@ class SerialWires(WireMaker):
                 cell = validate(_Cell, settings)
                 sign = -1.0 if cell.reversed else 1.0
                 return EmulatedCell(cell.newtons_per_count, cell.zero_counts, cell.rate_hz, sign)
+            case "mark10":
+                mark10 = validate(_Loadstar, settings)
+                return EmulatedMark10(mark10.capacity_n, sign=-1.0 if mark10.reversed else 1.0)
             case "force_lines":
                 gauge = validate(_Gauge, settings)
                 return EmulatedGauge(gauge.capacity_n, sign=-1.0 if gauge.reversed else 1.0)
         raise InputError(
             f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: force_lines, "
-            "loadstar, lorenz, microcontroller_cell; name one of them to try the rest of the arm, or do "
-            "without --wire"
+            "loadstar, lorenz, mark10, microcontroller_cell; name one of them to try the rest of the arm, "
+            "or do without --wire"
         )

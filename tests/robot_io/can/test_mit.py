@@ -10,7 +10,7 @@ from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit import registers
 from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.errors import InputError, ProtocolError
-from sim_backend.emulators.can import damiao_motor, mit_motor
+from sim_backend.emulators.can import damiao_motor, mit_motor, robstride_motor
 
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
@@ -22,13 +22,29 @@ def test_special_codes_of_the_manual():
 
 
 # Position [rad], velocity [rad/s], torque [N m], as the emulators have them: they share nothing with drivers.
-RANGES = {Maker.CUBEMARS: mit_motor.LIMITS, Maker.DAMIAO: damiao_motor.LIMITS}
+RANGES = {
+    Maker.CUBEMARS: mit_motor.LIMITS,
+    Maker.DAMIAO: damiao_motor.LIMITS,
+    Maker.ROBSTRIDE: robstride_motor.LIMITS,
+}
 
 
-@pytest.mark.parametrize(("maker", "model"), [(maker, model) for maker in Maker for model in RANGES[maker]])
+def test_every_model_has_the_ranges_of_its_emulator():
+    assert {
+        maker: {
+            model: (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
+            for model, ranges in DIALECTS[maker].models.items()
+        }
+        for maker in Maker
+    } == RANGES
+
+
+@pytest.mark.parametrize(
+    ("maker", "model"),
+    [(maker, model) for maker in (Maker.CUBEMARS, Maker.DAMIAO) for model in RANGES[maker]],
+)
 def test_full_range_of_each_model(maker, model):
     models, ranges = DIALECTS[maker].models, RANGES[maker][model]
-    assert list(models) == list(RANGES[maker])
     state = mit.decode_state(CanFrame(0, bytes.fromhex("01ffffffffff1900")), models[model])
     assert (state.position_rad, state.velocity_rad_s, state.torque_nm) == ranges
     assert state.at_range_end
@@ -112,12 +128,14 @@ def test_damiao_s_status_stands_above_the_id(first, motor_id, error, enabled):
 
 def test_registers_of_the_manual():
     assert registers.read_register(1, registers.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
-    frame = registers.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
-    assert (frame.can_id, frame.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
+    written = registers.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
+    assert (written.can_id, written.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
+    frame = CanFrame(0x11, bytes.fromhex("0201331700002041"))
     assert registers.decode_register(frame, 0x0102, registers.TORQUE_RANGE) == 10.0
-    for motor_id, register in ((1, registers.TORQUE_RANGE), (0x0102, registers.CAN_TIMEOUT)):
+    wrong = ((frame, 1, registers.TORQUE_RANGE), (frame, 0x0102, registers.CAN_TIMEOUT))
+    for answer, motor_id, register in (*wrong, (written, 0x0102, registers.TORQUE_RANGE)):
         with pytest.raises(ProtocolError):
-            registers.decode_register(frame, motor_id, register)
+            registers.decode_register(answer, motor_id, register)
 
 
 def test_errors_have_names():

@@ -131,6 +131,11 @@ def test_other_commands_against_the_dbc():
     assert database.decode_message(state.can_id, state.data) == {"Axis_Requested_State": 8}
     mode = odrive.encode_controller_mode(NODE, 1, 1)
     assert database.decode_message(mode.can_id, mode.data) == {"Control_Mode": 1, "Input_Mode": 1}
+    limits = odrive.encode_limits(NODE, 12.5, 40.0)
+    assert database.decode_message(limits.can_id, limits.data) == {
+        "Velocity_Limit": 12.5,
+        "Current_Limit": 40,
+    }
     version = by_dbc(
         Firmware.V0_6,
         "Version",

@@ -39,7 +39,7 @@ EDGES = [  # first and last that is taken, just beyond them, and the value that 
     (LorenzSettings, "dimension_code", (0, 255), (-1, 256), ...),
     (LorenzSettings, "load_code", (0, 65_535), (-1, 65_536), ...),
     (MicrocontrollerCellSettings, "rate_hz", (1, 1000), (0, 1001), ...),
-    (MitBusSettings, "host_id", (0, 0x7FF), (-1, 0x800), 0),
+    (MitBusSettings, "host_id", (0, 0x7FF), (-1, 0x800), None),
     (MitBusSettings, "watchdog_s", (1e-3, 1.0), (0.9e-3, 1.01), 0.1),
     (MitMotor, "answer_id", (1, 0x7FE), (0, 0x7FF), None),
     (MitMotor, "motor_id", (1, 255), (0, 256), ...),

@@ -51,7 +51,7 @@ def test_a_dynamixel_is_what_its_emulator_is(name):
         *(theirs.number, theirs.current_unit_a, theirs.current_limit, theirs.indirect_data),
     )
     assert ours.torque_constant_nm_a == theirs.torque_per_ampere_nm
-    assert ours.fast_sync_read_firmware == (46 if name.startswith("XL") else 45)
+    assert ours.fast_sync_read_firmware == (46 if "330" in name else 45)
     rows = items_of(theirs, 1, 45)
     registers = [one for one in vars(dynamixel).values() if isinstance(one, Register)]
     assert all(rows[one.address].size == one.size for one in registers)

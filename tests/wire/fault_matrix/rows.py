@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, ODRIVE, ROOT, SO101
+from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, MARK10, MOTEUS, ODRIVE, ROBSTRIDE, ROOT, SO101
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -39,10 +39,13 @@ FAMILIES = {
     "odrive": Family("ODrive, CAN", ODRIVE, "motors", 5),
     "mit": Family("MIT mode, CubeMars, CAN", CUBEMARS, "motors", 5, late_s=0.16),
     "damiao": Family("MIT mode, Damiao, CAN", DAMIAO, "motors", 5),
+    "robstride": Family("MIT mode, Robstride, CAN", ROBSTRIDE, "motors", 5, late_s=0.15),
+    "moteus": Family("moteus, CAN FD", MOTEUS, "motors", 5, late_s=0.16),
     "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
+    "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
     "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
@@ -146,17 +149,22 @@ GOES_ON = (None, None)
 _STUCK_ENCODER = (22, BRAKED + 22, "encoder of joint 1: stuck at", "", _FROZEN_ENCODER)
 
 
-def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[object, ...], ...]:
+def _mit_mode(
+    sizes: str,
+    back_at_once: tuple[object, ...],
+    hot: str = "MOSFET over temperature",
+    who: str = "motor",
+) -> tuple[tuple[object, ...], ...]:
     """Ends of motors in MIT mode, whose states have so many bytes."""
     silent = "joint 3 (motor 3): nothing valid for"
     return (
         (OLD, OLD_OFF, silent),
         (OLD, BRAKED, silent),
-        (OLD, OLD_OFF, f"last was: motor state has 3 bytes, expected {sizes}"),
+        (OLD, OLD_OFF, f"last was: {who} state has 3 bytes, expected {sizes}"),
         GOES_ON,
         GOES_ON,
         (OLD, OLD_OFF, silent),
-        (2, BRAKED, "joint 3 (motor 3): MOSFET over temperature"),
+        (2, BRAKED, f"joint 3 (motor 3): {hot}"),
         (OLD, BRAKED, silent),
         back_at_once,
         (2, 102, "bus-off, the adapter has left the bus", _CUT_OFF),
@@ -164,6 +172,7 @@ def _mit_mode(sizes: str, back_at_once: tuple[object, ...]) -> tuple[tuple[objec
     )
 
 
+_LEFT = (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?")
 _MOTOR_ROWS = {
     "dynamixel": (
         (OLD, OLD_OFF, "servo 3 did not answer in time"),
@@ -192,7 +201,9 @@ _MOTOR_ROWS = {
         _STUCK_ENCODER,
     ),
     "mit": _mit_mode("6 or 8", (12, BRAKED + 12, "joint 1: its drive exerts", "", _DEAF)),
-    "damiao": _mit_mode("8", (3, BRAKED, "joint 3 (motor 3): has left motor mode; has it restarted?")),
+    "damiao": _mit_mode("8", _LEFT),
+    "robstride": _mit_mode("8", _LEFT, "over temperature"),
+    "moteus": _mit_mode("24", _LEFT, "over temperature", "moteus"),
     "feetech": (
         (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
         (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
@@ -207,11 +218,11 @@ _MOTOR_ROWS = {
         (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
     ),
 }
+_ASKED = ("mit", "damiao", "robstride", "moteus")
 _NUMBERS = {
     "dynamixel": (1, 2, 3),
     "odrive": (0, 1, 2),
-    "mit": (1, 2, 3),
-    "damiao": (1, 2, 3),
+    **dict.fromkeys(_ASKED, (1, 2, 3)),
     "feetech": (2, 3, 4),
 }  # of the devices, by joint
 
@@ -232,14 +243,16 @@ _SILENT = (11, BRAKED + 5, "no reading for")
 _STUCK = (22, BRAKED + 22, "force sensor: stuck at", "", _FROZEN_FORCE)
 
 
-def _streamed(corrupt_ticks: int, reversed_ticks: int) -> tuple[tuple[object, ...], ...]:
+def _streamed(
+    corrupt_ticks: int, reversed_ticks: int, reordered: tuple[object, ...] = GOES_ON
+) -> tuple[tuple[object, ...], ...]:
     """Ends of a sensor that streams lines; how soon digits that are flipped are told is a matter of luck."""
     return (
         _SILENT,
         _SILENT,
         (corrupt_ticks, BRAKED + corrupt_ticks, "no reading for", _NO_CHECKSUM),
         GOES_ON,
-        GOES_ON,
+        reordered,
         _SILENT,
         (2, BRAKED, "the port was unplugged"),
         _SILENT,
@@ -261,6 +274,7 @@ _FORCE_ROWS = {
         _STUCK,
     ),
     "lines": _streamed(17, 22),
+    "mark10": _streamed(17, 30, _SILENT),
     "cell": (
         *[(11, BRAKED + 5, "no reading for")] * 3,
         GOES_ON,
@@ -288,7 +302,7 @@ _PROGRAM_ROWS = {
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     family: ((None, off_ms, "", _CUT_OFF), (501, off_ms, "the program was held up for 0.5", _HELD_UP))
-    for family, off_ms in {"dynamixel": 62, "odrive": 52, "mit": 102, "damiao": 102}.items()
+    for family, off_ms in {"dynamixel": 62, "odrive": 52, **dict.fromkeys(_ASKED, 102)}.items()
 }
 _WATCHDOG_ROWS["feetech"] = ((None, None, "", HOLDS), (127, 510, "the program was held up for 0.5", _WAITS))
 

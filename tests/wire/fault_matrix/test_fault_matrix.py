@@ -25,6 +25,10 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
     *(
         "damiao, program killed",
         "damiao, reboot, back at once",
+        "robstride, program killed",
+        "robstride, alert",
+        "moteus, program killed",
+        "moteus, reboot, back at once",
         "feetech, reboot, back at once",
         "feetech, program killed",
         "cell, not a number",

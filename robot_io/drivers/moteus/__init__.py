@@ -1,0 +1,1 @@
+"""moteus controllers of mjbots on a CAN FD bus."""

@@ -1,0 +1,78 @@
+"""Robstride's frames against the manual's examples, recorded ones, and an independent bit packer."""
+
+import bitstruct
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.drivers.can.line import CanFrame
+from robot_io.drivers.mit.frames import Order
+from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
+from robot_io.drivers.mit.registers import MotorRegister
+from robot_io.drivers.mit.robstride import CAN_TIMEOUT, RUN_MODE, RobstrideFrames
+from robot_io.errors import ProtocolError
+
+FRAMES = RobstrideFrames(0xFD, {})
+RS03 = DIALECTS[Maker.ROBSTRIDE].models["RS03"]
+
+
+def said(frame):
+    return f"{frame.can_id:08X} {frame.data.hex(' ')}" if frame.extended else "a short id"
+
+
+@pytest.mark.parametrize(
+    ("frame", "bytes_"),
+    [
+        # The manual, 4.1.14; a recording in sirwart/robstride#2, with host AA; the manual, 4.1.3 and 4.1.4.
+        (
+            FRAMES.read_register(0x7F, MotorRegister("loc_kp", 0x701E, "<f")),
+            "1100FD7F 1e 70 00 00 00 00 00 00",
+        ),
+        (RobstrideFrames(0xAA, {}).write_register(2, RUN_MODE, 1), "1200AA02 05 70 00 00 01 00 00 00"),
+        (FRAMES.write_register(1, CAN_TIMEOUT, 20000), "1200FD01 28 70 00 00 20 4e 00 00"),
+        (FRAMES.order(1, Order.ENTER), "0300FD01 00 00 00 00 00 00 00 00"),
+        (FRAMES.order(1, Order.LEAVE), "0400FD01 00 00 00 00 00 00 00 00"),
+        (FRAMES.order(1, Order.CLEAR), "0400FD01 01 00 00 00 00 00 00 00"),
+    ],
+)
+def test_what_is_sent_is_what_was_written_down(frame, bytes_):
+    assert said(frame) == bytes_
+
+
+@given(st.floats(-100, 100))
+def test_a_torque_stands_in_the_id_beside_gains_of_zero(torque_nm):
+    frame, sent_nm = FRAMES.torque(7, torque_nm, RS03)
+    kind, torque, motor = bitstruct.unpack("p3u5u16u8", frame.can_id.to_bytes(4, "big"))
+    assert (kind, motor, frame.data[4:]) == (1, 7, bytes(4))
+    assert sent_nm == pytest.approx(-60 + 120 * torque / 65535)
+    assert abs(sent_nm - min(max(torque_nm, -60), 60)) <= 60 / 65535 + 1e-9
+
+
+@given(*(st.integers(0, 65535) for _ in range(3)), st.integers(0, 2), st.integers(0, 63))
+def test_a_state_against_a_bit_packer(position, velocity, torque, mode, faults):
+    can_id = int.from_bytes(bitstruct.pack("p3u5u2u6u8u8", 2, mode, faults, 9, 0xFD), "big")
+    frame = CanFrame(can_id, bitstruct.pack("u16u16u16u16", position, velocity, torque, 251), extended=True)
+    assert FRAMES.sender(frame) == 9
+    state = FRAMES.state(frame, RS03)
+    assert (state.motor_id, state.enabled, state.error) == (9, mode == 2, faults)
+    assert state.position_rad == pytest.approx((position / 65535 - 0.5) * 8 * 3.141592653589793)
+    assert state.velocity_rad_s == pytest.approx(-20 + 40 * velocity / 65535)
+    assert state.torque_nm == pytest.approx(-60 + 120 * torque / 65535)
+
+
+def test_a_parameter_that_could_not_be_read_is_no_zero():
+    """Recorded from an RS03 in huggingface/lerobot#4070: index 1003, which it does not know."""
+    frame = CanFrame(0x110115FD, bytes(8), extended=True)
+    with pytest.raises(ProtocolError, match="110115FD"):
+        FRAMES.register_value(frame, 0x15, MotorRegister("unknown", 0x1003, "<f"))
+
+
+def test_faults_have_the_manual_s_names():
+    """4.1.2, bits 16 to 21 of a state's id; 4.1.8, of a fault frame's first four bytes."""
+    state = "under voltage, over current, over temperature, encoder fault, overload, stalled, "
+    assert error_name(Maker.ROBSTRIDE, 0x3F) == state + "encoder not calibrated"
+    alarm = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a40010000000000"), extended=True))
+    assert error_name(Maker.ROBSTRIDE, alarm) == (
+        "driver chip, over voltage, overload, stalled, over current in phase A"
+    )
+    assert error_name(Maker.ROBSTRIDE, 1 << 40) == f"unknown error {1 << 40}"

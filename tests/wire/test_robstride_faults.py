@@ -1,0 +1,129 @@
+"""What goes wrong with Robstride motors, and what the robot makes of it."""
+
+import numpy as np
+import pytest
+
+from robot_io.drivers.can.line import CanFrame
+from robot_io.errors import DeviceError
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from sim_backend.emulators.can.robstride_motor import TIMEOUT
+from tests.wire.parts import ROBSTRIDE
+
+PUSH_NM = (3.0, -2.0, 1.0)
+STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
+
+
+def test_the_timeout_is_set_and_bites(bench):
+    """As delivered there is none."""
+    arm = bench(ROBSTRIDE)
+    assert [node.timeout_s for node in arm.motors] == [None] * 3
+    arm.start()
+    assert [node.parameters[TIMEOUT] for node in arm.motors] == [2000] * 3
+    arm.tick(PUSH_NM)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
+    assert not arm.drive_torque_nm.any()
+    arm.tick()
+    arm.tick()
+    assert "joint 1 (motor 1): has left motor mode" in arm.problem
+    arm.robot.deactivate()
+    arm.robot.activate()
+    assert arm.ticks(5).torque_status is Status.OK
+
+
+class Stubborn(dict):
+    def __setitem__(self, key, value):
+        pass
+
+
+def ignores_it(motor):
+    motor.timeout_s = None
+    motor.__class__ = type("Deaf", (type(motor),), {"timeout_s": property(lambda _: None, lambda *_: None)})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda motor: setattr(motor, "parameters", Stubborn(motor.parameters)), "its canTimeout is 0 after"),
+        (lambda motor: motor.parameters.pop(TIMEOUT), "does not say its canTimeout"),
+        (ignores_it, "is still in motor mode after 0.15 s without commands; set its timeout to 0.1 s"),
+    ],
+)
+def test_a_timeout_that_is_not_kept_not_known_or_does_nothing_is_refused(bench, spoil, problem):
+    arm = bench(ROBSTRIDE)
+    arm.robot.configure()
+    spoil(arm.motors[1])
+    with pytest.raises(DeviceError, match=rf"joint 2 \(motor 2\):? {problem}"):
+        arm.robot.activate()
+    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
+    assert not arm.drive_torque_nm.any()
+
+
+def test_a_motor_on_another_turn_than_its_states_show_is_refused(bench):
+    """States end at four turns of the output."""
+    arm = bench(ROBSTRIDE, [("motor_id: 1,", "motor_id: 1, zero_rad: 8.0,")])
+    with pytest.raises(
+        DeviceError, match=r"joint 1 .*: its mechPos is 0.873 rad at the joint, its states say"
+    ):
+        arm.robot.configure()
+
+
+def test_faults_are_told_by_name_also_those_that_no_state_has(bench):
+    arm = bench(ROBSTRIDE).start()
+    arm.motors[2].tell_faults(1 << 3 | 1 << 16)
+    assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
+    assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
+    arm.robot.deactivate()
+    with pytest.raises(DeviceError, match="over voltage, over current in phase A: remove the cause"):
+        arm.robot.activate()
+    arm.robot.activate()  # which the motor takes, and says no more of it
+    assert arm.ticks(3).torque_status is Status.OK
+
+
+@pytest.mark.parametrize("spoilt", ["state", "told"])
+def test_a_fault_that_stays_is_not_cleared_in_silence(bench, spoilt):
+    arm = bench(ROBSTRIDE).start()
+    arm.robot.deactivate()
+    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.ticks(2, None)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): over temperature: remove"):
+            arm.robot.activate()
+
+
+def test_an_encoder_fault_is_no_velocity_to_brake_against(bench):
+    arm = bench(ROBSTRIDE).start()
+    arm.motors[0].error = 1 << 3
+    assert arm.ticks(3).encoder_status is Status.FAULT
+    assert "encoder fault" in arm.problem
+
+
+@pytest.mark.parametrize(
+    ("kind", "middle", "host"),
+    [
+        (STATE, 2 << 14 | 9, HOST),  # of a motor that is not there
+        (STATE, 2 << 14 | 1, 0x01),  # to another host
+        (CONTROL, 1, HOST),
+        (24, 2 << 14 | 1, HOST),  # a report by itself
+        (ANSWER, 1, HOST),
+        (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
+    ],
+)
+def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(bench, kind, middle, host):
+    arm = bench(ROBSTRIDE).start()
+    before = arm.tick().joint_position_rad
+    bus = arm.robot.buses["motors"]
+    for extended in (True, False):
+        bus.line.drain = lambda _, one=extended: [
+            (CanFrame(kind << 24 | middle << 8 | host, bytes(8), one), 9.0)
+        ]
+        bus._drain(0.0)
+    np.testing.assert_allclose(bus._position_rad, before)
+
+
+def test_a_motor_that_has_restarted_says_so(bench):
+    arm = bench(ROBSTRIDE).start()
+    arm.ticks(5, PUSH_NM)
+    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
+    assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
