@@ -27,7 +27,8 @@ MOST = 0.9  # of the squared error that can be explained at all, that names must
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
-_OWN = 2.0  # times the noise, that an effect's own signals may still explain of what it leaves
+# Times the noise, and share of what an effect takes away, that its own signals may still explain: no law is exact.
+_OWN, _OWN_SHARE = 2.0, 0.01
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -94,7 +95,7 @@ def _may_have_names(search: Search, end: Standing, *, complete: bool) -> bool:
         return True
     held = standards(search.start, end)
     names = search.added(end)
-    if held.is_outdone or any(_left_of_its_own(end, name) > _OWN * held.both for name in names):
+    if held.is_outdone or not all(_follows_its_law(search, end, name, held.both) for name in names):
         return False
     return held.is_met or (held.explains_most and all(_stands_by_itself(search, end, one) for one in names))
 
@@ -219,21 +220,34 @@ def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:
     return float(apart @ apart) < _WITHIN * float(added @ added)
 
 
+def _follows_its_law(search: Search, end: Standing, name: str, noise: float) -> bool:
+    """Whether an effect leaves less in its own signals than counts beside the noise or what it takes away."""
+    small = _OWN_SHARE * _taken_away(search, end, name)
+    return _left_of_its_own(end, name) <= max(_OWN * noise, small)
+
+
 def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
     """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
 
     An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
     is left to explain, or a law of the others explains what it did.
     """
-    without, own = search.without(end, name), _own(end, name)
-    left, before = (one.trial.held_out / max(int(one.plain.kept.sum()), 1) for one in (end, without))
-    if _left_of_its_own(end, name) > (1.0 - MOST) * (before - left):
+    if _left_of_its_own(end, name) > (1.0 - MOST) * _taken_away(search, end, name):
         return False
+    own = _own(end, name)
     with_it, beside = (
         float(flexible(one.plain, one.trial, own).held_out.sum()) / max(int(one.plain.kept.sum()), 1)
-        for one in (end, without)
+        for one in (end, search.without(end, name))
     )
     return with_it < (1.0 - SMALL) ** 2 * beside
+
+
+def _taken_away(search: Search, end: Standing, name: str) -> float:
+    """Mean square of the error that an effect takes away."""
+    left, before = (
+        one.trial.held_out / max(int(one.plain.kept.sum()), 1) for one in (end, search.without(end, name))
+    )
+    return before - left
 
 
 def _left_of_its_own(end: Standing, name: str) -> float:

@@ -232,6 +232,20 @@ def test_what_an_effect_leaves_in_its_own_signals(signals, shares, left):
 
 
 @pytest.mark.parametrize(
+    ("own", "noise", "follows"),
+    [
+        (0.2, 0.11, True),
+        (0.2, 0.09, False),  # more than twice the noise
+        (0.03, 0.001, True),  # no more than a hundredth of what the effect takes away
+        (0.04, 0.001, False),
+    ],
+)
+def test_a_wrong_law_leaves_more_than_noise_in_its_own_signals(own, noise, follows):
+    search, end = _models(("velocity",), {"velocity": own})
+    assert module._follows_its_law(search, end, "e", noise) is follows
+
+
+@pytest.mark.parametrize(
     ("own", "beside", "stands"),
     [
         (0.2, 2.0, True),
