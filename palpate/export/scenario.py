@@ -119,6 +119,10 @@ def _with_object(
         raise InputError("the contact's model has neither a spring nor a Hunt-Crossley law to simulate")
     changed: dict[str, object] = {"law": law}
     lines = ["object: " + ", ".join(f"{key} {_shown(value)}" for key, value in law.items())]
+    if damper and damper["c"] < 0.0:
+        lines.append(
+            f"object: a damping of {damper['c']:.3g} N s/m would feed energy in, and is simulated as 0"
+        )
     if surface is not None:
         deeper = effects.pop("contact_offset", {"offset": 0.0})["offset"]
         unseen_m = swallowed_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0

@@ -30,14 +30,17 @@ def _adhesion(p: Values) -> list[Entry]:
     return [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}]
 
 
+def _viscous(p: Values) -> float:
+    return 0.5 * (p["viscous_forward"] + p["viscous_backward"])
+
+
 def _asymmetric(p: Values) -> list[Entry]:
-    viscous = 0.5 * (p["viscous_forward"] + p["viscous_backward"])
     friction: Entry = {
         "effect": "asymmetric_friction",
         "positive_nm": p["forward"],
         "negative_nm": p["backward"],
     }
-    return [friction, {"effect": "viscous_friction", "viscous_nms_rad": max(viscous, 0.0)}]
+    return [friction, {"effect": "viscous_friction", "viscous_nms_rad": max(_viscous(p), 0.0)}]
 
 
 def _ripple(p: Values) -> list[Entry]:
@@ -85,6 +88,8 @@ def _dry_friction(p: Values) -> list[Entry]:
 
 def lost(effect: str, p: Values) -> Iterator[str]:
     """What of a fitted effect is simulated otherwise, in a sentence."""
+    if effect == "asymmetric_friction" and _viscous(p) < 0.0:
+        yield f"asymmetric_friction that falls by {-_viscous(p):.3g} N m s/rad is simulated as level"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
         yield (
             f"dry_friction turns round over {SHORTEST_SLIP_M:.0e} m, the shortest way that is simulated: its "

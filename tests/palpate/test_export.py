@@ -133,6 +133,8 @@ def test_what_the_simulator_cannot_do_is_said():
     assert export.left_out == ("contact: the simulator has no effect 'mystery'",)
     negative = FittedChannel(revision("contact", stiffness__k=5.0, lag__tau=-1.0), None, 0)
     assert "lag" in export_scenario(Scenario(), [negative], "x").left_out[0]
+    pushing = FittedChannel(revision("contact", stiffness__k=5.0, damping__c=-3.0), None, 0)
+    assert "a damping of -3 N s/m would feed energy in" in export_scenario(Scenario(), [pushing], "x").used[1]
 
 
 def test_a_wrong_motor_constant_is_turned_round():
