@@ -68,9 +68,12 @@ class RunVariation(SensorEffect):
         return _least_squares(self.basis(data, inner), chosen, left, places(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off."""
+        """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off.
+
+        About their mean: what all runs have in common, the model lacks.
+        """
         own = self.values(effort, data, inner)
-        return np.asarray(np.sqrt(inner["share"] * np.mean(own**2, axis=0)))
+        return np.asarray(np.sqrt(inner["share"] * np.var(own, axis=0, ddof=1)))
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         columns = effort.reshape(len(data), -1)

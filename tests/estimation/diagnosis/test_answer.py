@@ -220,14 +220,14 @@ DRAWN = 0.15 * np.random.default_rng(8).standard_normal(6)
 DRAWN -= DRAWN.mean()
 VARIED = {
     "a gain": ("run_gain", "1", lambda t, x, v, run: (1.0 + DRAWN[run]) * kelvin_voigt(x, v)),
-    "a zero": ("run_offset", "N", lambda t, x, v, run: kelvin_voigt(x, v) + DRAWN[run]),
+    "a zero": ("run_offset", "N", lambda t, x, v, run: kelvin_voigt(x, v) + 0.2 + DRAWN[run]),
     "nothing": ("", "", lambda t, x, v, run: kelvin_voigt(x, v)),
 }
 
 
 @pytest.mark.parametrize("name", VARIED)
 def test_what_differs_from_run_to_run_is_told_with_its_spread(name):
-    """Of a standard deviation of six draws, the error is a third."""
+    """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
     effect, unit, law = VARIED[name]
     data = session(8, law)
     search = searched(data, "run_gain", "run_offset", "bias", base=PRESS)
@@ -237,7 +237,7 @@ def test_what_differs_from_run_to_run_is_told_with_its_spread(name):
         assert found is search.start
         return
     told = spread(found, found.trial.model.effects[-1])
-    truth = float(np.std(DRAWN))
+    truth = float(np.std(DRAWN, ddof=1))
     assert told.value == pytest.approx(truth, rel=0.25)
     assert told.std_err == pytest.approx(told.value / np.sqrt(10.0))
     assert told.unit == unit
