@@ -90,9 +90,6 @@ class Effect(ABC):
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """Inner values from which a search begins; an effect whose scale depends on the data says its own.
 
-        Args:
-            data: the channel that is to be explained.
-
         Returns:
             At least one; `({},)` for an effect without inner parameters.
         """

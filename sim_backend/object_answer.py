@@ -8,11 +8,7 @@ from sim_backend.hooks import ContactEffect, ContactState, Effects, MaterialEffe
 
 
 class ObjectAnswer:
-    """The force on the tip, with the memory of the effects.
-
-    Args:
-        effects: those of contact and tool act here.
-    """
+    """The force on the tip, with the memory of the effects."""
 
     def __init__(self, effects: Effects) -> None:
         self._memories: list[ContactEffect | ToolEffect] = [*effects.contact, *effects.tool]

@@ -78,9 +78,6 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
     `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
     `contact_force` (n,), positive in compression and less what the sensor reads in free air, `touching` (n,),
     1 where that is surely a contact and 0 elsewhere, and `press_direction_world` (n, 3).
-
-    Args:
-        ticks: the stream "tick".
     """
     useful = ~np.isin(ticks["phase"], USELESS)
     chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)

@@ -37,13 +37,7 @@ def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
 
 
 def flexible(bench: Bench, trial: Trial, without: Collection[str] = ()) -> Flexible:
-    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
-
-    Args:
-        bench: where.
-        trial: the model.
-        without: signals that the regression does not know.
-    """
+    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out."""
     frame = bench.frame
     base, target = trial.columns, trial.target
     blocks = {name: block for name, block in signals_of(bench, trial).items() if name not in without}

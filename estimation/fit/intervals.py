@@ -35,10 +35,6 @@ def values(bench: Bench, trial: Trial) -> dict[str, ParameterEstimate]:
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
     would turn the parameters by is added to their variance. One that is held has no error.
-
-    Args:
-        bench: where the trial was fitted.
-        trial: the model fitted.
     """
     names = [name for name in (*trial.model.gains, *trial.model.inner) if name not in trial.model.held]
     slopes = bench.whiten(_free_slopes(bench, trial))
@@ -148,9 +144,6 @@ def final(standing: Standing) -> tuple[Bench, Trial]:
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
     missing would pass for coloured noise.
-
-    Args:
-        standing: the model.
     """
     if standing.data.shared is not None or standing.rmse > _NOISE_ALONE * standing.floor():
         return standing.plain, standing.trial

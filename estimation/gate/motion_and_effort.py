@@ -168,10 +168,6 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     its gear. Where the weight is there as well, what goes slowly is a spring that is wound up, or a friction
     that warms up. Beside a model that knows no weight, nothing has to come back: only what bends as the sine
     in degrees does, and as no spiral spring, is refused.
-
-    Args:
-        data: the channel.
-        model: what is to explain it.
     """
     if data.kind is not ChannelKind.REVOLUTE or model is None:
         return None

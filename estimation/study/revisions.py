@@ -86,9 +86,6 @@ class Revisions:
     def keep(self, make: Callable[[int], Revision]) -> Revision:
         """Keep one more revision, by the next number that no other program has taken.
 
-        Args:
-            make: the revision with this number.
-
         Raises:
             InputError: it cannot be written.
         """

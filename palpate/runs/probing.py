@@ -124,14 +124,6 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
 ) -> tuple[LoopResult, Path | None]:
     """Run a task on the arm of a job under its guard, and write the session; returns the sealed answer too.
 
-    Args:
-        job: arm, world and session.
-        task: what the arm does.
-        calibrations: that are applied.
-        extra: further texts for the session's metadata.
-        observe: sees every tick, and estimates along.
-        watcher: is told when the arm is ready.
-
     Raises:
         InputError: they do not fit each other; nothing has moved, and no session is left.
     """

@@ -62,7 +62,6 @@ class LeaderOutcome:
 
     states: dict[int, str]  # what became of each target, as the follower said last
     estimates: int  # that arrived
-    disagreements: tuple[str, ...]  # each that was shown
     lateness: SectionTiming | None  # of the haptic loop
 
 
@@ -143,7 +142,6 @@ class _Leader:
         self._read = 0
         self._notes: list[tuple[str, str]] = []
         self._telling: Telling | None = None
-        self._disagreements: list[str] = []
         self._ending_s = self._link_s = self._show_s = nan
         self._over = False
         self._lateness: SectionTiming | None = None
@@ -180,7 +178,7 @@ class _Leader:
     def outcome(self) -> LeaderOutcome:
         """How it ended."""
         states = {short_number(number): state.name.lower() for number, state in self._states.items()}
-        return LeaderOutcome(states, self._probed.received, tuple(self._disagreements), self._lateness)
+        return LeaderOutcome(states, self._probed.received, self._lateness)
 
     def _hear_operator(self) -> None:
         try:
@@ -252,7 +250,6 @@ class _Leader:
             self._note("follower", report.remark)
         self._remark = report.remark
         for text in self._probed.compare(report, sent_s):
-            self._disagreements.append(text)
             self._note("disagreement", text)
         if report.ended and not self._over:
             self._note("follower", "the follower has ended")

@@ -19,12 +19,7 @@ _MOST = 6  # fits that the other process keeps to go on from: those asked for la
 
 
 class Ahead:
-    """One process that fits models of one channel.
-
-    Args:
-        study: that takes the fits over.
-        channel: what is fitted.
-    """
+    """One process that fits models of one channel."""
 
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel

@@ -23,12 +23,7 @@ _NEXT_S = 0.03  # for the browser to draw what was sent before
 
 
 class Page:
-    """One browser's view of the bench.
-
-    Args:
-        bench: what is shown.
-        opening: lets the user choose another file.
-    """
+    """One browser's view of the bench."""
 
     def __init__(self, bench: Bench, opening: Callable[[], None]) -> None:
         self.bench, self._opening = bench, opening

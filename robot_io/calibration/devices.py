@@ -40,12 +40,7 @@ class _Calibrated(Component, Examinable):
 
 
 class CalibratedForceSensor(_Calibrated, ForceSensor):
-    """force = scale (reading - zero) + curvature (reading - zero)^2.
-
-    Args:
-        driver: the sensor.
-        calibration: of it.
-    """
+    """force = scale (reading - zero) + curvature (reading - zero)^2."""
 
     def __init__(self, driver: ForceSensor, calibration: ForceCalibration) -> None:
         super().__init__(driver)
@@ -61,12 +56,7 @@ class CalibratedForceSensor(_Calibrated, ForceSensor):
 
 
 class CalibratedEncoder(_Calibrated, JointEncoder):
-    """position = reading + offset; the velocity has no zero.
-
-    Args:
-        driver: the encoders.
-        calibration: of them.
-    """
+    """position = reading + offset; the velocity has no zero."""
 
     def __init__(self, driver: JointEncoder, calibration: EncoderCalibration) -> None:
         super().__init__(driver)

@@ -129,10 +129,6 @@ class Guard:
         """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is.
 
         An encoder that is suspect at this time is named as well.
-
-        Args:
-            cause: what is wrong.
-            remedy: what to do about it.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion

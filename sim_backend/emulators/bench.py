@@ -42,11 +42,6 @@ class Bench:
 
     On a simulated clock everything happens inside the clock's advance, so that runs are repeatable. On any
     other, `start` lets a thread keep up with it; in a process of its own it disturbs no control loop.
-
-    Args:
-        plant: the world.
-        wires: what is connected to it.
-        clock: the bench's clock.
     """
 
     def __init__(self, plant: Plant, wires: Sequence[EmulatedWire], clock: Clock) -> None:

@@ -123,8 +123,9 @@ def open_wired(robot_file: RobotFile, watchdog_s: float | None) -> Bench:
     return Bench(robot, arm.robot_file, clock, press, watchdog_s, arm.bench.close)
 
 
-def open_odrive() -> Bench:
-    return open_wired(load_robot_file(ROBOTS / "odrive_3dof.yaml"), 0.05)
+def shipped(name: str, watchdog_s: float | None) -> Bench:
+    """A robot file that is shipped, as it is."""
+    return open_wired(load_robot_file(ROBOTS / f"{name}.yaml"), watchdog_s)
 
 
 def open_odrive_0_5() -> Bench:
@@ -175,27 +176,6 @@ def open_documented() -> Bench:
     return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 
-def open_cubemars() -> Bench:
-    return open_wired(load_robot_file(ROBOTS / "cubemars_3dof.yaml"), 0.1)
-
-
-def open_damiao() -> Bench:
-    return open_wired(load_robot_file(ROBOTS / "damiao_3dof.yaml"), 0.1)
-
-
-def open_robstride() -> Bench:
-    return open_wired(load_robot_file(ROBOTS / "robstride_3dof.yaml"), 0.1)
-
-
-def open_moteus() -> Bench:
-    return open_wired(load_robot_file(ROBOTS / "moteus_3dof.yaml"), 0.1)
-
-
-def open_dynamixel() -> Bench:
-    """Servos that know the fast sync read. Their watchdog counts reading as a sign of life too."""
-    return open_wired(load_robot_file(ROBOTS / "dynamixel_3dof.yaml"), None)
-
-
 def open_plain_dynamixel() -> Bench:
     """Other servos, with the plain sync read, and the velocity by differentiation."""
     text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
@@ -204,25 +184,22 @@ def open_plain_dynamixel() -> Bench:
     return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
 
 
-def open_so101() -> Bench:
-    """Servos without torque mode and watchdog, and a load cell for 20 dollars."""
-    return replace(open_wired(load_robot_file(ROBOTS / "so101.yaml"), None), holds=True)
-
-
 BACKENDS = [
     Backend("mock", open_mock),
-    Backend("odrive_0.6_loadstar", open_odrive),
+    Backend("odrive_0.6_loadstar", lambda: shipped("odrive_3dof", 0.05)),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("odrive_0.6_mark10", open_odrive_and_mark10),
     Backend("documented_driver", open_documented),
-    Backend("cubemars_lorenz", open_cubemars),
-    Backend("damiao_cell", open_damiao),
-    Backend("robstride_cell", open_robstride),
-    Backend("moteus_cell", open_moteus),
-    Backend("dynamixel_fast", open_dynamixel),
+    Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
+    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),
+    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1)),
+    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1)),
+    # servos that know the fast sync read; their watchdog counts reading as a sign of life too
+    Backend("dynamixel_fast", lambda: shipped("dynamixel_3dof", None)),
     Backend("dynamixel_plain", open_plain_dynamixel),
-    Backend("feetech_so101", open_so101),
+    # servos without torque mode and watchdog, and a load cell for 20 dollars
+    Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
     Backend(
         "simulation",
         open_simulation,

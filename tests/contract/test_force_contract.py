@@ -32,5 +32,5 @@ def test_compression_is_positive(active):
     pressed_n = [active.tick().force_n for _ in range(10)][-1]
     active.press(0.0)
     released_n = [active.tick().force_n for _ in range(10)][-1]
-    assert pressed_n == pytest.approx(5.0, abs=1.0)
-    assert released_n == pytest.approx(0.0, abs=1.0)
+    assert pressed_n == pytest.approx(5.0, abs=0.3)
+    assert released_n == pytest.approx(0.0, abs=0.3)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.arm.dh import DhRow, DhTable, load_dh_table
+from control.arm.dh import DhRow, DhTable
 from control.arm.dh_urdf import dh_to_urdf
 from control.arm.inverse_kinematics import Elbow, PlanarArm
 from control.arm.rigid_body import RigidBody
@@ -56,16 +56,6 @@ def test_both_solutions_reach_any_reachable_pose(name, position):
     same = arm.solve(tip, tool, arm.elbow_of(np.array(position))).position_rad
     turns = (same - position) / math.tau
     assert turns == pytest.approx(np.round(turns), abs=1e-7)
-
-
-def test_the_same_from_the_dh_table():
-    for path in ARMS.glob("*/*.dh.yaml"):
-        from_table = PlanarArm(RigidBody.from_urdf(dh_to_urdf(load_dh_table(path)), "tip"), TOOL_AXIS_TIP)
-        from_urdf = PlanarArm(BODIES[path.parent.name], TOOL_AXIS_TIP)
-        target = np.array([0.35, 0.0, 0.1])
-        for elbow in Elbow:
-            ours = from_table.solve(target, DOWN, elbow).position_rad
-            assert ours == pytest.approx(from_urdf.solve(target, DOWN, elbow).position_rad, abs=1e-9)
 
 
 def test_link_lengths_are_read_from_the_arm():

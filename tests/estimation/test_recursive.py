@@ -120,7 +120,7 @@ def test_columns_of_any_size_can_be_learnt(estimator):
     small = type(regression)(
         regression.columns * scale, regression.effort, regression.names, regression.units
     )
-    found = values(Rls().fit(small, rng=np.random.default_rng(0)))
+    found = values(estimator.fit(small, rng=np.random.default_rng(0)))
     np.testing.assert_allclose(found * scale, TRUTH, rtol=0.01)
 
 

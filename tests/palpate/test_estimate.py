@@ -155,23 +155,6 @@ def test_bad_options_are_refused(probed, options, words):
     assert_refused(run("estimate", probed[0], *options), *words)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", ("mine.csv",)),
-        (HEADER, ("mine.csv",)),
-        ("time_s,displacement_m\n0,0\n1,1\n", ("mine.csv", "force_N")),
-        (HEADER + "0,0,0\n1,nan,1\n" + ROWS, ("mine.csv", "displacement_m", "row 2")),
-        (HEADER + "2,0,0\n2,1,1\n" + ROWS, ("mine.csv", "time")),
-        (HEADER + "0,0,0\n1,1,zero\n" + ROWS, ("mine.csv", "force_N")),
-    ],
-)
-def test_bad_data_files_are_refused_in_one_line(tmp_path, text, words):
-    file = tmp_path / "mine.csv"
-    file.write_text(text)
-    assert_refused(run("estimate", file), *words)
-
-
 def test_free_air_alone_is_no_contact(tmp_path):
     file = tmp_path / "air.csv"
     rows = "\n".join(f"{i / 100},{-0.01},{0.0}" for i in range(100))
@@ -199,12 +182,6 @@ def test_a_joint_is_estimated_with_a_joint_model(joint):
     values = [parameter["value"] for parameter in channel["estimates"][0]["parameters"].values()]
     assert values == pytest.approx([0.2, 0.5], rel=0.01)
     assert estimate_json(joint, "--estimator", "lsq")["channels"] == [channel]  # the model that suits it
-
-
-def test_a_joint_is_no_contact(joint):
-    assert_refused(
-        run("estimate", joint, "--model", "kelvin_voigt"), "kelvin_voigt", "contact", "joint_1 (revolute)"
-    )
 
 
 def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):

@@ -11,7 +11,7 @@ from palpate.runs.hiding import hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
-from robot_io.errors import InputError, SessionError
+from robot_io.errors import SessionError
 from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
@@ -230,8 +230,3 @@ def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     outcome.loop.raise_for_trip()
     assert outcome.failures == ()
     assert np.nanmax(Session.open(job.session).samples("tick")["force_n"]) > 9.5
-
-
-def test_entries_that_do_not_fit_a_world_are_refused():
-    with pytest.raises(InputError, match="needs a force law"):
-        load_scenario("engine").with_hidden([IMPERFECTIONS["plastic_set"](share=0.1)])

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from control.arm.dh import load_dh_table
+from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
 from sim_backend.contact_laws import KelvinVoigt
 from sim_backend.world import ArmDescription
@@ -28,25 +28,15 @@ def reference(name):
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
-def test_pybullet_and_pinocchio_agree_on_inverse_dynamics(name):
-    model, data = reference(name)
+def test_pybullet_and_the_arm_s_model_agree_on_inverse_dynamics(name):
+    body = RigidBody.from_urdf(ARMS_DIR / name / f"{name}.urdf", "tip")
     world = make_world(shipped_arm(name))
     generator = np.random.default_rng(3)
     for _ in range(200):
         q, qd, qdd = generator.uniform(-1, 1, (3, 3)) * [[np.pi], [8.0], [100.0]]
         ours = world.inverse_dynamics(q, qd, qdd)
-        assert np.allclose(ours, pin.rnea(model, data, q, qd, qdd), rtol=0, atol=1e-9)
+        assert np.allclose(ours, body.inverse_dynamics(q, qd, qdd), rtol=0, atol=1e-9)
     world.close()
-
-
-@pytest.mark.parametrize("name", ARM_NAMES)
-def test_the_dh_table_and_the_urdf_place_the_tip_alike(name):
-    table = load_dh_table(ARMS_DIR / name / f"{name}.dh.yaml")
-    model, data = reference(name)
-    tip = model.getFrameId("tip")
-    for q in np.random.default_rng(4).uniform(-3, 3, (20, 3)):
-        pin.framesForwardKinematics(model, data, q)
-        assert np.allclose(table.tip_frame(q), data.oMf[tip].homogeneous, atol=1e-12)
 
 
 def test_the_two_arms_differ_in_lengths_and_masses():

@@ -1,6 +1,5 @@
 """Every hidden effect has one form, is silent at strength zero, stable at its extremes, and drawn by seed."""
 
-import ast
 import inspect
 import re
 from functools import lru_cache
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import sim_backend
 from robot_io.errors import InputError
 from sim_backend import engines
 from sim_backend.contact_law import CONTACT_LAWS
@@ -260,11 +258,3 @@ def test_channels_and_joints_name_each_other(joint):
 def test_what_is_no_joint_s_channel_is_refused(channel):
     with pytest.raises(InputError, match="not that of a joint"):
         joint_of(channel)
-
-
-def test_the_simulator_s_physics_knows_nothing_of_the_estimator_s_hypotheses():
-    folder = Path(sim_backend.__file__).parent
-    for path in folder.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                assert not re.match(r"estimation(\.|$)", node.value), path

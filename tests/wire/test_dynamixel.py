@@ -17,8 +17,6 @@ from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
 from sim_backend.imperfections.friction import CoulombFriction
 from tests.log_in_process import LogInProcess
 from tests.wire.parts import ROOT
@@ -94,21 +92,3 @@ def test_joints_that_friction_holds_are_no_stuck_encoders(bench, tmp_path):
     arm = bench(ROBOT, hidden=rubbing)
     result = probe(arm.robot, arm.arm.robot_file, arm.clock, tmp_path / "wire.mcap")
     assert result.outcome is Outcome.FINISHED, result.cause
-
-
-@pytest.mark.parametrize("kind", [FaultKind.DUPLICATE, FaultKind.REORDER])
-def test_a_fault_that_harms_nothing_stops_nothing(bench, kind):
-    arm = bench(ROBOT, [("fast_sync_read: true", "fast_sync_read: false")]).start()
-    arm.strike("motors", kind)
-    for _ in range(20):
-        assert arm.tick().encoder_status is Status.OK
-
-
-def test_a_servo_lost_for_a_tick_leaves_one_stale_sample_and_its_name(bench):
-    arm = bench(ROBOT).start()
-    arm.strike("motors", FaultKind.DROP, device=2, times=1)
-    measurement = arm.tick()
-    assert measurement.encoder_status is measurement.torque_status is Status.STALE
-    assert arm.robot.bus_delays == {"motors": "servo 2 did not answer in time"}
-    assert arm.tick().encoder_status is Status.OK
-    assert arm.robot.bus_delays == {}

@@ -95,10 +95,6 @@ class CanLineSettings(FileModel):
 class CanLine:
     """One opened adapter.
 
-    Args:
-        settings: which one.
-        clock: the robot's clock.
-
     Attributes:
         counts: frames that were not passed on, by kind: "error frame", "damaged", "CAN FD".
         bus_off: whether the adapter has left the bus because of too many errors.

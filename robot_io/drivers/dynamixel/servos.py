@@ -55,11 +55,6 @@ class ServoIdentity:
 class DynamixelLine(ServoLine):
     """See `ServoLine`.
 
-    Args:
-        settings: the bus.
-        port: its port.
-        clock: for how long to wait.
-
     Attributes:
         identities: one per servo, once they have been looked at.
     """

@@ -9,9 +9,6 @@ class Poll:
 
     An answer is as old as its question can make it. One that is missing is waited for; then nothing is asked
     or believed for a while, so that no late answer belongs to a younger question.
-
-    Args:
-        question: what is sent.
     """
 
     def __init__(self, question: bytes) -> None:

@@ -11,13 +11,7 @@ _PACKET = 12  # bytes of a packet around its data, at most
 
 
 class RegisterAccess:
-    """Reads and writes registers, by any servo protocol.
-
-    Args:
-        dialect: the protocol.
-        port: an open port.
-        clock: for how long to wait.
-    """
+    """Reads and writes registers, by any servo protocol."""
 
     def __init__(self, dialect: Dialect, port: SerialPort, clock: Clock) -> None:
         self._dialect, self._port, self._clock = dialect, port, clock

@@ -20,12 +20,6 @@ from robot_io.types import FloatArray, Status
 class ServoBus(Bus, Examinable):
     """Servos on one half-duplex line, one per joint from base to tip; a maker's bus adds what is its own.
 
-    Args:
-        port: their port.
-        servo_ids: one per joint.
-        joints: makes SI units of their counts.
-        context: clock and robot file.
-
     Attributes:
         sample: what the last sync read brought that was answered by all, or None before the first.
     """

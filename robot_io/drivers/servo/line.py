@@ -16,11 +16,6 @@ _SWITCH_OFF_ATTEMPTS = 3
 class ServoLine(ABC):
     """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
 
-    Args:
-        port: their port.
-        registers: reads and writes their registers.
-        servo_ids: of all on the line.
-
     Attributes:
         registers: as above.
     """

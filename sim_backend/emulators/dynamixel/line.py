@@ -28,19 +28,11 @@ class _Answer:
 
 
 class DynamixelLine(ServoWire):
-    """Servos on one half-duplex line. `path` is the port for the driver.
+    """Servos of one line; further arguments as for `ServoWire`.
 
     Args:
         mountings: the servos; each turns the joint at its place in the list.
         plant: the arm.
-        faults: what goes wrong; devices are called by their ids.
-        baud_rate: for the time on the wire [bit/s]; None: bytes take no time.
-        start_s: when the servos get power [s].
-
-    Attributes:
-        path: device file of the port.
-        servos: the servos by id.
-        faults: may be added to at any time.
     """
 
     def __init__(

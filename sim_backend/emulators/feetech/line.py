@@ -16,18 +16,14 @@ _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
 class FeetechLine(ServoWire):
-    """Servos on one half-duplex line. `path` is the port for the driver.
+    """Servos of one line; further arguments as for `ServoWire`.
 
     Args:
         mountings: the servos; each turns the joint at its place in the list.
         plant: the arm.
-        faults: what goes wrong; devices are called by their ids.
         hold: ids of servos that turn nothing.
-        baud_rate: for the time on the wire [bit/s].
-        start_s: when the servos get power [s].
 
     Attributes:
-        servos: the servos by id.
         echoes: whether the adapter hears what it says, as some do.
     """
 

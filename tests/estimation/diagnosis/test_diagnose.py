@@ -223,15 +223,6 @@ def test_an_error_that_depends_on_what_was_recorded_says_so():
     assert "different values of temperature" in found.next_experiment.instruction
 
 
-def test_runs_that_do_not_follow_one_law_are_told_and_no_effect_is_blamed():
-    data = session(5, lambda t, x, v, run: np.where(run == 2, 1.2, 1.0) * kelvin_voigt(x, v))
-    found = answer(data, *SOME["contact"])
-    assert (found.verdict, named(found)) == (Verdict.UNEXPLAINED, set())
-    assert "run 2 is off" in found.reason
-    assert found.depends_on == ["run"]
-    assert found.noise_floor < 0.5 * found.baseline.rmse
-
-
 def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
     told = []
     rng, effects = np.random.default_rng(1), [EFFECTS["cubic_stiffness"](), EFFECTS["bias"]()]

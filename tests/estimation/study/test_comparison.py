@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError
-from tests.estimation.fits import MODEL, compare, cubic, fits
+from tests.estimation.fits import MODEL, compare, cubic
 from tests.estimation.presses import session
 
 
@@ -39,12 +39,3 @@ def test_what_is_not_judged_is_said_and_counts_nowhere():
 def test_comparison_refuses_what_cannot_be_judged():
     with pytest.raises(InputError, match="samples"):
         compare(session(4).select(np.arange(20)), MODEL)
-
-
-def test_errors_fall_to_the_noise_floor():
-    base, _, last = fits(session(4, cubic), MODEL, ["bias", "cubic_stiffness"])
-    assert last.rmse < 0.4 * base.rmse
-    assert last.rmse == pytest.approx(0.05, rel=0.1)
-    low, high = last.parameters["bias.offset"].interval
-    assert 2 * low < 0.0 < 2 * high
-    assert len(base.model.effects) == 2

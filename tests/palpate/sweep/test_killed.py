@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -11,6 +10,7 @@ from collections import Counter
 import pytest
 
 from palpate.sweep import ResultStore
+from tests.free_port import free_port
 from tests.palpate.cli import ROOT
 from tests.palpate.sweep.client import cases
 
@@ -105,9 +105,7 @@ def dask_on():
     processes = []
 
     def begin():
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port()
         address = f"tcp://127.0.0.1:{port}"
         scheduler = start("-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
         one = ("--nthreads", 1, "--death-timeout", 5, "--no-dashboard")

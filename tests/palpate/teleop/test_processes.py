@@ -1,7 +1,6 @@
 """Leader and follower as real processes, and what becomes of one when the other is killed."""
 
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,17 +14,12 @@ import yaml
 from palpate.teleop.demo import script
 from palpate.teleop.joined import join
 from robot_io.session import Session
+from tests.free_port import free_port
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.teleop.sides import WAIT_S, Side, follow_until_asked, killed_when_reached, lead_until_hold
 from tests.robot_io.link.link_parts import intent
 
 pytestmark = pytest.mark.slow
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextmanager

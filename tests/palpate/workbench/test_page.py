@@ -75,10 +75,6 @@ class Tab:
         self.page.on("websocket", lambda socket: self._check(socket.url.replace("ws:", "http:"), address))
         self.page.goto(address)
 
-    def _hear(self, message):
-        if message.type == "error":
-            self.wrong.append(message.text)
-
     def _check(self, url, address):
         if not url.startswith((address, "data:", "blob:")):
             self.wrong.append(f"request to {url}")

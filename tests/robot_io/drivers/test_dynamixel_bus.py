@@ -59,22 +59,16 @@ def test_configuring_powers_nothing_and_says_who_is_there():
             bench.torque.stage_torque(np.zeros(3))
 
 
-def test_a_servo_that_does_not_answer_is_named():
-    said = r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)"
-    with dynamixel_bench(bolted={2: {"id": 9}}) as bench, pytest.raises(DeviceError, match=said):
-        bench.bus.configure()
-
-
-def test_another_model_than_the_robot_files_is_refused():
-    said = "servo 2 is a XM430-W350, the robot file says XM540-W270"
-    bolted = {2: {"model": "XM430-W350"}}
+@pytest.mark.parametrize(
+    ("bolted", "said"),
+    [
+        ({2: {"id": 9}}, r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)"),
+        ({2: {"model": "XM430-W350"}}, "servo 2 is a XM430-W350, the robot file says XM540-W270"),
+        ({3: {"firmware": 37}}, "servo 3 has firmware 37"),
+    ],
+)
+def test_other_servos_than_the_robot_files_are_refused(bolted, said):
     with dynamixel_bench(bolted=bolted) as bench, pytest.raises(DeviceError, match=said):
-        bench.bus.configure()
-
-
-def test_firmware_without_a_bus_watchdog_is_refused():
-    said = "servo 3 has firmware 37"
-    with dynamixel_bench(bolted={3: {"firmware": 37}}) as bench, pytest.raises(DeviceError, match=said):
         bench.bus.configure()
 
 
@@ -290,14 +284,6 @@ def test_answers_out_of_order_are_sorted_by_id_or_refused(active):
 
 
 # Faults of the servos: named, and nothing that they show is believed
-
-
-def test_an_alert_is_named(active):
-    active.befall(kind="alert", device=2, times=1)
-    with pytest.raises(DeviceError, match=r"servo 2 \(joint 2\): .*overload"):
-        active.tick()
-    with pytest.raises(DeviceError, match="overload"):
-        active.tick()
 
 
 def test_a_hardware_error_that_does_not_switch_off_is_a_fault_of_the_drives_alone(fast):

@@ -1,7 +1,6 @@
 """The line itself: both ends on the loopback, a restart, a bad network, a stranger without certificate."""
 
 import json
-import socket
 import subprocess
 import time
 from contextlib import ExitStack
@@ -14,15 +13,10 @@ from robot_io.errors import InputError
 from robot_io.link import Impairment, Line, LineSettings
 from robot_io.link.frame import MOST_BYTES
 from robot_io.link.impairment import BadNetwork
+from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 
 WAIT_S = 20.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def heard(sender: Line, receiver: Line, message, wait_s: float = WAIT_S) -> bool:
@@ -208,13 +202,6 @@ def test_both_sides_meet_through_a_router(tmp_path):
     ):
         assert heard(leader, follower, intent(target()))
         assert heard(follower, leader, report())
-
-
-def test_a_file_that_is_no_zenoh_configuration_is_refused(tmp_path):
-    path = tmp_path / "bad.json5"
-    path.write_text("{mode: 'nonsense'}")
-    with pytest.raises(InputError, match="no zenoh configuration"):
-        Line("leader", LineSettings(config=path), MonotonicClock())
 
 
 def test_what_is_larger_than_a_frame_is_dropped_when_it_arrives():

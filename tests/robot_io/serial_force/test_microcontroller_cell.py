@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_io.driver import DriverCatalogue
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.robot import build_robot
+from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators.serial.cell import line
 from tests.wire.parts import CELL, ODRIVE, ROOT, WireBench
@@ -124,10 +127,6 @@ def test_a_converter_at_its_end_is_saturated():
     ],
 )
 def test_another_cell_than_stated_is_refused(old, new, problem, monkeypatch):
-    from robot_io.driver import DriverCatalogue
-    from robot_io.robot import build_robot
-    from robot_io.robot_file import parse_robot_file
-
     arm = WireBench(ODRIVE, (CELL,))
     try:
         if not old:

@@ -9,7 +9,6 @@ import cantools
 import pytest
 
 from robot_io.robot_file import load_robot_file
-from sim_backend.emulators import Fault, FaultKind
 from sim_backend.emulators.can import EmulatedMitMotor, EmulatedOdrive
 from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.serial import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
@@ -169,13 +168,3 @@ def test_a_gauge_writes_by_itself_and_rests_after_a_restart():
     gauge.restart(1.0, 0.5)
     assert not gauge.due(1.4)
     assert gauge.due(1.6)
-
-
-def test_a_stuck_encoder_stays_where_it_was(plant):
-    node = odrive(plant)
-    node.strike(Fault(kind=FaultKind.STUCK), 0.01)
-    before = [bytes(m.data) for m in node.tell(0.01) if m.arbitration_id == 0x29]
-    plant.set_torque(0, 5.0)
-    plant.advance_to(0.05)
-    after = [bytes(m.data) for m in node.tell(0.05) if m.arbitration_id == 0x29]
-    assert before == after != []

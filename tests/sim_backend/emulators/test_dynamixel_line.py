@@ -3,7 +3,6 @@
 The last tests let the vendor's SDK be the client, over the pseudo terminal and in real time.
 """
 
-import os
 import select
 from math import pi
 
@@ -15,7 +14,6 @@ from robot_io.clock import MonotonicClock
 from sim_backend.emulators.bench import Bench
 from sim_backend.emulators.dynamixel import DynamixelLine, Mounting, wire
 from sim_backend.emulators.dynamixel.control_table import MODELS
-from sim_backend.emulators.faults import Fault, FaultKind, Faults
 from sim_backend.emulators.plant import JointState
 
 BYTE_S = 10 / 4e6
@@ -261,61 +259,6 @@ def test_bytes_take_their_time_on_the_line(client):
     client.now_s += reply * BYTE_S + delay_s
     client.line.send(client.now_s)
     assert client.received() == status(2, 0, 0)
-
-
-SYNC = "ff ff fd 00 fe 0a 00 82 46 00 01 00 01 02 03"
-FAST = "ff ff fd 00 fe 0a 00 8a 46 00 01 00 01 02 03"
-ANSWERS = [status(servo_id, 0, 0) for servo_id in (1, 2, 3)]
-
-
-@pytest.mark.parametrize(
-    ("kind", "expected"),
-    [
-        (FaultKind.DROP, ANSWERS[0] + ANSWERS[2]),
-        (FaultKind.DUPLICATE, ANSWERS[0] + ANSWERS[1] * 2 + ANSWERS[2]),
-        (FaultKind.REORDER, ANSWERS[0] + ANSWERS[2] + ANSWERS[1]),
-        (FaultKind.WRONG_ID, ANSWERS[0] + status(102, 0, 0) + ANSWERS[2]),
-    ],
-)
-def test_faults_on_the_wire_are_what_they_say(kind, expected):
-    client = Client(faults=Faults([Fault(kind=kind, device=2, times=1)]))
-    assert client.say(SYNC) == expected
-    assert client.say(SYNC) == b"".join(ANSWERS)
-    client.close()
-
-
-def test_a_silent_servo_ends_a_fast_answer_and_a_corrupt_one_differs_in_a_bit():
-    client = Client()
-    whole = client.say(FAST)
-    assert len(whole) == 8 + 3 * 5
-    client.line.faults.add(Fault(kind=FaultKind.DROP, device=2, times=1))
-    assert client.say(FAST) == whole[: 8 + 5]
-    client.line.faults.add(Fault(kind=FaultKind.CORRUPT, device=3, times=1))
-    damaged = client.say(FAST)
-    assert sum((a ^ b).bit_count() for a, b in zip(whole, damaged, strict=True)) == 1
-    client.close()
-
-
-def test_a_stuck_encoder_stays_while_the_joint_moves():
-    client = Client(faults=Faults([Fault(kind=FaultKind.STUCK, device=1, from_s=0.1, for_s=1.0)]))
-    _, before = client.read(1, 132, 4)
-    client.now_s = 0.2
-    client.read(1, 132, 4)
-    client.plant.states[0] = JointState(1.0, 2.0, 0.0)
-    assert client.read(1, 132, 4) == (0, before)
-    client.now_s = 2.0
-    _, after = client.read(1, 132, 4)
-    assert after != before
-    client.close()
-
-
-def test_an_unplugged_line_hangs_up():
-    client = Client(faults=Faults([Fault(kind=FaultKind.UNPLUG, times=1)]))
-    client.line.receive(0.0)
-    assert os.read(client.port.fileno(), 10) == b""
-    with pytest.raises(OSError, match="Input/output error"):
-        os.write(client.port.fileno(), b"x")
-    client.close()
 
 
 @pytest.fixture
