@@ -9,7 +9,7 @@ from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.mit.makers import DIALECTS, Dialect, Maker
 from robot_io.drivers.mit.protocol import MitRanges
 from robot_io.drivers.mit.registers import REGISTERS_ID
-from robot_io.files.file_model import FileModel, Number, Positive
+from robot_io.files.file_model import FileModel, Number, between
 
 USUAL_ANSWER_OFFSET, LARGEST_ROBSTRIDE_HOST = 16, 0xFF
 
@@ -17,9 +17,9 @@ USUAL_ANSWER_OFFSET, LARGEST_ROBSTRIDE_HOST = 16, 0xFF
 class MitRangeSettings(FileModel):
     """Ranges of a motor whose parameters were changed."""
 
-    position_rad: Positive  # position range, plus and minus [rad]
-    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
-    torque_nm: Positive  # torque range, plus and minus [N m]
+    position_rad: Annotated[Number, between(0.1, 1e4, "rad")]  # position range, plus and minus [rad]
+    velocity_rad_s: Annotated[Number, between(0.1, 1e4, "rad/s")]  # velocity range, plus and minus [rad/s]
+    torque_nm: Annotated[Number, between(0.1, 1e4, "N m")]  # torque range, plus and minus [N m]
 
 
 class MitMotor(MotorMounting):
