@@ -27,7 +27,7 @@ MOST = 0.9  # of the squared error that can be explained at all, that names must
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
-# Times the noise, and share of what an effect takes away, that its own signals may still explain: no law is exact.
+# Times the noise, and share of what an effect takes away, that its own signals may still explain.
 _OWN, _OWN_SHARE = 2.0, 0.01
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
