@@ -1,7 +1,7 @@
 """Files that the user names: checked before any work is done, so that nothing is half done.
 
 One rule for what is there already: nobody's file is replaced without `--force`, and what is read never. Only
-what palpate derives into a folder of its own (see `palpate.derived`) is renewed.
+what palpate derives into a folder of its own (see `palpate.derived`), and its own report, are renewed.
 """
 
 import os

@@ -67,6 +67,15 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
     )
 
 
+def not_whole(sessions: Sequence[Session]) -> list[str]:
+    """Which sessions lack something, in one sentence each: what is merged of them does not show it."""
+    return [
+        f"{one.path.name}: is not whole (palpate info says why), and only what is there was merged"
+        for one in sessions
+        if one.truncated or one.unclosed or one.dropped
+    ]
+
+
 def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     """Which contacts begin at another depth than in the first session, in one sentence each.
 

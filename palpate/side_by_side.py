@@ -122,7 +122,9 @@ def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str
     """What tells the two apart: their files, with as many folders as needed, or else their models."""
     paths = [study.source.path for study in (first, second)]
     if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
-        a, b = (", ".join(dict.fromkeys(" + ".join([c.model.name, *e]) for c, e in one)) for one in grown)
+        both = {c.name for c, _ in grown[0]} & {c.name for c, _ in grown[1]}
+        shared = ([(c, e) for c, e in one if c.name in both] for one in grown)
+        a, b = (", ".join(dict.fromkeys(" + ".join([c.model.name, *e]) for c, e in one)) for one in shared)
         return f"{first.source.name}: {a}", f"{second.source.name}: {b}"
     if paths[0].name != paths[1].name:
         return paths[0].name, paths[1].name

@@ -149,9 +149,8 @@ def _side_by_side(
             print_files(console.stdout(), written)
     if not as_json:
         steps = [] if out is not None else [(f"{again} --out FOLDER", "curves, residuals, and a recording")]
-        each = [
-            (f"palpate compare {typed(file)}", "where that model fails") for file in dict.fromkeys(pair.files)
-        ]
+        files = dict.fromkeys(pair.files)
+        each = [(f"palpate compare {typed(file)}", "where its base model fails") for file in files]
         console.next_steps(*steps, *each)
 
 

@@ -11,7 +11,7 @@ import typer
 from palpate import console
 from palpate.data_options import JsonOption
 from palpate.files import open_session, output_session
-from palpate.merging import merged_metadata, merged_streams, surfaces_apart
+from palpate.merging import merged_metadata, merged_streams, not_whole, surfaces_apart
 from palpate.words import count, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import write_session
@@ -36,7 +36,7 @@ def command(
     metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))
     write_session(file, streams, metadata, [event for session in found for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.say_read("", surfaces_apart(found))
+    console.say_read("", [*not_whole(found), *surfaces_apart(found)])
     if as_json:
         console.print_json(
             {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}

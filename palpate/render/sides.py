@@ -120,7 +120,8 @@ def _of_parameters(found: Sides) -> Iterator[str]:
 def _relative(one: ParameterDifference) -> str:
     if one.first is None or not one.first.value:
         return ""
-    return f" ({_PERCENT * one.value / abs(one.first.value):+z.2g} %)"
+    rounded = float(f"{_PERCENT * one.value / abs(one.first.value):.2g}")
+    return f" ({rounded:+z.6g} %)"
 
 
 def difference_text(one: ParameterDifference) -> str:

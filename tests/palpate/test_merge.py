@@ -95,6 +95,14 @@ def test_a_merged_session_lasts_as_long_as_its_parts(imported, probings, tmp_pat
         assert lasts[0] == pytest.approx(sum(lasts[1:]))
 
 
+def test_a_session_that_is_cut_off_is_named(imported, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(imported[1].read_bytes()[:-2000])
+    told = run("merge", imported[0], cut, "-o", tmp_path / "both.mcap").stderr
+    assert "cut.mcap: is not whole" in told
+    assert f"{imported[0].name}: is" not in told
+
+
 def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):
     merged(probings, tmp_path / "both.mcap")
     metadata = Session.open(tmp_path / "both.mcap").metadata

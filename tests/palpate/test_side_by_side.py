@@ -126,6 +126,11 @@ def test_the_command_that_leads_there_can_be_typed_again(hardening):
     assert run(*words[:-2]).stdout == result.stdout
 
 
+def test_a_difference_of_many_times_is_told_in_plain_percent(soft, tmp_path):
+    hard = write_presses(tmp_path / "hard.csv", force_of=law(2000.0), seed=4)
+    assert "N/m (+400 %)." in run("compare", soft, hard).stdout
+
+
 def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
     softer = write_presses(tmp_path / "softer.csv", cubic=1e6, seed=8)
     base = run("compare", hardening, softer).stdout
@@ -139,6 +144,7 @@ def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
     assert k3["difference"]["value"] == pytest.approx(-1e6, rel=0.1)
     stages = run("compare", hardening, *kept, "--other-revision", 0)
     assert "B  hardening.csv: kelvin_voigt\n" in stages.stdout
+    assert "where its base model fails" in " ".join(stages.stderr.split())
     words = next_commands(stages)[0]
     assert run(*words[:-2]).stdout == stages.stdout
     assert_refused(run("compare", hardening, softer, *kept, "--other-revision", 1), "no revision 1")

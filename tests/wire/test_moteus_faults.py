@@ -81,6 +81,15 @@ def test_a_position_that_means_nothing_is_refused(bench, spoil, problem):
         arm.robot.configure()
 
 
+def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(bench):
+    arm = bench(MOTEUS).start()
+    arm.robot.deactivate()
+    arm.motors[1].home = 0
+    with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\): has no reference for its position"):
+        arm.robot.activate()
+    assert [node.mode for node in arm.motors] == [0] * 3
+
+
 def test_a_position_that_is_lost_is_no_old_one(bench):
     arm = bench(MOTEUS).start()
     arm.motors[0].known = False

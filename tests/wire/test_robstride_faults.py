@@ -31,6 +31,11 @@ def test_the_timeout_is_set_and_bites(bench):
     assert arm.ticks(5).torque_status is Status.OK
 
 
+def test_another_host_is_answered(bench):
+    arm = bench(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
+    assert arm.ticks(5).torque_status is Status.OK
+
+
 class Stubborn(dict):
     def __setitem__(self, key, value):
         pass

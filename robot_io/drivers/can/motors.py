@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import StrictBool
@@ -12,7 +12,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
 from robot_io.examination import Examinable, Finding, fail, warn
-from robot_io.files.file_model import FileModel, Positive, ZeroAngle, input_error
+from robot_io.files.file_model import FileModel, Number, ZeroAngle, between, input_error
 from robot_io.interfaces import Bus, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
 
@@ -27,7 +27,8 @@ _LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
 class MotorMounting(FileModel):
     """How a motor moves its joint: joint angle = zero_rad + sign * shaft angle / gear_ratio."""
 
-    gear_ratio: Positive = 1.0  # turns of what the drive reports for one turn of the joint
+    # Turns of what the drive reports for one turn of the joint.
+    gear_ratio: Annotated[Number, between(1e-3, 1e4, "turns")] = 1.0
     reversed: StrictBool = False  # whether a positive shaft angle turns the joint backwards
     zero_rad: ZeroAngle = 0.0  # joint angle where the drive reports zero [rad]
 

@@ -9,7 +9,7 @@ from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.mit.makers import DIALECTS, Dialect, Maker
 from robot_io.drivers.mit.protocol import MitRanges
 from robot_io.drivers.mit.registers import REGISTERS_ID
-from robot_io.files.file_model import FileModel, Number, Positive
+from robot_io.files.file_model import FileModel, Number, between
 
 USUAL_ANSWER_OFFSET, LARGEST_ROBSTRIDE_HOST = 16, 0xFF
 
@@ -17,9 +17,9 @@ USUAL_ANSWER_OFFSET, LARGEST_ROBSTRIDE_HOST = 16, 0xFF
 class MitRangeSettings(FileModel):
     """Ranges of a motor whose parameters were changed."""
 
-    position_rad: Positive  # position range, plus and minus [rad]
-    velocity_rad_s: Positive  # velocity range, plus and minus [rad/s]
-    torque_nm: Positive  # torque range, plus and minus [N m]
+    position_rad: Annotated[Number, between(0.1, 1e4, "rad")]  # position range, plus and minus [rad]
+    velocity_rad_s: Annotated[Number, between(0.1, 1e4, "rad/s")]  # velocity range, plus and minus [rad/s]
+    torque_nm: Annotated[Number, between(0.1, 1e4, "N m")]  # torque range, plus and minus [N m]
 
 
 class MitMotor(MotorMounting):
@@ -48,7 +48,8 @@ class MitBusSettings(CanLineSettings):
     watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
     # What makes a motor without torque say its state: "exit" keeps it off, as in the firmware that the
     # protocol comes from, which answers every frame; "enter" is what the AK manual names for motors that are
-    # deaf to commands outside of motor mode, and zero torque and "exit" follow it.
+    # deaf to commands outside of motor mode, and zero torque and "exit" follow it. It is refused for motors
+    # that may be in another mode when they are asked, such as one that holds a position.
     ask_with: Literal["exit", "enter"] = "exit"
 
     @model_validator(mode="after")
@@ -63,6 +64,10 @@ class MitBusSettings(CanLineSettings):
         if self.maker is Maker.ROBSTRIDE and self.host > LARGEST_ROBSTRIDE_HOST:
             raise ValueError(
                 f"host_id {self.host}: is at most {LARGEST_ROBSTRIDE_HOST} for Robstride's motors"
+            )
+        if self.ask_with == "enter" and self.dialect.set_up:
+            raise ValueError(
+                f"ask_with 'enter': would power motors of '{self.maker}' in whatever mode they are"
             )
         if self.dialect.has_answer_ids and self.host_id is not None:
             raise ValueError("host_id: Damiao motors have an 'answer_id' each instead")

@@ -40,6 +40,10 @@ class MoteusBus(AskedMotorBus):
         """
         self._hear_all()
         self._measure_latency(self._ask, self._motion_at_s)
+        self._refuse_lost()
+
+    def _refuse_lost(self) -> None:
+        """DeviceError: a controller does not know its position, or only from where it started."""
         for joint, state in enumerate(self._states):
             if self._motion_is_wrong[joint]:
                 raise self._about(
@@ -73,6 +77,7 @@ class MoteusBus(AskedMotorBus):
 
     def power_on(self) -> None:
         self._arm()
+        self._refuse_lost()  # it may have restarted since it was configured
         self._outlast_watchdogs()
         self._answered(self._questions)
         self._refuse_going_on([bool(enabled) for enabled in self._enabled], "is still in position mode")

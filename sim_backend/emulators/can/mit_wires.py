@@ -60,6 +60,7 @@ def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> Emulat
     if own.maker == "damiao":
         return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
     if own.maker == "robstride":
-        return EmulatedRobstride(*place, **mounting, host_id=own.host_id or robstride_motor.HOST)
+        host_id = robstride_motor.HOST if own.host_id is None else own.host_id
+        return EmulatedRobstride(*place, **mounting, host_id=host_id)
     mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
     return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)

@@ -10,7 +10,7 @@ from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.dynamixel.settings import DynamixelSettings
 from robot_io.drivers.feetech.lerobot import LerobotMotor
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.mit.settings import MitBusSettings, MitMotor
+from robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
 from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.drivers.serial_force.force_lines import ForceLinesSettings
 from robot_io.drivers.serial_force.line import SerialLineSettings
@@ -41,9 +41,12 @@ EDGES = [  # first and last that is taken, just beyond them, and the value that 
     (MicrocontrollerCellSettings, "rate_hz", (1, 1000), (0, 1001), ...),
     (MitBusSettings, "host_id", (0, 0x7FF), (-1, 0x800), None),
     (MitBusSettings, "watchdog_s", (1e-3, 1.0), (0.9e-3, 1.01), 0.1),
+    (MitRangeSettings, "position_rad", (0.1, 1e4), (0.09, 1.1e4), ...),
+    (MitRangeSettings, "torque_nm", (0.1, 1e4), (0.09, 1.1e4), ...),
+    (MitRangeSettings, "velocity_rad_s", (0.1, 1e4), (0.09, 1.1e4), ...),
     (MitMotor, "answer_id", (1, 0x7FE), (0, 0x7FF), None),
     (MitMotor, "motor_id", (1, 255), (0, 256), ...),
-    (MotorMounting, "gear_ratio", (1e-3, 1e3), (0.0, -1.0), 1.0),
+    (MotorMounting, "gear_ratio", (1e-3, 1e4), (0.9e-3, 1.1e4, -1.0), 1.0),
     (OdriveAxis, "node_id", (0, 63), (-1, 64), ...),
     (OdriveBusSettings, "heartbeat_s", (1e-3, 1.0), (0.0, 1.01), 0.1),
     (OdriveBusSettings, "watchdog_s", (1e-3, 1.0), (0.0, 1.01), 0.1),
