@@ -55,7 +55,7 @@ def test_without_a_terminal_and_without_yes_no_real_arm_moves(command, tmp_path,
 
 @pytest.mark.parametrize("command", MOVING, ids=" ".join)
 def test_the_question_comes_before_any_port_is_opened(command, tmp_path):
-    out = tmp_path / "out"
+    out = tmp_path / "out.mcap"
     assert_refused(run(*command, "--robot", SERVOS, "-o", out), "--yes")  # and not: no such port
 
 

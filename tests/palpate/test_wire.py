@@ -153,7 +153,7 @@ def test_it_says_so(arm):
 
 @pytest.mark.parametrize("command", [("probe",), ("calibrate", "torque")], ids=" ".join)
 def test_the_arm_itself_refuses_it(arm, command, tmp_path):
-    result = run(*command, "--robot", arm, "-o", tmp_path / "x", "--yes")
+    result = run(*command, "--robot", arm, "-o", tmp_path / "x.mcap", "--yes")
     assert_refused(result, "calibration.encoder", "'e.yaml'", "emulated devices", "palpate calibrate encoder")
 
 
