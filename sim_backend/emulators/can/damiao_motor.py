@@ -6,12 +6,10 @@ CAN timeout that fires switches the motor off with error 13.
 """
 
 import struct
-from typing import Any
 
 import can
 
-from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits
-from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
 
 _LOST, _HOT = 13, 11
 _TIMEOUT, _MODE, _PMAX, _VMAX, _TMAX = 9, 10, 21, 22, 23
@@ -38,21 +36,7 @@ class EmulatedDamiao(EmulatedMitMotor):
         registers: what it keeps, by number.
     """
 
-    def __init__(
-        self,
-        number: int,
-        joint: int,
-        plant: Plant,
-        *,
-        limits: Limits,
-        **mounting: Any,  # noqa: ANN401
-    ) -> None:
-        super().__init__(number, joint, plant, limits=limits, timeout_s=None, **mounting)
-        self.registers: dict[int, float] = {
-            _TIMEOUT: 0,
-            _MODE: MIT,
-            **dict(zip(_FLOATS, limits, strict=True)),
-        }
+    registers: dict[int, float]
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         data = bytes(message.data)
@@ -79,18 +63,16 @@ class EmulatedDamiao(EmulatedMitMotor):
         kept = struct.pack(layout, value if data[3] in _FLOATS else int(value))
         return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + kept)]
 
-    def tell(self, now_s: float) -> list[can.Message]:
-        """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
-        if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
-            self._fail(_LOST)
-            self._drive()
-        return []
+    def _time_out(self) -> None:
+        self._fail(_LOST)
 
     def _fail(self, error: int = _HOT) -> None:
         self.error, self.enabled = error, False
 
     def _start_up(self) -> None:
-        self.registers[_TIMEOUT], self.timeout_s, self.error, self.enabled = 0, None, 0, False
+        limits = (self._position_limit, self._velocity_limit, self._torque_limit)
+        self.registers = {_TIMEOUT: 0, _MODE: MIT, **dict(zip(_FLOATS, limits, strict=True))}
+        self.timeout_s, self.error, self.enabled = None, 0, False
 
     def _reply(self) -> can.Message:
         message = super()._reply()

@@ -45,7 +45,7 @@ class EmulatedMitMotor(EmulatedMotor):
         *,
         limits: Limits,
         host_id: int = 0,
-        timeout_s: float | None = 0.1,
+        timeout_s: float | None = None,
         deaf_when_off: bool = False,
         **mounting: float,
     ) -> None:
@@ -55,6 +55,7 @@ class EmulatedMitMotor(EmulatedMotor):
         self.enabled = False
         self.error = 0
         self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._start_up()
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         for_me = message.arbitration_id == self.number and not message.is_extended_id
@@ -102,9 +103,13 @@ class EmulatedMitMotor(EmulatedMotor):
     def tell(self, now_s: float) -> list[can.Message]:
         """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
         if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
-            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
-            self._exert(0.0)
+            self._time_out()
+            self._drive()
         return []
+
+    def _time_out(self) -> None:
+        """Let go after its CAN timeout."""
+        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _fail(self) -> None:
         self.error = _ALERT

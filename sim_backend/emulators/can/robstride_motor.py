@@ -6,12 +6,10 @@ id. A motor that has a fault, or hears nothing for its canTimeout (3.3.6), goes 
 """
 
 import struct
-from typing import Any
 
 import can
 
-from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, Limits, to_uint
-from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.can.mit_motor import EmulatedMitMotor, to_uint
 
 HOST = 0xFD
 _HOT_STATE, _HOT_FAULT = 1 << 2, 1 << 0
@@ -37,19 +35,8 @@ class EmulatedRobstride(EmulatedMitMotor):
         parameters: what can be written, by index.
     """
 
-    def __init__(
-        self,
-        number: int,
-        joint: int,
-        plant: Plant,
-        *,
-        limits: Limits,
-        host_id: int = HOST,
-        **mounting: Any,  # noqa: ANN401
-    ) -> None:
-        super().__init__(number, joint, plant, limits=limits, host_id=host_id, timeout_s=None, **mounting)
-        self.parameters: dict[int, float] = {_RUN_MODE: 0, TIMEOUT: 0}
-        self._news: list[can.Message] = []  # to be told unasked
+    parameters: dict[int, float]
+    _news: list[can.Message]  # to be told unasked
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
         kind, middle, target = _split(message.arbitration_id)
@@ -100,18 +87,19 @@ class EmulatedRobstride(EmulatedMitMotor):
 
     def tell(self, now_s: float) -> list[can.Message]:
         """See `CanNode.tell`: faults, and here its timeout runs."""
-        if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
-            self.enabled = False
-            self._drive()
+        super().tell(now_s)
         news, self._news = self._news, []
         return news
+
+    def _time_out(self) -> None:
+        self.enabled = False
 
     def _fail(self) -> None:
         self.error, self.enabled = _HOT_STATE, False
         self.tell_faults(_HOT_FAULT)
 
     def _start_up(self) -> None:
-        self.parameters, self.timeout_s = {_RUN_MODE: 0, TIMEOUT: 0}, None
+        self.parameters, self.timeout_s, self._news = {_RUN_MODE: 0, TIMEOUT: 0}, None, []
         self.error, self.enabled = 0, False
 
     def tell_faults(self, faults: int) -> None:
