@@ -13,24 +13,6 @@ PUSH_NM = (3.0, -2.0, 1.0)
 TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
 
 
-def test_the_timeout_is_set_and_bites(bench):
-    """As delivered there is none."""
-    arm = bench(DAMIAO)
-    assert [node.timeout_s for node in arm.motors] == [None] * 3
-    arm.start()
-    assert [node.registers[TIMEOUT] for node in arm.motors] == [2000] * 3
-    arm.tick(PUSH_NM)
-    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
-    assert not arm.drive_torque_nm.any()
-    assert [node.error for node in arm.motors] == [13] * 3
-    arm.tick()
-    arm.tick()
-    assert "lost communication: its CAN timeout has fired" in arm.problem
-    arm.robot.deactivate()
-    arm.robot.activate()  # which clears the error
-    assert arm.ticks(5).torque_status is Status.OK
-
-
 @pytest.mark.parametrize(
     ("number", "problem"),
     [(TIMEOUT, "CAN timeout is 0 after it was set to 2000"), (MODE, "control mode is 2")],

@@ -13,20 +13,6 @@ from tests.wire.parts import MOTEUS
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
-def test_the_watchdog_travels_with_each_command_and_bites(bench):
-    arm = bench(MOTEUS).start()
-    arm.tick(PUSH_NM)
-    np.testing.assert_allclose(arm.ticks(2, PUSH_NM) and arm.drive_torque_nm, PUSH_NM, atol=1e-6)
-    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
-    assert not arm.drive_torque_nm.any()
-    assert [node.mode for node in arm.motors] == [11] * 3
-    arm.ticks(2)
-    assert "joint 1 (motor 1): its watchdog has expired" in arm.problem
-    arm.robot.deactivate()
-    arm.robot.activate()
-    assert arm.ticks(5).torque_status is Status.OK
-
-
 def test_a_watchdog_that_does_not_bite_is_refused(bench):
     arm = bench(MOTEUS)
     arm.robot.configure()

@@ -14,23 +14,6 @@ PUSH_NM = (3.0, -2.0, 1.0)
 STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
 
 
-def test_the_timeout_is_set_and_bites(bench):
-    """As delivered there is none."""
-    arm = bench(ROBSTRIDE)
-    assert [node.timeout_s for node in arm.motors] == [None] * 3
-    arm.start()
-    assert [node.parameters[TIMEOUT] for node in arm.motors] == [2000] * 3
-    arm.tick(PUSH_NM)
-    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
-    assert not arm.drive_torque_nm.any()
-    arm.tick()
-    arm.tick()
-    assert "joint 1 (motor 1): has left motor mode" in arm.problem
-    arm.robot.deactivate()
-    arm.robot.activate()
-    assert arm.ticks(5).torque_status is Status.OK
-
-
 def test_another_host_is_answered(bench):
     arm = bench(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
     assert arm.ticks(5).torque_status is Status.OK
