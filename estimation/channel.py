@@ -89,9 +89,9 @@ class ChannelData:
         context = {what: _read_only(values) for what, values in self.context.items()}
         object.__setattr__(self, "context", MappingProxyType(context))
         length = len(self.time_s)
-        for what in _ARRAYS:
-            _check(self.name, what, getattr(self, what), length)
-        for what, values in self.context.items():
+        touching = {} if self.touching is None else {"touching": self.touching}
+        arrays = {what: getattr(self, what) for what in _ARRAYS} | touching | context
+        for what, values in arrays.items():
             _check(self.name, what, values, length)
         for what in sorted(self.recorded):
             if what not in self.context or self.context[what].ndim != 1:
@@ -138,7 +138,7 @@ class ChannelData:
         return self.select(np.isin(self.run, runs))
 
 
-# Arrays that were checked and cannot be written into: a fit makes thousands of channels of the same ones.
+# Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
 _checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
 

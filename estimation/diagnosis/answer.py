@@ -138,8 +138,7 @@ def _ranking(search: Search) -> list[Ranked]:
     start = tried.start
     for candidate in (one for one in tried.screened(start) if one.possible):
         share = (start.trial.held_out - candidate.held_out) / max(start.trial.held_out, 1e-300)
-        on_blocks = search.start.trial.held_out / max(int(search.start.plain.kept.sum()), 1)
-        error = float(np.sqrt(max(rmse**2 - share * on_blocks, 0.0)))
+        error = float(np.sqrt(max(rmse**2 - share * search.start.held_out_mean_square, 0.0)))
         score = float(1.0 - error / rmse) if rmse > 0.0 else 0.0
         ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
     return ranked
@@ -155,7 +154,8 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
     left = _left(found)
     if verdict is Verdict.MISSING:
         names = " and ".join(_or_rivals(entry) for entry in accepted)
-        fall = f"the error falls from {found.search.start.rmse:.3g} to {end.rmse:.3g} {unit} with {names}"
+        before = f"{found.search.start.rmse:.3g} {unit}"
+        fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
         return f"{fall}, and no more than noise is left" if found.complete else f"{fall}; {left}"
     return f"the error is {end.rmse:.3g} {unit}; {left}"
 

@@ -27,8 +27,10 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         models: the base model of each.
 
     Returns:
-        In the order given; as they are where no joint with fitted masses can be judged.
+        In the order given; as they are where no joint with fitted masses can be judged, or all was said.
     """
+    if any(one.shared is not None for one in channels):
+        return list(channels)
     of_arm = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
@@ -38,8 +40,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    by_themselves = [replace(channels[n], shared=None) for n in of_arm]
-    alone = [stand(data, models[n], {}, usable(data)) for n, data in zip(of_arm, by_themselves, strict=True)]
+    alone = [stand(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
     if len({one.plain.frame.folds for one in alone}) > 1:
         return list(channels)
     joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]

@@ -147,7 +147,7 @@ class _Completeness:
 
     def __init__(self, search: Search) -> None:
         self._search, self._known = search, dict[int, tuple[Standing, bool]]()
-        self._objections = dict[int, Objection | None]()  # `_known` keeps the models alive
+        self._objections = dict[int, tuple[Standing, Objection | None]]()
         self.readings = readings_of(search.data)
 
     def objection(self, standing: Standing) -> Objection | None:
@@ -157,8 +157,8 @@ class _Completeness:
             if not is_exact(standing):
                 complete = self(standing)
                 found = objection_to(standing, self.readings, self._search.rng, complete=complete)
-            self._objections[id(standing)] = found
-        return self._objections[id(standing)]
+            self._objections[id(standing)] = standing, found
+        return self._objections[id(standing)][1]
 
     def in_every_respect(self, standing: Standing) -> bool:
         """Whether a model is complete, and nothing that no signal shows speaks against it."""

@@ -64,8 +64,8 @@ def standards(start: Standing, end: Standing) -> Standards:
     """How well effects and nameless laws describe runs that were held out."""
     counts = [max(int(one.plain.kept.sum()), 1) for one in (start, end)]
     return Standards(
-        start.trial.held_out / counts[0],
-        end.trial.held_out / counts[1],
+        start.held_out_mean_square,
+        end.held_out_mean_square,
         float(start.flexible.held_out.sum()) / counts[0],
         float(end.flexible.held_out.sum()) / counts[1],
     )
@@ -245,16 +245,13 @@ def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
 
 def _taken_away(search: Search, end: Standing, name: str) -> float:
     """Mean square of the error that an effect takes away."""
-    left, before = (
-        one.trial.held_out / max(int(one.plain.kept.sum()), 1) for one in (end, search.without(end, name))
-    )
-    return before - left
+    return search.without(end, name).held_out_mean_square - end.held_out_mean_square
 
 
 def _left_of_its_own(end: Standing, name: str) -> float:
     """Mean square of the error that an effect's own signals still explain beside it."""
-    left = end.trial.held_out / max(int(end.plain.kept.sum()), 1)
-    return left * max((end.flexible.by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
+    by_signal = end.flexible.by_signal
+    return end.held_out_mean_square * max((by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
 
 
 def _own(end: Standing, name: str) -> list[str]:

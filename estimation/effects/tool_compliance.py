@@ -41,7 +41,7 @@ class ToolCompliance(MotionEffect):
         return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
 
 
-@remembered("time_s", "run", "effort")
+@remembered("time_s", "run", "effort", "position", "touching")
 def _smooth_force(data: ChannelData) -> Motion:
     """The force and its rate, by a window that its own noise calls for."""
     return differentiate(

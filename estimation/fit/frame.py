@@ -22,7 +22,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
 _PIECES = 5  # that a single run is cut into
-_CORNER = 0.06  # of a run's range of velocities, that no velocity changes by within one sample
+_CORNER = 0.06  # of a run's range of velocities, that no velocity changes by from reading to reading
 _SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
 _MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
@@ -154,22 +154,19 @@ def off_borders(frame: Frame, moved: ChannelData) -> Frame:
 def coarse_copy(frame: Frame) -> ChannelData:
     """The channel averaged over blocks, one sample for each."""
     data, mean = frame.data, frame.reduce
-    return ChannelData(
-        data.name,
-        data.kind,
-        mean(data.time_s),
-        mean(data.position),
-        mean(data.velocity),
-        mean(data.acceleration),
-        mean(data.effort),
-        frame.run,
-        data.phase[frame.rows[:, 0]],
-        {name: mean(signal) for name, signal in data.context.items()},
-        data.surface,
-        data.tare,
-        data.recorded,
+    return replace(
+        data,
+        time_s=mean(data.time_s),
+        position=mean(data.position),
+        velocity=mean(data.velocity),
+        acceleration=mean(data.acceleration),
+        effort=mean(data.effort),
+        run=frame.run,
+        phase=data.phase[frame.rows[:, 0]],
+        context={name: mean(signal) for name, signal in data.context.items()},
+        position_step=0.0,  # means lie on no grid
         touching=None if data.touching is None else np.asarray(data.touching[frame.rows].all(axis=1)),
-        shared=data.shared,
+        averaged=data.averaged * frame.rows.shape[1],
     )
 
 
@@ -188,7 +185,7 @@ def _mixed(data: ChannelData, frame: Frame) -> BoolArray:
     return mixed | near
 
 
-@remembered("time_s", "position", "run")
+@remembered("time_s", "position", "run", "position_step")
 def _position_error(data: ChannelData) -> FloatArray:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
@@ -206,7 +203,7 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
     sharp = np.zeros(len(data), dtype=np.bool_)
     for of_run in rows_of_runs(data.run) if data.kind is ChannelKind.CONTACT else ():
         velocity = data.velocity[of_run]
-        jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * np.ptp(velocity))
+        jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * data.averaged * np.ptp(velocity))
         around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
         sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
     found = np.asarray(sharp[rows].any(axis=1))

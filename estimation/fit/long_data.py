@@ -111,7 +111,7 @@ def _means(data: ChannelData, block: int) -> ChannelData:
     rows = _rows(data, block)
     whole = np.ones(len(rows), dtype=np.bool_)
     frame = Frame(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
-    return replace(coarse_copy(frame), averaged=block * data.averaged)
+    return coarse_copy(frame)
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:

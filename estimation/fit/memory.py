@@ -3,6 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from threading import Lock
 
 from robot_io.types import FloatArray
 
@@ -15,6 +16,7 @@ class Memory:
 
     size: int = 0  # of all together [bytes]
     _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
+    _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
 
     def __reduce__(self) -> tuple[type["Memory"], tuple[()]]:
         """For another process: it begins with nothing, and computes what it needs sooner than it is sent."""
@@ -22,10 +24,14 @@ class Memory:
 
     def recall(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
         """What was computed for `what` before, or is now."""
-        if what not in self._known:
-            self._known[what] = compute()
-            self.size += self._known[what].nbytes
+        with self._lock:
+            if what in self._known:
+                self._known.move_to_end(what)
+                return self._known[what]
+        found = compute()
+        with self._lock:
+            self.size += found.nbytes - (self._known[what].nbytes if what in self._known else 0)
+            self._known[what] = found
             while self.size > MOST_BYTES and len(self._known) > 1:
                 self.size -= self._known.popitem(last=False)[1].nbytes
-        self._known.move_to_end(what)
-        return self._known[what]
+        return found

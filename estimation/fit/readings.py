@@ -103,7 +103,7 @@ def readings_of(data: ChannelData) -> Readings:
     return replace(_readings_of(data), data=data)
 
 
-@remembered("time_s", "run", "position", "velocity", "acceleration")
+@remembered("time_s", "run", "position", "velocity", "acceleration", "position_step")
 def _readings_of(data: ChannelData) -> Readings:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)

@@ -33,6 +33,11 @@ class Fit:
         """What is left of blocks that count, in the fit itself."""
         return self.trial.sse / max(int(self.plain.frame.trusted.sum()), 1)
 
+    @property
+    def held_out_mean_square(self) -> float:
+        """What is left of blocks that count, in held-out runs."""
+        return self.trial.held_out / max(int(self.plain.kept.sum()), 1)
+
 
 @dataclass(frozen=True)
 class Standing(Fit):
@@ -130,8 +135,8 @@ def roughly(fitted: Fit) -> Fit:
 
 def _nearer(bench: Bench, first: Trial) -> Trial:
     """A trial from where the model fits a coarse copy of the channel best, if that is nearer to the data."""
-    rough = roughly(Fit(bench.frame.data, bench, first))
-    if rough.plain is bench or not first.model.inner:
+    rough = roughly(Fit(bench.frame.data, bench, first)) if first.model.inner else None
+    if rough is None or rough.plain is bench:
         return first
     there = attempt(bench, first.model, polish(rough.plain, rough.trial).parameters, rounds=2)
     return there if there.sse < first.sse else first

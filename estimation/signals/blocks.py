@@ -26,7 +26,10 @@ def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
     changes = np.ones(len(number), dtype=np.bool_)
     np.not_equal(number[1:], number[:-1], out=changes[1:])
-    return np.flatnonzero(changes), np.cumsum(changes) - 1
+    starts, piece = np.flatnonzero(changes), np.cumsum(changes) - 1
+    piece.setflags(write=False)  # it is remembered
+    starts.setflags(write=False)
+    return starts, piece
 
 
 def of_equal_length(number: IntArray) -> Iterator[IntArray]:

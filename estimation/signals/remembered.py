@@ -12,6 +12,7 @@ from estimation.channel import ChannelData
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
 _MOST = 4  # channels, of which nothing more is kept
+_LONG = 500_000  # samples: what is longer is not kept alive
 
 
 class Itself:
@@ -31,12 +32,12 @@ class Itself:
 
 
 def of_arrays(compute: Function) -> Function:
-    """What a function makes of arrays, remembered for those last seen that nobody can write into."""
+    """For a function of arrays: computed once for those that cannot be written into, if they are not long."""
     known = lru_cache(maxsize=_MOST)(lambda *things: compute(*(one.thing for one in things)))
 
     @wraps(compute)
     def recall(*arrays: NDArray[Any]) -> Any:  # noqa: ANN401
-        if any(one.flags.writeable for one in arrays):
+        if any(one.flags.writeable or len(one) > _LONG for one in arrays):
             return compute(*arrays)
         return known(*map(Itself, arrays))
 

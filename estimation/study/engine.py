@@ -209,13 +209,19 @@ def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolA
     pairs (where a surface lies, and how its spring bends) have several minima: a fit begins from each place
     that may lead to another, and one that makes no physical sense must leave far less than one that does.
     """
-    # on a coarse copy, where all that takes is soon done; but a sensor's times may be shorter than its steps
+    # a coarse copy is searched sooner, but does not show times that are shorter than its steps
     rough = standing if isinstance(effect, SensorEffect) else roughly(standing)
-    fit_for_use = good if rough is standing else rough.plain.frame.trusted
-    search = try_all(rough, [effect])[0].search
-    found = [fit_from(rough.data, search.best.model, one, fit_for_use) for one in _starts(rough, search)]
-    best = min(found, key=lambda one: one.mean_square * (1.0 + SMALL * (not one.trial.is_physical)) ** 2)
-    return stand(data, best.trial.model, best.trial.parameters, good, standing.plain.frame.memory)
+    search, memory = try_all(rough, [effect])[0].search, standing.plain.frame.memory
+    starts = _starts(rough, search)
+    if rough is standing:
+        return min((stand(data, search.best.model, one, good, memory) for one in starts), key=_left_by)
+    usable_rows = rough.plain.frame.trusted
+    best = min((fit_from(rough.data, search.best.model, one, usable_rows) for one in starts), key=_left_by)
+    return stand(data, best.trial.model, best.trial.parameters, good, memory)
+
+
+def _left_by(fitted: Fit) -> float:
+    return fitted.mean_square * (1.0 + SMALL * (not fitted.trial.is_physical)) ** 2
 
 
 def _starts(standing: Fit, search: Attempts) -> list[Mapping[str, float]]:

@@ -33,7 +33,7 @@ def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> Ch
     ranking = _ranking(study, channel, found.ranking)
     return found.model_copy(
         update={
-            "reason": reason_of(found, ranking),
+            "reason": _with_errors(reason_of(found, ranking), found, fits[0].rmse, last),
             "floor": floor and floor.model_copy(update={"value": value}),
             "remaining": left and left.model_copy(update={"rmse": last, "times_floor": times}),
             "noise_floor": value,
@@ -51,6 +51,17 @@ def reason_of(found: ChannelDiagnosis, ranking: Sequence[Ranked]) -> str:
         return found.reason
     best = f"{ranking[0].effect}, takes away {100 * ranking[0].score:.0f} % of the error"
     return f"{found.reason}; the best single effect, {best}, and is not established"
+
+
+def _with_errors(reason: str, found: ChannelDiagnosis, base: float, last: float) -> str:
+    """A reason with the study's errors in the place of the diagnosis's own."""
+    for entry, error in ((found.baseline, base), (found.final, last)):
+        reason = (
+            reason.replace(f"{entry.rmse:.3g} {found.effort_unit}", f"{error:.3g} {found.effort_unit}")
+            if entry
+            else reason
+        )
+    return reason
 
 
 def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import centre_slope, differentiate
-from estimation.data.local_fit import local_derivative, local_fit
+from estimation.data.local_fit import local_derivative, local_fit, local_fits
 from estimation.signals.pieces import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
@@ -212,3 +212,18 @@ def test_a_long_piece_is_fitted_part_by_part_as_if_at_once(count):
     for order, values in ((1, found.velocity), (2, found.acceleration)):
         expected = savgol_filter(x, 2 * half + 1, 3, deriv=order, delta=0.002)
         np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("lengths", [(40, 40, 25), (40, 9, 25)])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
+    rng, stops = np.random.default_rng(0), np.cumsum(lengths)
+    pieces = [slice(stop - length, stop) for stop, length in zip(stops.tolist(), lengths, strict=True)]
+    time_s = np.arange(stops[-1]) * 0.01 + rng.uniform(0.0, jitter, stops[-1]) * 0.01
+    position, centres = rng.normal(size=stops[-1]), [np.arange(0, length, 3) for length in lengths]
+    together = local_fits(time_s, position, pieces, centres, 6)
+    alone = [
+        local_fit(time_s[rows], position[rows], one, 6) for rows, one in zip(pieces, centres, strict=True)
+    ]
+    assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
+    assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))

@@ -114,3 +114,9 @@ def test_joints_that_do_not_move_are_left_as_they_are(bodies):
     little = prepared(arm_channels(bodies, moving=(1, 3)))
     shared = with_shared_gains(little, fitted_models())
     assert [data.shared is not None for data in shared] == [j in (1, 3) for j in range(JOINTS)]
+
+
+def test_what_all_joints_said_is_kept_where_one_is_asked_alone(bodies):
+    all_of_them, models = with_shared_gains(prepared(arm_channels(bodies)), fitted_models()), fitted_models()
+    (alone,) = with_shared_gains(all_of_them[4:5], models[4:5])
+    assert alone.shared is all_of_them[4].shared

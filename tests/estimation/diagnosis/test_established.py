@@ -207,6 +207,7 @@ def _models(signals, shares):
         SimpleNamespace(
             trial=SimpleNamespace(model=SimpleNamespace(effects=(effect,)), held_out=size),
             plain=SimpleNamespace(kept=np.ones(10, dtype=bool)),
+            held_out_mean_square=size / 10.0,
             flexible=SimpleNamespace(by_signal=shares),
         )
         for size in (10.0, 43.3)

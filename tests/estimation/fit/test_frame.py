@@ -168,6 +168,13 @@ def test_a_jump_from_one_run_to_the_next_is_no_corner():
     assert frame_of(stepping((400,), np.repeat([0, 1], 400))).trusted[380:400].all()
 
 
+@pytest.mark.parametrize(("averaged", "share"), [(1, 0.0), (2, 1.0)])
+def test_a_corner_is_where_the_velocity_jumps_from_reading_to_reading(averaged, share):
+    speeds = np.linspace(0.0, 0.9, 800) + 0.1 * (np.arange(800) >= 400)
+    data = replace(stepping(()), velocity=speeds, averaged=averaged)
+    assert frame_of(data).trusted[396:404].mean() == share
+
+
 @pytest.mark.parametrize(("averaged", "lost"), [(1, [40]), (4, [39, 40])])
 def test_of_means_neither_beside_a_surface_counts(averaged, lost):
     """Which reading passed it is not known."""

@@ -1,0 +1,46 @@
+"""What a channel checks, and what is remembered of its arrays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.signals.blocks import places
+from estimation.signals.remembered import of_arrays
+from robot_io.errors import InputError
+from tests.estimation.swings import swings
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"effort": np.ones(3)}, "effort has 3 samples"),
+        ({"touching": np.ones(3, dtype=bool)}, "touching has 3 samples"),
+        ({"context": {"temperature_c": np.full(15_000, np.nan)}}, "temperature_c is not finite at sample 0"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        replace(swings(1, rate_hz=1000.0), **change)
+
+
+def test_what_arrays_give_is_computed_once_unless_somebody_can_write_into_them():
+    asked = []
+    total = of_arrays(lambda *arrays: asked.append(arrays) or sum(one.sum() for one in arrays))
+    mine, fixed = np.arange(4.0), np.arange(4.0)
+    fixed.setflags(write=False)
+    assert [total(one) for one in (mine, mine, fixed, fixed)] == [6.0] * 4
+    assert len(asked) == 3
+    assert not any(one.flags.writeable for one in places(np.repeat([0, 1], 2)))
+
+
+def test_a_tool_s_yielding_goes_by_where_the_object_pushes_now():
+    """The force is smoothed piece by piece; where the surface moves, the pieces do."""
+    compliance, data = EFFECTS["tool_compliance"](), swings(1, rate_hz=1000.0)
+    data = replace(data, kind="contact")
+    moved = replace(data, position=data.position + 0.3)
+    compliance.move(data, {"compliance": 1e-3})
+    after = compliance.move(moved, {"compliance": 1e-3})
+    fresh = compliance.move(replace(moved, effort=moved.effort.copy()), {"compliance": 1e-3})
+    np.testing.assert_array_equal(after.velocity, fresh.velocity)
