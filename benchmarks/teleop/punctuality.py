@@ -18,7 +18,7 @@ from palpate.teleop.leader import leader_metadata
 from sim_backend.scenario import Scenario, load_scenario
 
 RATE_HZ = 1000.0
-DEMO_S = 45.0  # of cyclictest beside the demo
+DEMO_S = 28.0  # of cyclictest beside the demo
 
 
 def alone(seconds: float) -> tuple[SectionTiming, SectionTiming | str]:
