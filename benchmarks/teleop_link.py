@@ -6,11 +6,16 @@ python benchmarks/teleop_link.py haptics [--seconds 10] [--times 3]
 python benchmarks/teleop_link.py demo [--times 3]
 """
 
+import tempfile
+from pathlib import Path
+
 from command_line import arguments
 
+from benchmarks.teleop.driven import distinct, drive
 from benchmarks.teleop.fuzz import fuzz
 from benchmarks.teleop.overhead import codec, overhead
 from benchmarks.teleop.punctuality import alone, in_demo, in_words
+from robot_io.link.seal import CHECKSUM, key_seal
 
 
 def main() -> None:
@@ -33,12 +38,19 @@ def main() -> None:
 
 
 def show_fuzz(number: int, seed: int) -> None:
-    """Half of them with a checksum that fits what was mutated."""
-    for mended in (False, True):
-        result = fuzz(number // 2, seed, mended=mended)
-        what = "checksum mended by an attacker" if mended else "damaged on the way"
-        print(f"{number // 2} frames to each side, {what}: no exception; {dict(+result.counts)}")
-        print(f"  other targets taken, for plan and guard: {len(result.targets)}; felt: {result.felt}")
+    """As many of each kind; what is taken then moves the simulated arm."""
+    ours, theirs = key_seal(b"of the pair"), key_seal(b"of somebody else")
+    for what, seals in {
+        "damaged on the way": (CHECKSUM, None),
+        "sealed by an attacker, the pair without a key": (CHECKSUM, CHECKSUM),
+        "sealed by an attacker with another key": (ours, theirs),
+    }.items():
+        result = fuzz(number, seed, *seals)
+        print(f"{number} frames to each side, {what}: no exception; {dict(+result.counts)}")
+        print(f"  other targets taken: {len(result.targets)}; felt: {result.felt}", flush=True)
+        if places := distinct(result.targets):
+            with tempfile.TemporaryDirectory() as folder:
+                print(f"  {len(places)} places and directions; {drive(places, Path(folder)).in_words()}")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.teleop.samples import REPORT
 from control.teleop.peer import Peer, PeerLimits
-from robot_io.link import Report, decode, encode
+from robot_io.link import Heard, Report, decode, encode
 from robot_io.link.wire import WireType
 
 WAYS = ("bytes", "message", "frame")
@@ -39,7 +39,7 @@ class End:
         if way == "frame":
             self._sequence += 1
             now_s = time.monotonic()
-            return encode(self._sender, self._sequence, now_s, now_s, now_s, report)
+            return encode(self._sender, self._sequence, now_s, Heard(1, now_s, now_s), report)
         return _WIRE.encode(report) if way == "message" else self._plain
 
     def taken(self, way: str, data: bytes) -> Report:

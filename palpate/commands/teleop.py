@@ -29,7 +29,7 @@ from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
 from palpate.words import as_shell_word, count, safe, shown, typed
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
-from robot_io.link import Impairment, LineSettings
+from robot_io.link import Impairment, LineSettings, load_seal
 from robot_io.robot_file import RobotFile, load_robot_file
 from sim_backend.scenario import load_scenario, shipped_scenarios
 
@@ -55,6 +55,14 @@ LinkOption = Annotated[
         "--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"
     ),
 ]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--key",
+        help="Secret of the pair, the same file on both sides: no other's messages count.",
+        metavar="FILE",
+    ),
+]
 BadNetworkOption = Annotated[
     str | None,
     typer.Option(
@@ -78,6 +86,7 @@ def follower(
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
+    key: KeyOption = None,
     bad_network: BadNetworkOption = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
@@ -98,7 +107,7 @@ def follower(
         output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
         plan,
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
-        link=_line(name, port, link, bad_network),
+        link=_line(name, port, link, key, bad_network),
         on_silence=on_silence,
         diagnose=diagnose,
         **{**options.job, "paced": True},
@@ -137,6 +146,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
+    key: KeyOption = None,
     bad_network: BadNetworkOption = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
@@ -157,7 +167,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
-    line = _line(name, port, link, bad_network)
+    line = _line(name, port, link, key, bad_network)
     if isinstance(device, LeaderArm):
         ask_for_power(_pushing(load_robot_file(device.settings.robot)), yes=yes)
     talk = console.stderr()
@@ -201,7 +211,7 @@ def demo(
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
     """
-    _line("arm", 7447, None, bad_network)  # only to know that it can be read
+    _line("arm", 7447, None, None, bad_network)  # only to know that it can be read
     network = [] if bad_network is None else ["--bad-network", bad_network]
     with console.stderr().status("leader and follower are at work (about 45 s)"):
         made = run_demo(out, load_scenario(scenario), network, network)
@@ -251,7 +261,9 @@ def _pushing(robot_file: RobotFile) -> str:
     )
 
 
-def _line(name: str, port: int, config: Path | None, bad_network: str | None) -> LineSettings:
+def _line(
+    name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
+) -> LineSettings:
     impairment = None
     if bad_network is not None:
         parts = numbers("--bad-network", bad_network, ", such as 500,20,10")
@@ -260,7 +272,9 @@ def _line(name: str, port: int, config: Path | None, bad_network: str | None) ->
         impairment = Impairment(MILLI * parts[0], MILLI * parts[1], PERCENT * parts[2])
     if config is not None:
         existing_file(config, "zenoh configuration")
-    return LineSettings(name, port, config, impairment)
+    if key is not None:
+        load_seal(existing_file(key, "key"))  # only to know that it is one
+    return LineSettings(name, port, config, key, impairment)
 
 
 def _as_data(job: FollowerJob, outcome: FollowerOutcome) -> dict[str, object]:

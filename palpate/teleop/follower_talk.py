@@ -124,6 +124,9 @@ class Talk(threading.Thread):
                 "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
             )
             self._say(words)
+        if words := self._conversation.complaint():
+            self.notes.append(("link", words, {}))
+            self._say(words)
 
     def _take(self, message: Message, _sent_s: float) -> None:
         if isinstance(message, Intent):

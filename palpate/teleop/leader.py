@@ -221,6 +221,8 @@ class _Leader:
         if self._conversation.listen():
             heard = self._conversation.linked
             self._note("link", "the follower is heard" if heard else "the follower is silent")
+        if words := self._conversation.complaint():
+            self._note("link", words)
 
     def _begin_anew(self) -> None:
         self._probed.begin_anew()

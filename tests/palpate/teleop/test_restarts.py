@@ -8,7 +8,7 @@ import pytest
 from palpate.teleop import follower_talk, leader
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
-from robot_io.link import ObjectEstimate, TargetState, decode, encode, target_number
+from robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
 from sim_backend.scenario import load_scenario
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
@@ -21,8 +21,9 @@ class StoredLine:
     def __init__(self):
         self.arrived, self.sent, self.malformed, self.now, self.sender = [], [], 0, 0.0, 77
 
-    def put(self, sender, sequence, message):
-        frame = decode(encode(sender, sequence, self.now, float("nan"), float("nan"), message))
+    def put(self, sender, sequence, message, answers=None):
+        heard = Heard(self.sender if answers is None else answers)
+        frame = decode(encode(sender, sequence, self.now, heard, message))
         self.arrived.append((self.now, frame))
 
     def receive(self):
@@ -79,6 +80,30 @@ def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
     led._hear_follower()
     assert led._intent().seen == (0,)
     assert led._probed.choose((0.4, 0.0, 0.05)) == again
+
+
+@pytest.mark.parametrize("answers", [0, 78])
+def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
+    """It may be what somebody recorded on another day, with the pair's own key."""
+    talk, _ = followed
+    line.put(1, 0, intent(target(0)), answers=answers)
+    talk._listen()
+    assert talk.queue.states() == {}
+    line.put(1, 1, intent(target(0)))
+    talk._listen()
+    assert talk.queue.states() == {0: TargetState.QUEUED}
+
+
+def test_what_may_be_wrong_is_said_once(led, line):
+    line.advice = "is it running?"
+    for now_s in (9.0, 10.0, 11.0):
+        line.now = now_s
+        led._hear_follower()
+    assert [text for _, text in led._notes] == ["nobody was heard for 10 s: is it running?"]
+    line.malformed, line.refused = 3, "another key"
+    for _ in range(2):
+        led._hear_follower()
+    assert [text for _, text in led._notes[1:]] == ["a frame was refused: another key"]
 
 
 def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_places_arrived(followed, line):
