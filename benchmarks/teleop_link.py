@@ -22,7 +22,7 @@ def main() -> None:
     """Run one of the four."""
     parser = arguments(__doc__)
     parser.add_argument("what", choices=("fuzz", "overhead", "haptics", "demo"))
-    parser.add_argument("--number", type=int, default=100_000, help="frames")
+    parser.add_argument("--number", type=int, default=100_000, help="frames of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--times", type=int, default=3)

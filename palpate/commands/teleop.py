@@ -67,7 +67,7 @@ BadNetworkOption = Annotated[
     str | None,
     typer.Option(
         "--bad-network",
-        help="For trials: delay and jitter [ms] and loss [%] of what this side sends, such as 500,20,10.",
+        help="For trials: delay and jitter (ms) and loss (%) of what this side sends, such as 500,20,10.",
         metavar="MS,MS,%",
     ),
 ]
@@ -187,7 +187,10 @@ def leader(  # noqa: PLR0917, one parameter an option
         late = outcome.lateness
         out_.print(f"haptic loop: {late.count} ticks, late p99 {_us(late.p99_s)}, p99.9 {_us(late.p999_s)}")
     out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
-    console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+    if outcome.heard:
+        console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+    else:
+        console.next_steps(("palpate teleop follower", "the other side, which was not heard"))
 
 
 @group.command()
@@ -298,7 +301,10 @@ def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:
         out.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
     out.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
     session = typed(job.session)
-    console.next_steps(
-        (f"palpate estimate {session}", "stiffness and damping of every place"),
-        (f"palpate inspect leader.mcap {session}", "both sides on one time line"),
-    )
+    steps = {
+        f"palpate estimate {session}": "stiffness and damping of every place",
+        f"palpate inspect leader.mcap {session}": "both sides on one time line",
+    }
+    if not outcome.estimates:
+        steps = {"palpate teleop leader": "chooses places to probe"}
+    console.next_steps(*steps.items())

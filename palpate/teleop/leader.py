@@ -62,6 +62,7 @@ class LeaderOutcome:
 
     states: dict[int, str]  # what became of each target, as the follower said last
     estimates: int  # that arrived
+    heard: bool  # whether the follower answered
     lateness: SectionTiming | None  # of the haptic loop
 
 
@@ -178,7 +179,8 @@ class _Leader:
     def outcome(self) -> LeaderOutcome:
         """How it ended."""
         states = {short_number(number): state.name.lower() for number, state in self._states.items()}
-        return LeaderOutcome(states, self._probed.received, self._lateness)
+        heard = self._conversation.peer.offset is not None
+        return LeaderOutcome(states, self._probed.received, heard, self._lateness)
 
     def _hear_operator(self) -> None:
         try:

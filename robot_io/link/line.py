@@ -157,9 +157,11 @@ class Line:
 def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN401
     if settings.config is not None:
         try:
-            return zenoh.Config.from_file(str(settings.config))
+            config = zenoh.Config.from_file(str(settings.config))
         except zenoh.ZError as error:
             raise InputError(f"{settings.config}: is no zenoh configuration: {cause(error)}") from None
+        _check_files(config, settings.config)
+        return config
     endpoint = f"{_LOOPBACK}:{settings.port}"
     way = "listen" if role == "follower" else "connect"
     config = zenoh.Config()
@@ -170,6 +172,14 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
     config.insert_json5("connect/retry", json.dumps(_RETRY))
     config.insert_json5("connect/exit_on_failure", "false")
     return config
+
+
+def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
+    """Of certificates and keys; zenoh says nothing of those that it cannot connect with."""
+    tls = json.loads(config.get_json("transport/link/tls"))
+    for name, file in tls.items():
+        if name.endswith(("_certificate", "_private_key")) and file and not Path(file).is_file():
+            raise InputError(f"{path}: transport.link.tls.{name}: no file '{file}' (from where you are now)")
 
 
 def cause(error: Exception) -> str:

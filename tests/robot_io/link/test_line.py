@@ -63,7 +63,7 @@ def test_a_second_follower_is_refused_in_one_line():
         (
             '{mode: "peer", listen: {endpoints: ["tls/127.0.0.1:0"]}, transport: {link: {tls: '
             '{listen_private_key: "none.key", listen_certificate: "none.pem"}}}}',
-            "private key",
+            "listen_private_key: no file 'none.key'",
         ),
         (None, "No such file"),
     ],
