@@ -15,6 +15,7 @@ from benchmarks.teleop.driven import distinct, drive
 from benchmarks.teleop.fuzz import fuzz
 from benchmarks.teleop.overhead import codec, overhead
 from benchmarks.teleop.punctuality import alone, in_demo, in_words
+from palpate.teleop.leader import TALK_S
 from robot_io.link.seal import CHECKSUM, key_seal
 
 
@@ -31,7 +32,8 @@ def main() -> None:
         show_fuzz(options.number, options.seed)
     elif options.what == "overhead":
         print(codec())
-        print(overhead())
+        print(overhead(2000, 0.0))
+        print(overhead(500, TALK_S))
     else:
         for _ in range(options.times):
             print(in_words(*(alone(options.seconds) if options.what == "haptics" else in_demo())), flush=True)

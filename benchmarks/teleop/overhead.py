@@ -51,8 +51,8 @@ class End:
         return _WIRE.decode(data) if way == "message" else REPORT
 
 
-def overhead(rounds: int = 2000) -> str:
-    """Measure, and say it in words."""
+def overhead(rounds: int, pause_s: float) -> str:
+    """Measure round trips with a pause before each, and say it in words."""
     process = get_context("spawn").Process(target=_answer, daemon=True)
     process.start()
     session, ask, come_back, _subscriber = _opened("connect", "out", "back")
@@ -62,6 +62,7 @@ def overhead(rounds: int = 2000) -> str:
         for n in range(rounds):
             for way in WAYS:
                 report = replace(REPORT, force_n=0.01 * n)
+                time.sleep(pause_s)
                 begun = time.perf_counter()
                 ask[way](end.out(way, report))
                 end.taken(way, come_back.get(timeout=WAIT_S))
@@ -72,7 +73,7 @@ def overhead(rounds: int = 2000) -> str:
         session.close()
     plain, message, frame = (1e6 * float(np.median(found[way])) for way in WAYS)
     return (
-        f"round trip between two processes, median of {rounds}: raw zenoh {plain:.0f} us, "
+        f"round trip between two processes, median of {rounds}, {1e3 * pause_s:g} ms apart: raw zenoh {plain:.0f} us, "
         f"with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
         f"our link costs {100 * (frame / message - 1):+.1f} % over zenoh with the same protobuf message, "
         f"{100 * (frame / plain - 1):+.1f} % over zenoh with bytes that nobody makes or reads"

@@ -8,7 +8,6 @@ all.
 import struct
 from hmac import compare_digest
 from math import nan
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 from robot_io.errors import ProtocolError
@@ -20,8 +19,8 @@ VERSION = 3
 MOST_BYTES = 32 * 1024
 _MOST_FRAMES = 2**40  # of one sender; gaps of many senders still fit a record's int64
 _HEADER = struct.Struct("<BqBqBqBdBqBdBdBqBBBB")
+_FIELDS = struct.Struct("<xqxqxqxdxqxdxdxq4x")  # the same without what is in each header alike, and the length
 _TAGS = (0x09, 0x11, 0x19, 0x21, 0x29, 0x31, 0x39, 0x41, 0x4A)  # fields 1 to 8 of eight bytes each; 9, bytes
-_tags_of, _fields_of = itemgetter(*range(0, 17, 2)), itemgetter(*range(1, 17, 2))  # of an unpacked header
 _KINDS: dict[type[Message], int] = {Intent: 0, Report: 1, ObjectEstimate: 2}  # they travel: add at the end
 _WIRE: tuple[WireType[Any], ...] = tuple(WireType(kind) for kind in _KINDS)
 
@@ -93,14 +92,9 @@ def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
         raise FrameError(f"{len(data)} bytes: a frame has {begin} to {MOST_BYTES}")
     if not compare_digest(data[: seal.size], seal.of(memoryview(data)[seal.size :])):
         raise FrameError(seal.broken)
-    values = _HEADER.unpack_from(data, seal.size)
-    if values[:2] != (_TAGS[0], VERSION):
-        raise FrameError(f"version {values[1]} of the messages; this program speaks {VERSION}")
-    low, middle, high = values[-3:]
-    length = low & 0x7F | (middle & 0x7F) << 7 | high << 14
-    if _tags_of(values) != _TAGS or length != len(data) - begin:
-        raise FrameError("no frame of this program: its fields are not where they belong")
-    frame = Frame._make((*_fields_of(values), data[begin:]))
+    frame = Frame(*_FIELDS.unpack_from(data, seal.size), data[begin:])
+    if frame.version != VERSION:
+        raise FrameError(f"version {frame.version} of the messages; this program speaks {VERSION}")
     if not -1e12 < frame.sent_s < 1e12 or not 0 <= frame.sequence < _MOST_FRAMES:
         raise FrameError(f"sequence {frame.sequence}, sent at {frame.sent_s} s: out of range")
     return frame
