@@ -9,6 +9,7 @@ python benchmarks/teleop_link.py demo [--times 3]
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from command_line import arguments
 
 from benchmarks.teleop.driven import distinct, drive
@@ -35,8 +36,13 @@ def main() -> None:
         print(overhead(2000, 0.0))
         print(overhead(500, TALK_S))
     else:
+        found = []
         for _ in range(options.times):
-            print(in_words(*(alone(options.seconds) if options.what == "haptics" else in_demo())), flush=True)
+            found.append(alone(options.seconds) if options.what == "haptics" else in_demo())
+            print(in_words(*found[-1]), flush=True)
+        ours, references = zip(*found, strict=True)
+        if options.times > 1 and not isinstance(references[0], str):
+            print(f"all of these\n{in_words(np.concatenate(ours), np.concatenate(references))}")
 
 
 def show_fuzz(number: int, seed: int) -> None:

@@ -61,7 +61,9 @@ def run(folder: Path, over: str) -> Joined:
         way, other = ("listen", "connect") if side == "follower" else ("connect", "listen")
         wait = {"exit_on_failure": False} if way == "connect" else {}
         multicast = {"multicast": {"enabled": False}}
-        config = {"mode": "peer", "scouting": multicast, way: endpoint | wait, other: {"endpoints": []}}
+        tries = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}  # of 10 s: over UDP each may fail
+        ends = {way: endpoint | wait, other: {"endpoints": []}}
+        config = {"mode": "peer", "scouting": multicast, "transport": tries, **ends}
         path = folder / f"{side}.json5"
         path.write_text(json.dumps(config))
         program = ["ip", "netns", "exec", name, sys.executable, "-m", "palpate.main", "teleop", side]

@@ -73,8 +73,8 @@ def overhead(rounds: int, pause_s: float) -> str:
         session.close()
     plain, message, frame = (1e6 * float(np.median(found[way])) for way in WAYS)
     return (
-        f"round trip between two processes, median of {rounds}, {1e3 * pause_s:g} ms apart: raw zenoh {plain:.0f} us, "
-        f"with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
+        f"round trip between two processes, median of {rounds}, {1e3 * pause_s:g} ms apart: "
+        f"raw zenoh {plain:.0f} us, with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
         f"our link costs {100 * (frame / message - 1):+.1f} % over zenoh with the same protobuf message, "
         f"{100 * (frame / plain - 1):+.1f} % over zenoh with bytes that nobody makes or reads"
     )

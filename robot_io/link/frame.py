@@ -19,7 +19,7 @@ VERSION = 3
 MOST_BYTES = 32 * 1024
 _MOST_FRAMES = 2**40  # of one sender; gaps of many senders still fit a record's int64
 _HEADER = struct.Struct("<BqBqBqBdBqBdBdBqBBBB")
-_FIELDS = struct.Struct("<xqxqxqxdxqxdxdxq4x")  # the same without what is in each header alike, and the length
+_FIELDS = struct.Struct("<xqxqxqxdxqxdxdxq4x")  # the same without tags and length
 _TAGS = (0x09, 0x11, 0x19, 0x21, 0x29, 0x31, 0x39, 0x41, 0x4A)  # fields 1 to 8 of eight bytes each; 9, bytes
 _KINDS: dict[type[Message], int] = {Intent: 0, Report: 1, ObjectEstimate: 2}  # they travel: add at the end
 _WIRE: tuple[WireType[Any], ...] = tuple(WireType(kind) for kind in _KINDS)
@@ -92,7 +92,7 @@ def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
         raise FrameError(f"{len(data)} bytes: a frame has {begin} to {MOST_BYTES}")
     if not compare_digest(data[: seal.size], seal.of(memoryview(data)[seal.size :])):
         raise FrameError(seal.broken)
-    frame = Frame(*_FIELDS.unpack_from(data, seal.size), data[begin:])
+    frame = Frame._make((*_FIELDS.unpack_from(data, seal.size), data[begin:]))
     if frame.version != VERSION:
         raise FrameError(f"version {frame.version} of the messages; this program speaks {VERSION}")
     if not -1e12 < frame.sent_s < 1e12 or not 0 <= frame.sequence < _MOST_FRAMES:
