@@ -216,7 +216,7 @@ def demo(
     """
     _line("arm", 7447, None, None, bad_network)  # only to know that it can be read
     network = [] if bad_network is None else ["--bad-network", bad_network]
-    with console.stderr().status("leader and follower are at work (about 45 s)"):
+    with console.stderr().status("leader and follower are at work (about 30 s)"):
         made = run_demo(out, load_scenario(scenario), network, network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}

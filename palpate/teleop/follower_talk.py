@@ -26,7 +26,7 @@ from robot_io.session import RecordArray, Samples, Stream
 
 _TALK_S = 0.02  # between two reports
 _RESEND_S = 0.2  # of an estimate that the leader has not seen
-_SETTLE_S = 20.0  # that the arm holds still for estimates and verdicts when all targets are over,
+_SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
 _SEEN_S = 3.0  # and for the newest to be seen
 _FAREWELLS = 25  # times that the last report is sent
 ESTIMATE = "estimate"  # kind of the event that tells of one
