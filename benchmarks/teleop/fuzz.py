@@ -60,6 +60,9 @@ class FedLine:
         """See `Line.refuse`."""
         self.malformed += 1
 
+    def listen_anew(self) -> None:
+        """See `Line.listen_anew`."""
+
     def heard(self, frame: Frame, at_s: float) -> None:
         """See `Line.heard`."""
 

@@ -7,6 +7,7 @@ from control.teleop.peer import Arrival, Peer, PeerLimits
 from robot_io.clock import Clock
 from robot_io.link import FrameError, Line, Message
 
+_ANEW_S = 3.0  # of silence, after which the other side is told again that this one listens
 _UNHEARD_S = 10.0  # after which it is said what may be wrong
 
 
@@ -36,6 +37,7 @@ class Conversation:
         self.say = line.send
         self._line, self._clock, self._take, self._begin_anew = line, clock, take, begin_anew
         self._begun_s, self._complaints = clock.now_s(), set[str]()
+        self._anew_s = self._begun_s + _ANEW_S
 
     def listen(self) -> bool:
         """Take in what has arrived; whether the peer is heard again, or not any more, since the last call."""
@@ -54,7 +56,13 @@ class Conversation:
             self._line.heard(frame, at_s)
             if frame.heard_sender == self._line.sender:  # else it may be a recording of another day
                 self._take(message, frame.sent_s)
-        was, self.linked = self.linked, not self.peer.silent(self._clock.now_s())
+        now_s = self._clock.now_s()
+        was, self.linked = self.linked, not self.peer.silent(now_s)
+        if self.linked:
+            self._anew_s = now_s + _ANEW_S
+        elif now_s >= self._anew_s:
+            self._anew_s = now_s + _ANEW_S
+            self._line.listen_anew()
         return self.linked != was
 
     def complaint(self) -> str:

@@ -78,7 +78,8 @@ class Line:
         key = f"palpate/{settings.name}"
         try:
             self._session = zenoh.open(config)
-            self._subscriber = self._session.declare_subscriber(f"{key}/{_OTHER[role]}", self._arrived)
+            self._subscribed = f"{key}/{_OTHER[role]}"
+            self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
             self._publisher = self._session.declare_publisher(
                 f"{key}/{role}", congestion_control=zenoh.CongestionControl.DROP, express=True
             )
@@ -110,6 +111,11 @@ class Line:
             except FrameError as error:
                 self.refuse(str(error))
         return arrived
+
+    def listen_anew(self) -> None:
+        """Tell the other side again that this one listens: zenoh says it once, which over UDP may be lost."""
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
 
     def refuse(self, why: str) -> None:
         """Count what came and is no frame, or no message."""

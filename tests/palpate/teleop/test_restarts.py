@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from palpate.teleop import follower_talk, leader
@@ -19,7 +20,7 @@ class StoredLine:
     """A line whose frames are given, at a time of the test's choosing."""
 
     def __init__(self):
-        self.arrived, self.sent, self.malformed, self.now, self.sender = [], [], 0, 0.0, 77
+        self.arrived, self.sent, self.anew, self.malformed, self.now, self.sender = [], [], [], 0, 0.0, 77
 
     def put(self, sender, sequence, message, answers=None):
         heard = Heard(self.sender if answers is None else answers)
@@ -35,6 +36,9 @@ class StoredLine:
 
     def send(self, message):
         self.sent.append(message)
+
+    def listen_anew(self):
+        self.anew.append(self.now)
 
     def now_s(self):
         return self.now
@@ -92,6 +96,15 @@ def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
     line.put(1, 1, intent(target(0)))
     talk._listen()
     assert talk.queue.states() == {0: TargetState.QUEUED}
+
+
+def test_while_nothing_is_heard_the_other_side_is_told_again_that_this_one_listens(led, line):
+    for now_s in np.arange(0.0, 11.0, 0.5):
+        line.now = now_s
+        if 3.5 < now_s < 7.0:
+            line.put(1, int(2.0 * now_s), report())
+        led._hear_follower()
+    assert line.anew == [3.0, 10.5]  # the last word, at 6.5 s, holds for a second
 
 
 def test_what_may_be_wrong_is_said_once(led, line):

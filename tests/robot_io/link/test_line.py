@@ -44,6 +44,8 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
             with Line("follower", settings, clock) as follower:
                 assert heard(leader, follower, intent(target()))
                 assert heard(follower, leader, report())
+                follower.listen_anew()
+                assert heard(leader, follower, intent(target()))
 
 
 def test_a_second_follower_is_refused_in_one_line():
