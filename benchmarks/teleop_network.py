@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import yaml
 from command_line import arguments
 
@@ -44,8 +45,8 @@ def main() -> None:
         share, count = felt.settled().share, len(felt.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")
-        linked_s = link["time_s"][~link["silent"]][:1] - joined.haptic["time_s"][0]
-        print(f"the leader heard the follower {linked_s} s after its start")
+        linked_s = link["time_s"][~link["silent"]].min(initial=np.inf) - joined.haptic["time_s"][0]
+        print(f"the leader heard the follower {linked_s:.0f} s after its start")
         print(f"frames to the leader: {counts}; shortest round trip {1e3 * joined.round_trip_s:.0f} ms")
 
 

@@ -34,7 +34,8 @@ from robot_io.robot_file import RobotFile, load_robot_file
 from sim_backend.scenario import load_scenario, shipped_scenarios
 
 MILLI, PERCENT = 1e-3, 0.01
-PLAN = ProbingPlan(hold_s=0.4)
+# It begins well above the place: who has felt nothing yet may take the surface for lower than it is.
+PLAN = ProbingPlan(hold_s=0.4, approach_clearance_m=0.08)
 
 group = command_group(
     """Work on a virtual object that learns to feel like the real one.
