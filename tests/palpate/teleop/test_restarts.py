@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.teleop import follower_talk, leader
+from palpate.teleop.estimating import sample_stream
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
 from robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
@@ -150,6 +151,29 @@ def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, li
     talk._think()
     assert [one.runs for one in talk._unseen()] == [6, 1]
     assert talk.queue.states() == {}
+
+
+def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, line):
+    """Whoever asks between two steps of the talking thread hears that something is still to come."""
+    talk, answers = followed
+    asked, estimator = [], talk._estimator
+
+    def look(samples, target, *, last):
+        asked.append(talk.settled())
+        answers.append(estimate(target=target))
+
+    def answer():
+        asked.append(talk.settled())
+        return [answers.pop(0)] if answers else []
+
+    estimator.look, estimator.answers = look, answer
+    assert talk.settled()
+    stream = sample_stream(3)
+    talk.look(stream, np.zeros(2, stream.dtype), 0, last=True)
+    assert not talk.settled()
+    talk._talk()
+    assert asked == [False, False]
+    assert talk.settled()  # nobody is there to see it
 
 
 def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):
