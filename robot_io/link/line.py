@@ -75,6 +75,7 @@ class Line:
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = BadNetwork(settings.impairment) if settings.impairment else None
         config = _config(zenoh, role, settings)
+        self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
         key = f"palpate/{settings.name}"
         try:
             self._session = zenoh.open(config)
@@ -124,10 +125,9 @@ class Line:
     @property
     def advice(self) -> str:
         """What to look at where the other side is not heard."""
-        config = self._settings.config
-        same = "--port" if config is None else "a --link that meets this one"
+        same = "--port" if self._settings.config is None else "a --link that meets this one"
         words = f"does a {_OTHER[self._role]} run with the same --name and --key, and {same}?"
-        if config is None or "udp/" not in config.read_text(encoding="utf-8", errors="replace"):
+        if not self._over_udp:
             return words
         return (
             f"{words} Over UDP each packet that is lost on connecting costs a try of 10 s "
