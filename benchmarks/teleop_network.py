@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import yaml
 from command_line import arguments
 
@@ -44,6 +45,8 @@ def main() -> None:
         share, count = felt.settled().share, len(felt.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")
+        linked_s = link["time_s"][~link["silent"]].min(initial=np.inf) - joined.haptic["time_s"][0]
+        print(f"the leader heard the follower {linked_s:.0f} s after its start")
         print(f"frames to the leader: {counts}; shortest round trip {1e3 * joined.round_trip_s:.0f} ms")
 
 
@@ -61,7 +64,9 @@ def run(folder: Path, over: str) -> Joined:
         way, other = ("listen", "connect") if side == "follower" else ("connect", "listen")
         wait = {"exit_on_failure": False} if way == "connect" else {}
         multicast = {"multicast": {"enabled": False}}
-        config = {"mode": "peer", "scouting": multicast, way: endpoint | wait, other: {"endpoints": []}}
+        tries = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}  # of 10 s: over UDP each may fail
+        ends = {way: endpoint | wait, other: {"endpoints": []}}
+        config = {"mode": "peer", "scouting": multicast, "transport": tries, **ends}
         path = folder / f"{side}.json5"
         path.write_text(json.dumps(config))
         program = ["ip", "netns", "exec", name, sys.executable, "-m", "palpate.main", "teleop", side]

@@ -5,13 +5,13 @@ import subprocess
 
 import numpy as np
 
-from control.loop.timing import SectionTiming
+from robot_io.types import FloatArray
 
 _LONGEST_US = 20_000
 
 
-def lateness(seconds: float, rate_hz: float) -> SectionTiming | str:
-    """Lateness of cyclictest with SCHED_FIFO 80 at the loop's rate; or in words why there is none."""
+def lateness(seconds: float, rate_hz: float) -> FloatArray | str:
+    """Lateness of each tick [s], with SCHED_FIFO 80 at the loop's rate; or in words why there is none."""
     if shutil.which("cyclictest") is None:
         return "not installed (package rt-tests)"
     arguments = ["-q", "-t1", "-p80", "-m", f"-i{1e6 / rate_hz:.0f}", f"-l{seconds * rate_hz:.0f}"]
@@ -23,14 +23,11 @@ def lateness(seconds: float, rate_hz: float) -> SectionTiming | str:
     return _read_histogram(done.stdout)
 
 
-def _read_histogram(text: str) -> SectionTiming:
+def _read_histogram(text: str) -> FloatArray:
     rows = [line.split() for line in text.splitlines() if line[:1].isdigit()]
     # Totals look like "# Max Latencies: 02519".
     totals = dict(
         line[2:].split(":", 1) for line in text.splitlines() if line.startswith("# ") and ":" in line
     )
-    max_us, overflows = int(totals["Max Latencies"]), int(totals["Histogram Overflows"])
-    late_us = np.array([int(row[0]) for row in rows] + [max_us])
-    ticks = np.cumsum([int(row[1]) for row in rows] + [overflows])
-    p50_s, p99_s, p999_s = (1e-6 * late_us[np.searchsorted(ticks, q * ticks[-1])] for q in (0.5, 0.99, 0.999))
-    return SectionTiming(int(ticks[-1]), p50_s, p99_s, p999_s, 1e-6 * max_us)
+    late_us = [int(row[0]) for row in rows] + [int(totals["Max Latencies"])]
+    return 1e-6 * np.repeat(late_us, [int(row[1]) for row in rows] + [int(totals["Histogram Overflows"])])

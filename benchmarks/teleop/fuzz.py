@@ -1,8 +1,6 @@
 """Mutated frames into everything of both sides that what comes over the line can reach."""
 
 import random
-import struct
-import zlib
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
@@ -13,12 +11,24 @@ from control.teleop.target_queue import TargetQueue
 from palpate.teleop.probed import Probed
 from robot_io.clock import SimulatedClock
 from robot_io.errors import InputError
-from robot_io.link import Frame, FrameError, Intent, Message, ObjectEstimate, Report, Target, decode, encode
+from robot_io.link import (
+    Frame,
+    FrameError,
+    Heard,
+    Intent,
+    Message,
+    ObjectEstimate,
+    Report,
+    Target,
+    decode,
+    encode,
+)
+from robot_io.link.seal import CHECKSUM, Seal
 from sim_backend.scenario import Scenario
 
-SENDER = 77
-_CHECKSUM = struct.Struct("<I")
+SENDER, HEARER = 77, 78
 _TIP_M = (0.4, 0.0, 0.06)
+_HEARD = Heard(HEARER, 0.0, 0.0)
 
 
 @dataclass
@@ -33,18 +43,25 @@ class FuzzResult:
 class FedLine:
     """A line whose frames are given; see `robot_io.link.Line`."""
 
-    def __init__(self) -> None:
+    def __init__(self, seal: Seal) -> None:
         self.waiting: deque[bytes] = deque()
-        self.malformed = 0
+        self.malformed, self.sender, self._seal = 0, HEARER, seal
 
     def receive(self) -> list[tuple[float, Frame]]:
         arrived = []
         while self.waiting:
             try:
-                arrived.append((0.02, decode(self.waiting.popleft())))
-            except FrameError:
-                self.malformed += 1
+                arrived.append((0.02, decode(self.waiting.popleft(), self._seal)))
+            except FrameError as error:
+                self.refuse(str(error))
         return arrived
+
+    def refuse(self, _why: str) -> None:
+        """See `Line.refuse`."""
+        self.malformed += 1
+
+    def listen_anew(self) -> None:
+        """See `Line.listen_anew`."""
 
     def heard(self, frame: Frame, at_s: float) -> None:
         """See `Line.heard`."""
@@ -53,26 +70,27 @@ class FedLine:
         """See `Line.send`."""
 
 
-def fuzz(number: int, seed: int, *, mended: bool) -> FuzzResult:
+def fuzz(number: int, seed: int, seal: Seal = CHECKSUM, mended: Seal | None = None) -> FuzzResult:
     """Feed mutated frames to a leader and a follower that hear their peer.
 
     Args:
         number: of frames.
         seed: of the mutations.
-        mended: whether the checksum fits what was mutated, as an attacker would have it.
+        seal: of the two sides.
+        mended: what an attacker seals the mutated frames with again; None for damage on the way.
     """
     rng, result = random.Random(seed), FuzzResult()
     for n in range(number):
         message = MESSAGES[n % len(MESSAGES)]
-        data = mutated(encode(SENDER, 1, 0.02, 0.0, 0.0, message), rng, mended=mended)
+        data = mutated(encode(SENDER, 1, 0.02, _HEARD, message, seal), rng, seal.size, mended)
         for side in (_follower, _leader):
-            side(data, message, result)
+            side(data, message, seal, result)
     return result
 
 
-def mutated(data: bytes, rng: random.Random, *, mended: bool) -> bytes:
+def mutated(data: bytes, rng: random.Random, seal_size: int, mended: Seal | None) -> bytes:
     """One to eight bits, bytes or pieces changed, cut out or put in."""
-    body = bytearray(data[_CHECKSUM.size :] if mended else data)
+    body = bytearray(data[seal_size:] if mended else data)
     for _ in range(rng.randint(1, 8)):
         place = rng.randrange(len(body))
         kind = rng.randrange(4)
@@ -84,18 +102,18 @@ def mutated(data: bytes, rng: random.Random, *, mended: bool) -> bytes:
             del body[place : place + rng.randint(1, 8)]
         else:
             body[place:place] = rng.randbytes(rng.randint(1, 8))
-    return _CHECKSUM.pack(zlib.crc32(body)) + bytes(body) if mended else bytes(body)
+    return mended.of(bytes(body)) + bytes(body) if mended else bytes(body)
 
 
-def _follower(data: bytes, sent: Message, result: FuzzResult) -> None:
+def _follower(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
     queue = TargetQueue()
-    taken = _heard(data, queue.take, Intent, result, sent)
+    taken = _heard(data, queue.take, Intent, result, sent, seal)
     queue.linked = True
     if taken is not None and (target := queue.begin()) and target not in MESSAGES[0].targets:
         result.targets.add(target)
 
 
-def _leader(data: bytes, sent: Message, result: FuzzResult) -> None:
+def _leader(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
     probed = Probed(Scenario())
 
     def take(message: ObjectEstimate | Report) -> None:
@@ -107,21 +125,21 @@ def _leader(data: bytes, sent: Message, result: FuzzResult) -> None:
         except InputError:
             result.counts["an estimate that cannot be felt"] += 1
 
-    if _heard(data, take, ObjectEstimate | Report, result, sent) is not None:
+    if _heard(data, take, ObjectEstimate | Report, result, sent, seal) is not None:
         result.felt += probed.choose(_TIP_M) is not None
         probed.in_words(_TIP_M, 1.0)
 
 
-def _heard(data, take, kinds, result: FuzzResult, sent: Message) -> Message | None:  # noqa: ANN001
+def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | None:  # noqa: ANN001
     """What a side that hears its peer takes of a frame, if it says something else than was sent."""
-    line, taken = FedLine(), []
+    line, taken = FedLine(seal), []
 
     def keep(message: Message, _sent_s: float) -> None:
         if isinstance(message, kinds):
             taken.append(message)
 
     talk = Conversation(line, SimulatedClock(), take=keep, begin_anew=lambda: None)
-    line.waiting += [encode(SENDER, 0, 0.0, 0.0, 0.0, REPORT), data]
+    line.waiting += [encode(SENDER, 0, 0.0, _HEARD, REPORT, seal), data]
     talk.listen()
     if line.malformed:
         result.counts["refused as malformed"] += 1

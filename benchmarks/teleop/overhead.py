@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.teleop.samples import REPORT
 from control.teleop.peer import Peer, PeerLimits
-from robot_io.link import Report, decode, encode
+from robot_io.link import Heard, Report, decode, encode
 from robot_io.link.wire import WireType
 
 WAYS = ("bytes", "message", "frame")
@@ -39,7 +39,7 @@ class End:
         if way == "frame":
             self._sequence += 1
             now_s = time.monotonic()
-            return encode(self._sender, self._sequence, now_s, now_s, now_s, report)
+            return encode(self._sender, self._sequence, now_s, Heard(1, now_s, now_s), report)
         return _WIRE.encode(report) if way == "message" else self._plain
 
     def taken(self, way: str, data: bytes) -> Report:
@@ -51,8 +51,8 @@ class End:
         return _WIRE.decode(data) if way == "message" else REPORT
 
 
-def overhead(rounds: int = 2000) -> str:
-    """Measure, and say it in words."""
+def overhead(rounds: int, pause_s: float) -> str:
+    """Measure round trips with a pause before each, and say it in words."""
     process = get_context("spawn").Process(target=_answer, daemon=True)
     process.start()
     session, ask, come_back, _subscriber = _opened("connect", "out", "back")
@@ -62,6 +62,7 @@ def overhead(rounds: int = 2000) -> str:
         for n in range(rounds):
             for way in WAYS:
                 report = replace(REPORT, force_n=0.01 * n)
+                time.sleep(pause_s)
                 begun = time.perf_counter()
                 ask[way](end.out(way, report))
                 end.taken(way, come_back.get(timeout=WAIT_S))
@@ -72,8 +73,8 @@ def overhead(rounds: int = 2000) -> str:
         session.close()
     plain, message, frame = (1e6 * float(np.median(found[way])) for way in WAYS)
     return (
-        f"round trip between two processes, median of {rounds}: raw zenoh {plain:.0f} us, "
-        f"with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
+        f"round trip between two processes, median of {rounds}, {1e3 * pause_s:g} ms apart: "
+        f"raw zenoh {plain:.0f} us, with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
         f"our link costs {100 * (frame / message - 1):+.1f} % over zenoh with the same protobuf message, "
         f"{100 * (frame / plain - 1):+.1f} % over zenoh with bytes that nobody makes or reads"
     )

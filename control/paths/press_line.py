@@ -46,16 +46,17 @@ class PressLine:
         It starts near joint positions (3,) and stays between the limits, (3,) each [rad].
         """
         steps = math.ceil(abs(wanted_m) / _REACH_STEP_M)
-        reached_m = 0.0
+        reached_m, positions = 0.0, near_rad.tolist()
+        bounds = list(zip(*(limit.tolist() for limit in limits_rad), strict=True))
         for step in range(1, steps + 1):
             travel_m = wanted_m * step / steps
             try:
-                near_rad = self.joint_motion(LineState(travel_m), near_rad).position_rad
-                first, second, _ = self._angles(travel_m)
+                angles = self._angles(travel_m)
             except InputError:
                 break
-            is_within = np.all(limits_rad[0] <= near_rad) and np.all(near_rad <= limits_rad[1])
-            if not is_within or abs(math.sin(second - first)) < NEAR_SINGULAR:
+            positions = self._positions(angles, positions)
+            is_within = all(low <= at <= high for at, (low, high) in zip(positions, bounds, strict=True))
+            if not is_within or abs(math.sin(angles[1] - angles[0])) < NEAR_SINGULAR:
                 break
             reached_m = travel_m
         return reached_m
@@ -82,9 +83,8 @@ class PressLine:
         aw = self._w * state.acceleration_m_s2 + rate1**2 * y1 + rate2**2 * y2
         spin1 = (au * x2 + aw * y2) / determinant
         spin2 = -(au * x1 + aw * y1) / determinant
-        positions = zip(self._arm.joint_positions(angles), near_rad.tolist(), strict=True)
         return JointMotion(
-            np.array([_nearest(position, near) for position, near in positions]),
+            np.array(self._positions(angles, near_rad.tolist())),
             self._per_joint(rate1, rate2),
             self._per_joint(spin1, spin2),
         )
@@ -93,12 +93,12 @@ class PressLine:
         u_m, w_m = self._origin[0] + travel_m * self._u, self._origin[1] + travel_m * self._w
         return self._arm.absolute_angles(u_m, w_m, self._tool_rad, self._elbow)
 
+    def _positions(self, angles: tuple[float, float, float], near_rad: list[float]) -> list[float]:
+        """Joint positions [rad] from the links' absolute angles, each in the turn nearest to `near_rad`."""
+        positions = zip(self._arm.joint_positions(angles), near_rad, strict=True)
+        return [at + math.tau * round((near - at) / math.tau) for at, near in positions]
+
     def _per_joint(self, first: float, second: float) -> FloatArray:
         """Rates of the joints from absolute rates of the first two links, the third standing still."""
         s1, s2, s3 = self._arm.signs
         return np.array((s1 * first, s2 * (second - first), -s3 * second))
-
-
-def _nearest(angle_rad: float, near_rad: float) -> float:
-    """The angle plus whole turns, as near as can be."""
-    return angle_rad + math.tau * round((near_rad - angle_rad) / math.tau)

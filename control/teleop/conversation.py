@@ -7,6 +7,9 @@ from control.teleop.peer import Arrival, Peer, PeerLimits
 from robot_io.clock import Clock
 from robot_io.link import FrameError, Line, Message
 
+_ANEW_S = 3.0  # of silence, after which the other side is told again that this one listens
+_UNHEARD_S = 10.0  # after which it is said what may be wrong
+
 
 class Conversation:
     """A line with what is known of whoever is at its other end.
@@ -33,6 +36,8 @@ class Conversation:
         self.peer, self.linked = Peer(PeerLimits()), False
         self.say = line.send
         self._line, self._clock, self._take, self._begin_anew = line, clock, take, begin_anew
+        self._begun_s, self._complaints = clock.now_s(), set[str]()
+        self._anew_s = self._begun_s + _ANEW_S
 
     def listen(self) -> bool:
         """Take in what has arrived; whether the peer is heard again, or not any more, since the last call."""
@@ -45,13 +50,31 @@ class Conversation:
                 continue
             try:
                 message = frame.message
-            except FrameError:
-                self._line.malformed += 1
+            except FrameError as error:
+                self._line.refuse(str(error))
                 continue
             self._line.heard(frame, at_s)
-            self._take(message, frame.sent_s)
-        was, self.linked = self.linked, not self.peer.silent(self._clock.now_s())
+            if frame.heard_sender == self._line.sender:  # else it may be a recording of another day
+                self._take(message, frame.sent_s)
+        now_s = self._clock.now_s()
+        was, self.linked = self.linked, not self.peer.silent(now_s)
+        if self.linked:
+            self._anew_s = now_s + _ANEW_S
+        elif now_s >= self._anew_s:
+            self._anew_s = now_s + _ANEW_S
+            self._line.listen_anew()
         return self.linked != was
+
+    def complaint(self) -> str:
+        """Why the other side may not be heard, in words, each reason once; empty if there is nothing new."""
+        now_s, line = self._clock.now_s(), self._line
+        if line.malformed and "refused" not in self._complaints:
+            self._complaints.add("refused")
+            return f"a frame was refused: {line.refused}"
+        if self._complaints or self.peer.counts[Arrival.FRESH] or now_s < self._begun_s + _UNHEARD_S:
+            return ""
+        self._complaints.add("unheard")
+        return f"nobody was heard for {_UNHEARD_S:g} s: {line.advice}"
 
     def record(self, now_s: float) -> tuple[object, ...]:
         """How things stand with the line, as one record of `LINK_STREAM`."""

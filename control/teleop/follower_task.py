@@ -15,6 +15,7 @@ from control.laws.hybrid import HybridController
 from control.loop.phases import Phase
 from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
 from control.paths.trajectory import JointMotion
+from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from control.teleop.target_queue import TargetQueue
 from robot_io.errors import InputError
@@ -27,6 +28,12 @@ class OnSilence(StrEnum):
 
     FINISH = "finish"
     RETREAT = "retreat"
+
+
+def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
+    """The follower's own plan at a target's place: all that a target says."""
+    place = {"targets_world_m": (target.position_world_m,), "press_direction_world": target.direction_world}
+    return plan.model_copy(update=place)
 
 
 class FollowerTask:

@@ -25,6 +25,8 @@ class Arrival(StrEnum):
     REORDERED = "reordered"  # an older one than the newest, which says more than it
     FOREIGN = "foreign"  # of another sender than the peer
 
+    __hash__ = str.__hash__  # not in Python, as an Enum's is: every frame is counted
+
 
 @dataclass(frozen=True, slots=True)
 class PeerLimits:

@@ -29,12 +29,13 @@ from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
 from palpate.words import as_shell_word, count, safe, shown, typed
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
-from robot_io.link import Impairment, LineSettings
+from robot_io.link import Impairment, LineSettings, load_seal
 from robot_io.robot_file import RobotFile, load_robot_file
 from sim_backend.scenario import load_scenario, shipped_scenarios
 
 MILLI, PERCENT = 1e-3, 0.01
-PLAN = ProbingPlan(hold_s=0.4)
+# It begins well above the place: who has felt nothing yet may take the surface for lower than it is.
+PLAN = ProbingPlan(hold_s=0.4, approach_clearance_m=0.08)
 
 group = command_group(
     """Work on a virtual object that learns to feel like the real one.
@@ -55,11 +56,19 @@ LinkOption = Annotated[
         "--link", help="zenoh configuration (JSON5): endpoints, router, certificates.", metavar="FILE"
     ),
 ]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--key",
+        help="Secret of the pair, the same file on both sides: no other's messages count.",
+        metavar="FILE",
+    ),
+]
 BadNetworkOption = Annotated[
     str | None,
     typer.Option(
         "--bad-network",
-        help="For trials: delay and jitter [ms] and loss [%] of what this side sends, such as 500,20,10.",
+        help="For trials: delay and jitter (ms) and loss (%) of what this side sends, such as 500,20,10.",
         metavar="MS,MS,%",
     ),
 ]
@@ -78,6 +87,7 @@ def follower(
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
+    key: KeyOption = None,
     bad_network: BadNetworkOption = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
@@ -98,7 +108,7 @@ def follower(
         output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
         plan,
         permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
-        link=_line(name, port, link, bad_network),
+        link=_line(name, port, link, key, bad_network),
         on_silence=on_silence,
         diagnose=diagnose,
         **{**options.job, "paced": True},
@@ -137,6 +147,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
+    key: KeyOption = None,
     bad_network: BadNetworkOption = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     yes: YesOption = False,
@@ -157,7 +168,7 @@ def leader(  # noqa: PLR0917, one parameter an option
     session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")
     metadata = leader_metadata(robot_file, scene, command_line)
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
-    line = _line(name, port, link, bad_network)
+    line = _line(name, port, link, key, bad_network)
     if isinstance(device, LeaderArm):
         ask_for_power(_pushing(load_robot_file(device.settings.robot)), yes=yes)
     talk = console.stderr()
@@ -177,7 +188,10 @@ def leader(  # noqa: PLR0917, one parameter an option
         late = outcome.lateness
         out_.print(f"haptic loop: {late.count} ticks, late p99 {_us(late.p99_s)}, p99.9 {_us(late.p999_s)}")
     out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
-    console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+    if outcome.heard:
+        console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+    else:
+        console.next_steps(("palpate teleop follower", "the other side, which was not heard"))
 
 
 @group.command()
@@ -201,9 +215,9 @@ def demo(
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
     """
-    _line("arm", 7447, None, bad_network)  # only to know that it can be read
+    _line("arm", 7447, None, None, bad_network)  # only to know that it can be read
     network = [] if bad_network is None else ["--bad-network", bad_network]
-    with console.stderr().status("leader and follower are at work (about 45 s)"):
+    with console.stderr().status("leader and follower are at work (about 30 s)"):
         made = run_demo(out, load_scenario(scenario), network, network)
     if as_json:
         files = {what: str(path) for what, path in made.files.items()}
@@ -251,7 +265,9 @@ def _pushing(robot_file: RobotFile) -> str:
     )
 
 
-def _line(name: str, port: int, config: Path | None, bad_network: str | None) -> LineSettings:
+def _line(
+    name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
+) -> LineSettings:
     impairment = None
     if bad_network is not None:
         parts = numbers("--bad-network", bad_network, ", such as 500,20,10")
@@ -260,7 +276,9 @@ def _line(name: str, port: int, config: Path | None, bad_network: str | None) ->
         impairment = Impairment(MILLI * parts[0], MILLI * parts[1], PERCENT * parts[2])
     if config is not None:
         existing_file(config, "zenoh configuration")
-    return LineSettings(name, port, config, impairment)
+    if key is not None:
+        load_seal(existing_file(key, "key"))  # only to know that it is one
+    return LineSettings(name, port, config, key, impairment)
 
 
 def _as_data(job: FollowerJob, outcome: FollowerOutcome) -> dict[str, object]:
@@ -284,7 +302,10 @@ def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:
         out.print(f"  [yellow]the link was given up: {safe(outcome.talk_error)}[/yellow]")
     out.print(f"written: [bold]{shown(job.session)}[/bold]", soft_wrap=True)
     session = typed(job.session)
-    console.next_steps(
-        (f"palpate estimate {session}", "stiffness and damping of every place"),
-        (f"palpate inspect leader.mcap {session}", "both sides on one time line"),
-    )
+    steps = {
+        f"palpate estimate {session}": "stiffness and damping of every place",
+        f"palpate inspect leader.mcap {session}": "both sides on one time line",
+    }
+    if not outcome.estimates:
+        steps = {"palpate teleop leader": "chooses places to probe"}
+    console.next_steps(*steps.items())

@@ -25,7 +25,7 @@ from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
-_LIMIT_S = 38.0  # after which both sides are told to end: a minute should be enough for all
+_LIMIT_S = 44.0  # after which both sides are told to end: a minute should be enough for all
 _END_S = 15.0  # that both sides have for their end then
 _PLACES_M = (0.36, 0.40)  # x of the targets
 _ABOVE_M, _BELOW_M = 0.03, 0.02  # of the surface: where the hand waits, and where it wants to go

@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import nan
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from control.loop.way_out import one_line
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels
+from estimation.diagnosis import Diagnosis
 from estimation.study import ChannelEstimates, Revision
+from estimation.study.engine import diagnose
 from estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
@@ -36,7 +38,6 @@ _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
 Look = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
-_NICE = 5  # of the diagnosis: the arm comes first
 _ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
 _PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
 
@@ -67,8 +68,7 @@ def first_look(samples: Samples, target: int) -> ObjectEstimate:
     Raises:
         InputError: nothing was touched, or too little to estimate from.
     """
-    contact = _contact(samples)
-    return _estimate(contact, target, _revision(_better(contact.channel, contact.noise_n)))
+    return _better(_contact(samples), target)[1]
 
 
 def second_look(samples: Samples, target: int) -> ObjectEstimate:
@@ -80,17 +80,23 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
         InputError: as `first_look`.
     """
     contact = _contact(samples)
-    found = _better(contact.channel, contact.noise_n)
-    study = Study(contact.channel, found.model.name)
-    (answer,) = study.diagnose(apply=True).channels
+    model, made = _better(contact, target)
+    study = Study(contact.channel, model)
+    (answer,) = study.diagnose(apply=True, judge=_judge).channels
     verdict, words = str(answer.verdict), answer.reason
     try:
         (revision,) = study.to_export()
         made = _estimate(contact, target, revision)
     except InputError as error:
-        made = _estimate(contact, target, _revision(found))
         words = f"not all of it can be felt ({error}); {words}"
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
+
+
+def _judge(*question: Any) -> Diagnosis:  # noqa: ANN401, see `estimation.study.engine.diagnose`
+    """What is missing, without rivals of what is established: each would be fitted once more for a table."""
+    found = diagnose(*question)
+    channels = [one.model_copy(update={"ranking": []}) if one.accepted else one for one in found.channels]
+    return found.model_copy(update={"channels": channels})
 
 
 class Estimator:
@@ -101,8 +107,8 @@ class Estimator:
     """
 
     def __init__(self, *, diagnose: bool) -> None:
-        looks = [(first_look, 0), *([(second_look, _NICE)] if diagnose else [])]
-        self._workers = [_Worker(look, nice) for look, nice in looks]
+        looks = [first_look, *([second_look] if diagnose else [])]
+        self._workers = [_Worker(look) for look in looks]
 
     @property
     def busy(self) -> bool:
@@ -128,10 +134,10 @@ class Estimator:
 class _Worker:
     """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
 
-    def __init__(self, look: Look, nice: int) -> None:
+    def __init__(self, look: Look) -> None:
         context = get_context("spawn")
         self._pipe, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), other), daemon=True)
+        self.process = context.Process(target=_serve, args=(look, os.getpid(), other), daemon=True)
         self.process.start()
         other.close()
         self._waiting: dict[int, Samples] = {}
@@ -161,10 +167,9 @@ class _Worker:
         return found
 
 
-def _serve(look: Look, nice: int, parent: int, pipe: Connection) -> None:
-    """Look at whatever comes; ends with its parent, leaves Ctrl-C to it, and may give way to it."""
+def _serve(look: Look, parent: int, pipe: Connection) -> None:
+    """Look at whatever comes; ends with its parent, and leaves Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(nice)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before it could be heard of
         return
@@ -205,19 +210,23 @@ def _contact(samples: Samples) -> _Contact:
     )
 
 
-def _better(channel: ChannelData, noise_n: float) -> ChannelEstimates:
-    """The contact law that leaves less; the second is not tried where the first leaves only noise."""
-    found: list[ChannelEstimates] = []
+def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
+    """The contact law that leaves less of those that can be felt, by name, with the estimate.
+
+    The second is not tried where the first leaves only noise.
+    """
+    found: list[tuple[str, ObjectEstimate]] = []
     for model in _MODELS:
         try:
-            found += Study(channel, model).estimate(_ESTIMATORS)
+            (one,) = Study(contact.channel, model).estimate(_ESTIMATORS)
+            found.append((model, _estimate(contact, target, _revision(one))))
         except InputError as error:
             failure = error
-        if found and found[0].best.rmse <= _ENOUGH * noise_n:
+        if found and found[0][1].rmse_n <= _ENOUGH * contact.noise_n:
             break
     if not found:
         raise failure
-    return min(found, key=lambda one: one.best.rmse)
+    return min(found, key=lambda one: one[1].rmse_n)
 
 
 def _revision(found: ChannelEstimates) -> Revision:

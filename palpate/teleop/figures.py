@@ -39,8 +39,9 @@ def draw(path: Path, joined: Joined, felt: Felt, modelled: Felt) -> Path:
     )
     for event, data in joined.feels():
         over_time.axvline(event.time_s - start_s, color=palette.BASE, lw=0.8)
+        verdict = f", {data['verdict']}" if data["verdict"] else ""
         over_time.annotate(
-            f"estimate {data['revision']}",
+            f"estimate {data['revision']}{verdict}",
             (event.time_s - start_s, 1.01),
             xycoords=("data", "axes fraction"),
             fontsize=7,

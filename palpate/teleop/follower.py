@@ -19,7 +19,7 @@ from control.loop.result import LoopResult, Outcome
 from control.probing.plan import ProbingPlan
 from control.probing.sites import check_against_guard
 from control.probing.task import ProbingTask
-from control.teleop.follower_task import FollowerTask, OnSilence
+from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
 from control.teleop.link_record import LINK_STREAM
 from palpate.runs.probing import PLAN
 from palpate.runs.session import ArmJob, arm_session, checked_body, released
@@ -76,12 +76,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     plan_text = yaml.safe_dump(job.plan.model_dump(mode="json"), sort_keys=False)
 
     def probing(target: Target) -> ProbingTask:
-        place = {
-            "targets_world_m": (target.position_world_m,),
-            "press_direction_world": target.direction_world,
-        }
-        plan = job.plan.model_copy(update=place)
-        return ProbingTask.from_robot_file(robot_file, plan, calibrations, body)
+        return ProbingTask.from_robot_file(robot_file, plan_for(target, job.plan), calibrations, body)
 
     with ExitStack() as stack:
         arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan_text}, streams=(LINK_STREAM,)))

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from queue import SimpleQueue
 from typing import NamedTuple
 
 from control.loop.phases import Phase
@@ -26,7 +25,7 @@ from robot_io.session import RecordArray, Samples, Stream
 
 _TALK_S = 0.02  # between two reports
 _RESEND_S = 0.2  # of an estimate that the leader has not seen
-_SETTLE_S = 20.0  # that the arm holds still for estimates and verdicts when all targets are over,
+_SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
 _SEEN_S = 3.0  # and for the newest to be seen
 _FAREWELLS = 25  # times that the last report is sent
 ESTIMATE = "estimate"  # kind of the event that tells of one
@@ -61,7 +60,8 @@ class Talk(threading.Thread):
         self.notes: deque[tuple[str, str, dict[str, object]]] = deque()
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
-        self._work: SimpleQueue[tuple[Stream, RecordArray, int, bool]] = SimpleQueue()
+        self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
+        self._quiet = True  # no estimate was to come when the thread last looked
         self._estimator = Estimator(diagnose=diagnose)
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
@@ -76,22 +76,19 @@ class Talk(threading.Thread):
         now_s = self._clock.now_s()
         if math.isnan(self._asked_s):
             self._asked_s = now_s
-        waiting = self._estimator.busy or not self._work.empty()
+        waiting = bool(self._work) or not self._quiet
         unseen = self.queue.linked and bool(self._unseen()) and now_s < self._made_s + _SEEN_S
         return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
         """Have a target's samples estimated; takes no time."""
-        self._work.put((stream, records, target, last))
+        self._work.append((stream, records, target, last))
 
     def run(self) -> None:
         """See `threading.Thread.run`."""
         try:
             while not self._over.wait(_TALK_S):
-                self._listen()
-                self._think()
-                self._conversation.say(self._report())
-                self._send_estimates()
+                self._talk()
         except Exception as error:  # a follower that cannot talk goes on as if the link were silent
             self.error = one_line(error)
             self._say(f"the link was given up, nothing new is begun: {self.error}")
@@ -117,12 +114,22 @@ class Talk(threading.Thread):
         """How things stand with the line, as one record of `LINK_STREAM`."""
         return self._conversation.record(now_s)
 
+    def _talk(self) -> None:
+        self._listen()
+        self._think()
+        self._conversation.say(self._report())
+        self._send_estimates()
+        self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
+
     def _listen(self) -> None:
         changed, self.queue.linked = self._conversation.listen(), self._conversation.linked
         if changed:
             words = (
                 "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
             )
+            self._say(words)
+        if words := self._conversation.complaint():
+            self.notes.append(("link", words, {}))
             self._say(words)
 
     def _take(self, message: Message, _sent_s: float) -> None:
@@ -137,10 +144,12 @@ class Talk(threading.Thread):
 
     def _think(self) -> None:
         """Hand samples to the estimator, and take its answers."""
-        while not self._work.empty():
-            stream, records, target, last = self._work.get()
+        while self._work:
+            self._quiet = False
+            stream, records, target, last = self._work[0]
             columns = {column.name: records[column.name].copy() for column in stream.columns}
             self._estimator.look(Samples(stream, columns), target, last=last)
+            self._work.popleft()
         for answer in self._estimator.answers():
             if isinstance(answer, str):
                 self.notes.append(("no_estimate", answer, {}))

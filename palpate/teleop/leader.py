@@ -62,6 +62,7 @@ class LeaderOutcome:
 
     states: dict[int, str]  # what became of each target, as the follower said last
     estimates: int  # that arrived
+    heard: bool  # whether the follower answered
     lateness: SectionTiming | None  # of the haptic loop
 
 
@@ -178,7 +179,8 @@ class _Leader:
     def outcome(self) -> LeaderOutcome:
         """How it ended."""
         states = {short_number(number): state.name.lower() for number, state in self._states.items()}
-        return LeaderOutcome(states, self._probed.received, self._lateness)
+        heard = self._conversation.peer.offset is not None
+        return LeaderOutcome(states, self._probed.received, heard, self._lateness)
 
     def _hear_operator(self) -> None:
         try:
@@ -221,6 +223,8 @@ class _Leader:
         if self._conversation.listen():
             heard = self._conversation.linked
             self._note("link", "the follower is heard" if heard else "the follower is silent")
+        if words := self._conversation.complaint():
+            self._note("link", words)
 
     def _begin_anew(self) -> None:
         self._probed.begin_anew()

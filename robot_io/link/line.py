@@ -10,15 +10,15 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import nan
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from robot_io.clock import Clock
 from robot_io.errors import InputError
-from robot_io.link.frame import MOST_BYTES, Frame, FrameError, decode, encode
+from robot_io.link.frame import MOST_BYTES, Frame, FrameError, Heard, decode, encode
 from robot_io.link.impairment import BadNetwork, Impairment
 from robot_io.link.messages import Message
+from robot_io.link.seal import CHECKSUM, load_seal
 
 Role = Literal["leader", "follower"]
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
@@ -42,6 +42,7 @@ class LineSettings:
     name: str = "arm"  # of the pair: both sides must give the same
     port: int = 7447
     config: Path | None = None
+    key: Path | None = None  # a secret of the pair; without it any frame with a fitting checksum is taken
     impairment: Impairment | None = None  # of what this side sends, for trials
 
     def __post_init__(self) -> None:
@@ -56,26 +57,30 @@ class Line:
 
     Attributes:
         sender: random number in every frame of this end.
-        malformed: frames that were no frames, or of another version.
+        malformed: frames that were no frames, or of another version or key.
+        refused: why the newest of these was none; empty before the first.
 
     Raises:
-        InputError: zenoh refuses the configuration, or the endpoint cannot be opened.
+        InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is none.
     """
 
     def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
         import zenoh  # noqa: PLC0415, nobody else should wait for it
 
         self.sender = secrets.randbits(62)
-        self.malformed = 0
-        self._clock, self._sequence = clock, 0
-        self._heard_sent_s = self._heard_at_s = nan
+        self.malformed, self.refused = 0, ""
+        self._role, self._settings, self._clock = role, settings, clock
+        self._seal = load_seal(settings.key) if settings.key else CHECKSUM
+        self._sequence, self._heard = 0, Heard()
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = BadNetwork(settings.impairment) if settings.impairment else None
         config = _config(zenoh, role, settings)
+        self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
         key = f"palpate/{settings.name}"
         try:
             self._session = zenoh.open(config)
-            self._subscriber = self._session.declare_subscriber(f"{key}/{_OTHER[role]}", self._arrived)
+            self._subscribed = f"{key}/{_OTHER[role]}"
+            self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
             self._publisher = self._session.declare_publisher(
                 f"{key}/{role}", congestion_control=zenoh.CongestionControl.DROP, express=True
             )
@@ -88,7 +93,7 @@ class Line:
     def send(self, message: Message) -> None:
         """Send one message with everything a frame says; does not wait for the other side."""
         now_s = self._clock.now_s()
-        data = encode(self.sender, self._sequence, now_s, self._heard_sent_s, self._heard_at_s, message)
+        data = encode(self.sender, self._sequence, now_s, self._heard, message, self._seal)
         self._sequence += 1
         if self._network is None:
             self._put(data)
@@ -103,14 +108,35 @@ class Line:
         while self._waiting:
             at_s, data = self._waiting.popleft()
             try:
-                arrived.append((at_s, decode(data)))
-            except FrameError:
-                self.malformed += 1
+                arrived.append((at_s, decode(data, self._seal)))
+            except FrameError as error:
+                self.refuse(str(error))
         return arrived
+
+    def listen_anew(self) -> None:
+        """Tell the other side again that this one listens: zenoh says it once, which over UDP may be lost."""
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
+
+    def refuse(self, why: str) -> None:
+        """Count what came and is no frame, or no message."""
+        self.malformed, self.refused = self.malformed + 1, why
+
+    @property
+    def advice(self) -> str:
+        """What to look at where the other side is not heard."""
+        same = "--port" if self._settings.config is None else "a --link that meets this one"
+        words = f"does a {_OTHER[self._role]} run with the same --name and --key, and {same}?"
+        if not self._over_udp:
+            return words
+        return (
+            f"{words} Over UDP each packet that is lost on connecting costs a try of 10 s "
+            "(transport.unicast.open_timeout): tcp and tls repeat it"
+        )
 
     def heard(self, frame: Frame, at_s: float) -> None:
         """Take a frame that arrived at `at_s` [s] as the newest of the peer; the next one sent says so."""
-        self._heard_sent_s, self._heard_at_s = frame.sent_s, at_s
+        self._heard = Heard(frame.sender, frame.sent_s, at_s)
 
     def close(self) -> None:
         """End the session; can be called twice."""
@@ -124,7 +150,7 @@ class Line:
 
     def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
         if len(sample.payload) > MOST_BYTES:  # no frame, and not to be kept in memory until someone asks
-            self.malformed += 1
+            self.refuse(f"more than {MOST_BYTES} bytes")
             return
         self._waiting.append((self._clock.now_s(), sample.payload.to_bytes()))
 
@@ -137,9 +163,11 @@ class Line:
 def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN401
     if settings.config is not None:
         try:
-            return zenoh.Config.from_file(str(settings.config))
+            config = zenoh.Config.from_file(str(settings.config))
         except zenoh.ZError as error:
             raise InputError(f"{settings.config}: is no zenoh configuration: {cause(error)}") from None
+        _check_files(config, settings.config)
+        return config
     endpoint = f"{_LOOPBACK}:{settings.port}"
     way = "listen" if role == "follower" else "connect"
     config = zenoh.Config()
@@ -150,6 +178,14 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
     config.insert_json5("connect/retry", json.dumps(_RETRY))
     config.insert_json5("connect/exit_on_failure", "false")
     return config
+
+
+def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
+    """Of certificates and keys; zenoh says nothing of those that it cannot connect with."""
+    tls = json.loads(config.get_json("transport/link/tls"))
+    for name, file in tls.items():
+        if name.endswith(("_certificate", "_private_key")) and file and not Path(file).is_file():
+            raise InputError(f"{path}: transport.link.tls.{name}: no file '{file}' (from where you are now)")
 
 
 def cause(error: Exception) -> str:

@@ -8,7 +8,7 @@ from control.loop.phases import Phase
 from control.loop.task import TaskOutput
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from control.teleop.follower_task import FollowerTask, OnSilence
+from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
 from control.teleop.target_queue import TargetQueue
 from robot_io.link import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
@@ -29,13 +29,8 @@ class Rig:
         body = test_arm()
 
         def probing(wanted: Target) -> ProbingTask:
-            place = {
-                "targets_world_m": (wanted.position_world_m,),
-                "press_direction_world": wanted.direction_world,
-            }
-            return ProbingTask(
-                body, TOOL_AXIS_TIP, Gains(), PLAN.model_copy(update=place), position_limits_rad=WIDE
-            )
+            plan = plan_for(wanted, PLAN)
+            return ProbingTask(body, TOOL_AXIS_TIP, Gains(), plan, position_limits_rad=WIDE)
 
         self.task = FollowerTask(body, TOOL_AXIS_TIP, Gains(), self.queue, probing, on_silence=on_silence)
         self.home_rad = self.plant.position_rad.copy()

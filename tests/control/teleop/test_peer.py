@@ -10,7 +10,7 @@ from control.teleop.peer import Arrival, Peer, PeerLimits
 from robot_io.errors import InputError
 from robot_io.link import Frame
 
-FRAME = Frame(1, 77, 0, 100.0, nan, nan, 0, b"")
+FRAME = Frame(1, 77, 0, 100.0, 0, nan, nan, 0, b"")
 FRESH, LATE, REPEATED, REORDERED, FOREIGN = Arrival
 
 

@@ -19,6 +19,8 @@ from tests.palpate.cli import assert_refused, run
         (("follower", "--bad-network", "5"), "delay, jitter [ms] and loss [%]"),
         (("follower", "--bad-network", "5,5,200"), "loss 2.0"),
         (("follower", "--port", "80"), "port 80"),
+        (("follower", "--key", "nosuch.key"), "nosuch.key"),
+        (("leader", "--operator", "mouse", "--key", "."), "key"),
         (("follower", "--robot", "nosuch"), "no such robot file"),
         (("follower", "--on-silence", "jump"), "finish"),
         (("demo", "--out", "x", "--scenario", "nosuch"), "no scenario"),

@@ -2,20 +2,42 @@
 
 import pytest
 
+from benchmarks.teleop.driven import drive
 from benchmarks.teleop.fuzz import fuzz
+from robot_io.link import Target
+from robot_io.link.seal import CHECKSUM, key_seal
+
+DOWN = (0.0, 0.0, -1.0)
+OURS = key_seal(b"of the pair")
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_no_damaged_frame_moves_the_arm_or_is_felt(seed):
-    result = fuzz(1000, seed, mended=False)
+@pytest.mark.parametrize(
+    ("seed", "seals"),
+    [(2, (CHECKSUM, None)), (3, (OURS, None)), (3, (OURS, CHECKSUM)), (2, (OURS, key_seal(b"no")))],
+)
+def test_no_frame_that_was_damaged_or_made_without_the_key_moves_the_arm_or_is_felt(seed, seals):
+    result = fuzz(1000, seed, *seals)
     assert result.counts["refused as malformed"] == 2000  # on both sides
     assert result.targets == set()
     assert result.felt == 0
 
 
 def test_frames_with_a_checksum_that_fits_crash_neither_side():
-    """Whoever makes these can as well send whole ones: that is what certificates, plan and guard are for."""
-    result = fuzz(1000, 2, mended=True)
+    """Whoever makes these can as well send whole ones: that is what a key, plan and guard are for."""
+    result = fuzz(1000, 2, CHECKSUM, CHECKSUM)
     assert result.counts["refused as malformed"] > 1500
     for target in result.targets:
         assert all(abs(value) <= 100.0 for value in target.position_world_m)
+
+
+def test_targets_that_nobody_asked_for_keep_the_arm_within_its_limits(tmp_path):
+    """Two that can be probed, and what no arm can do: each is refused, and none trips the guard."""
+    odd = [(0.4, 0.0, 0.05), (0.4, 0.02, 0.05), (99.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.3, 0.0, 1e-300)]
+    directions = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, -0.8), (0.0, 0.0, 1.0)]
+    targets = [Target(0, place, DOWN) for place in odd] + [Target(0, odd[0], one) for one in directions]
+    driven = drive(targets, tmp_path)
+    assert driven.finished
+    assert driven.states.total() == len(targets)
+    assert driven.states["done"] >= 1
+    assert driven.states["refused"] >= 4
+    assert max(driven.position, driven.velocity, driven.force) < 1.0

@@ -54,6 +54,15 @@ def test_the_first_look_is_the_object(scenario):
             )
 
 
+def test_a_law_that_fits_better_and_cannot_be_felt_is_not_offered():
+    """Relaxation draws Hunt-Crossley's exponent below 1, where the simulator has no such law."""
+    law = {"name": "kelvin_voigt", "stiffness_n_m": 2000.0, "damping_n_s_m": 20.0}
+    relaxing = {"effect": "stress_relaxation", "stiffness_n_m": 1500.0, "time_s": 0.2}
+    found = first_look(probed({"object": {"law": law}, "hidden": [relaxing]}), 0)
+    assert [term.name for term in found.model] == ["kelvin_voigt"]
+    force_law(found.model)
+
+
 def test_an_established_effect_is_felt(few_effects):
     found = second_look(probed(CUBIC, ProbingPlan(hold_s=0.1)), 0)
     assert found.verdict == "missing"

@@ -3,12 +3,14 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from palpate.teleop import follower_talk, leader
+from palpate.teleop.estimating import sample_stream
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
-from robot_io.link import ObjectEstimate, TargetState, decode, encode, target_number
+from robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
 from sim_backend.scenario import load_scenario
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
@@ -19,10 +21,11 @@ class StoredLine:
     """A line whose frames are given, at a time of the test's choosing."""
 
     def __init__(self):
-        self.arrived, self.sent, self.malformed, self.now, self.sender = [], [], 0, 0.0, 77
+        self.arrived, self.sent, self.anew, self.malformed, self.now, self.sender = [], [], [], 0, 0.0, 77
 
-    def put(self, sender, sequence, message):
-        frame = decode(encode(sender, sequence, self.now, float("nan"), float("nan"), message))
+    def put(self, sender, sequence, message, answers=None):
+        heard = Heard(self.sender if answers is None else answers)
+        frame = decode(encode(sender, sequence, self.now, heard, message))
         self.arrived.append((self.now, frame))
 
     def receive(self):
@@ -34,6 +37,9 @@ class StoredLine:
 
     def send(self, message):
         self.sent.append(message)
+
+    def listen_anew(self):
+        self.anew.append(self.now)
 
     def now_s(self):
         return self.now
@@ -81,6 +87,39 @@ def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
     assert led._probed.choose((0.4, 0.0, 0.05)) == again
 
 
+@pytest.mark.parametrize("answers", [0, 78])
+def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
+    """It may be what somebody recorded on another day, with the pair's own key."""
+    talk, _ = followed
+    line.put(1, 0, intent(target(0)), answers=answers)
+    talk._listen()
+    assert talk.queue.states() == {}
+    line.put(1, 1, intent(target(0)))
+    talk._listen()
+    assert talk.queue.states() == {0: TargetState.QUEUED}
+
+
+def test_while_nothing_is_heard_the_other_side_is_told_again_that_this_one_listens(led, line):
+    for now_s in np.arange(0.0, 11.0, 0.5):
+        line.now = now_s
+        if 3.5 < now_s < 7.0:
+            line.put(1, int(2.0 * now_s), report())
+        led._hear_follower()
+    assert line.anew == [3.0, 10.5]  # the last word, at 6.5 s, holds for a second
+
+
+def test_what_may_be_wrong_is_said_once(led, line):
+    line.advice = "is it running?"
+    for now_s in (9.0, 10.0, 11.0):
+        line.now = now_s
+        led._hear_follower()
+    assert [text for _, text in led._notes] == ["nobody was heard for 10 s: is it running?"]
+    line.malformed, line.refused = 3, "another key"
+    for _ in range(2):
+        led._hear_follower()
+    assert [text for _, text in led._notes[1:]] == ["a frame was refused: another key"]
+
+
 def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_places_arrived(followed, line):
     talk, answers = followed
     line.put(1, 0, intent())
@@ -112,6 +151,29 @@ def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, li
     talk._think()
     assert [one.runs for one in talk._unseen()] == [6, 1]
     assert talk.queue.states() == {}
+
+
+def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, line):
+    """Whoever asks between two steps of the talking thread hears that something is still to come."""
+    talk, answers = followed
+    asked, estimator = [], talk._estimator
+
+    def look(samples, target, *, last):
+        asked.append(talk.settled())
+        answers.append(estimate(target=target))
+
+    def answer():
+        asked.append(talk.settled())
+        return [answers.pop(0)] if answers else []
+
+    estimator.look, estimator.answers = look, answer
+    assert talk.settled()
+    stream = sample_stream(3)
+    talk.look(stream, np.zeros(2, stream.dtype), 0, last=True)
+    assert not talk.settled()
+    talk._talk()
+    assert asked == [False, False]
+    assert talk.settled()  # nobody is there to see it
 
 
 def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):

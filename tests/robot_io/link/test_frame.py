@@ -7,15 +7,16 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from robot_io.errors import InputError
-from robot_io.link import ContactModel, FrameError, Target, decode, encode, target_number
+from robot_io.link import ContactModel, FrameError, Heard, Target, decode, encode, load_seal, target_number
 from robot_io.link.frame import MOST_BYTES
+from robot_io.link.seal import CHECKSUM, Seal, key_seal
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]
 
 
-def framed(message, sequence: int = 5) -> bytes:
-    return encode(2**61 + 3, sequence, 1.25, nan, 7.5, message)
+def framed(message, sequence: int = 5, seal: Seal = CHECKSUM) -> bytes:
+    return encode(2**61 + 3, sequence, 1.25, Heard(2**60 + 1, nan, 7.5), message, seal)
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
@@ -43,11 +44,11 @@ def test_a_frame_is_a_protobuf_message_as_others_read_it():
     """Google's own parser, with the message type written down by hand."""
     described = descriptor_pb2.FileDescriptorProto(name="frame.proto", syntax="proto3")
     message, kind = described.message_type.add(name="Frame"), descriptor_pb2.FieldDescriptorProto
-    names = ("version", "sender", "sequence", "sent_s", "heard_sent_s", "heard_at_s", "kind")
+    names = ("version", "sender", "sequence", "sent_s", "heard_sender", "heard_sent_s", "heard_at_s", "kind")
     for number, name in enumerate(names, start=1):
         scalar = kind.TYPE_DOUBLE if name.endswith("_s") else kind.TYPE_SFIXED64
         message.field.add(name=name, number=number, type=scalar, label=kind.LABEL_OPTIONAL)
-    message.field.add(name="content", number=8, type=kind.TYPE_BYTES, label=kind.LABEL_OPTIONAL)
+    message.field.add(name="content", number=9, type=kind.TYPE_BYTES, label=kind.LABEL_OPTIONAL)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(described)
     parsed = message_factory.GetMessageClass(pool.FindMessageTypeByName("Frame"))
@@ -55,15 +56,47 @@ def test_a_frame_is_a_protobuf_message_as_others_read_it():
         data = framed(sent)
         frame, read = decode(data), parsed.FromString(data[4:])
         assert (read.sender, read.sequence, read.sent_s, read.heard_at_s) == (2**61 + 3, 5, 1.25, 7.5)
+        assert read.heard_sender == frame.heard_sender == 2**60 + 1
         assert (read.kind, read.content) == (1, frame.content)
 
 
 def test_frames_of_another_version_are_refused_by_name(monkeypatch):
     with monkeypatch.context() as newer_program:
-        newer_program.setattr("robot_io.link.frame.VERSION", 3)
+        newer_program.setattr("robot_io.link.frame.VERSION", 4)
         newer = framed(MESSAGES[0])
-    with pytest.raises(FrameError, match="version 3 of the messages; this program speaks 2"):
+    with pytest.raises(FrameError, match="version 4 of the messages; this program speaks 3"):
         decode(newer)
+
+
+OURS, THEIRS = key_seal(b"k" * 32), key_seal(b"k" * 31 + b"l")
+
+
+@pytest.mark.parametrize(
+    ("made", "read", "words"),
+    [
+        (THEIRS, OURS, "not made with this side's key"),
+        (CHECKSUM, OURS, "not made with this side's key"),
+        (OURS, CHECKSUM, "made with a key"),
+    ],
+)
+def test_whoever_has_another_key_or_none_is_refused(made, read, words):
+    assert decode(framed(MESSAGES[0], seal=made), made).message == MESSAGES[0]
+    with pytest.raises(FrameError, match=words):
+        decode(framed(MESSAGES[0], seal=made), read)
+
+
+def test_the_mark_is_the_one_of_rfc_4231():
+    """Its second test case."""
+    assert key_seal(b"Jefe").of(b"what do ya want for nothing?").hex() == "5bdcc146bf60754e6a042426089575c7"
+
+
+@pytest.mark.parametrize("size", [None, 0, 15, 4097])
+def test_a_file_that_is_no_key_is_refused(size, tmp_path):
+    path = tmp_path / "pair.key"
+    if size is not None:
+        path.write_bytes(bytes(size))
+    with pytest.raises(InputError, match=r"pair\.key"):
+        load_seal(path)
 
 
 @pytest.mark.parametrize("data", [b"", b"1234", bytes(MOST_BYTES + 1)])

@@ -44,6 +44,8 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
             with Line("follower", settings, clock) as follower:
                 assert heard(leader, follower, intent(target()))
                 assert heard(follower, leader, report())
+                follower.listen_anew()
+                assert heard(leader, follower, intent(target()))
 
 
 def test_a_second_follower_is_refused_in_one_line():
@@ -63,7 +65,7 @@ def test_a_second_follower_is_refused_in_one_line():
         (
             '{mode: "peer", listen: {endpoints: ["tls/127.0.0.1:0"]}, transport: {link: {tls: '
             '{listen_private_key: "none.key", listen_certificate: "none.pem"}}}}',
-            "private key",
+            "listen_private_key: no file 'none.key'",
         ),
         (None, "No such file"),
     ],
@@ -97,6 +99,34 @@ def test_pairs_of_another_name_do_not_hear_each_other():
     ):
         assert heard(leader, follower, intent(target()))
         assert not heard(other, follower, intent(target(1)), 0.5)
+
+
+def test_who_has_another_key_or_none_is_not_heard_and_it_is_said(tmp_path):
+    port, clock = free_port(), MonotonicClock()
+    for name in ("ours", "theirs"):
+        (tmp_path / name).write_bytes(name.encode() * 8)
+    with (
+        Line("follower", LineSettings(port=port, key=tmp_path / "ours"), clock) as follower,
+        Line("leader", LineSettings(port=port, key=tmp_path / "theirs"), clock) as other,
+        Line("leader", LineSettings(port=port), clock) as plain,
+        Line("leader", LineSettings(port=port, key=tmp_path / "ours"), clock) as leader,
+    ):
+        strangers = [(one, follower, intent(target(1))) for one in (other, plain)]
+        assert not any_heard([*strangers, (follower, plain, report())], 1.0)
+        assert "this side's key" in follower.refused
+        assert "made with a key" in plain.refused
+        assert heard(leader, follower, intent(target()))
+
+
+def test_the_advice_names_what_both_sides_must_share_and_what_udp_costs(tmp_path):
+    path = tmp_path / "udp.json5"
+    path.write_text('{listen: {endpoints: ["udp/127.0.0.1:0"]}, scouting: {multicast: {enabled: false}}}')
+    with Line("follower", LineSettings(config=path), MonotonicClock()) as line:
+        assert "--link" in line.advice
+        assert "open_timeout" in line.advice
+    with Line("follower", LineSettings(port=free_port()), MonotonicClock()) as line:
+        assert "--port" in line.advice
+        assert "UDP" not in line.advice
 
 
 def test_a_bad_network_delays_and_loses_as_it_says():

@@ -1,0 +1,60 @@
+"""What stands before every frame: a checksum, or with a key that both sides share the mark of who made it.
+
+A checksum (CRC-32) finds what a line or a program has damaged, and keeps no attacker out. A mark (the first
+16 bytes of HMAC-SHA-256, RFC 2104) can be made by those alone who have the key. It hides nothing; TLS does.
+"""
+
+import hmac
+import zlib
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from robot_io.errors import InputError
+
+_LEAST_BYTES, _MOST_BYTES = 16, 4096  # of a key
+
+
+class Seal(NamedTuple):
+    """How frames are marked and known again."""
+
+    size: int  # of the mark [bytes]
+    of: Callable[[bytes | memoryview], bytes]  # the mark of a frame
+    broken: str  # what is said of a frame whose mark is another
+
+
+def _checksum(frame: bytes | memoryview) -> bytes:
+    return zlib.crc32(frame).to_bytes(4, "little")
+
+
+def _mark(key: bytes, frame: bytes | memoryview) -> bytes:
+    return hmac.digest(key, frame, "sha256")[:16]
+
+
+CHECKSUM = Seal(4, _checksum, "its checksum does not fit: it was damaged, or made with a key")
+
+
+def key_seal(key: bytes) -> Seal:
+    """The seal of whoever has the key."""
+    return Seal(16, partial(_mark, key), "it was not made with this side's key")
+
+
+def load_seal(path: Path) -> Seal:
+    """The seal of whoever has this file, whose bytes are the key.
+
+    Raises:
+        InputError: it cannot be read, or it is too short to be a secret or too long to be a key.
+    """
+    try:
+        with path.open("rb") as file:
+            key = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"key {path}: {error.strerror}") from error
+    if not _LEAST_BYTES <= len(key) <= _MOST_BYTES:
+        size = f"{len(key)} bytes" if len(key) <= _MOST_BYTES else "too many bytes"
+        raise InputError(
+            f"key {path}: {size}; {_LEAST_BYTES} to {_MOST_BYTES} are needed, and nobody may guess them; "
+            "'head -c 32 /dev/urandom' makes some"
+        )
+    return key_seal(key)
