@@ -18,6 +18,7 @@ from robot_io.errors import PalpateError
 _HOST = "127.0.0.1"  # Rerun's own default is every address of the machine
 _START_LIMIT_S = 30.0
 _POLL_S = 0.1
+_DRIVER = "without a Vulkan driver, try: apt install mesa-vulkan-drivers"
 _SETTLE_S = 2.0  # curves and meshes are loaded bit by bit
 _TOAST_S = 7.0  # the viewer greets with a note over its upper right corner
 
@@ -60,7 +61,7 @@ def take_picture(
             viewer.save_screenshot(str(unfinished.absolute()))
         except (OSError, RuntimeError, ValueError) as error:
             reason = str(error).partition("\n")[0] or type(error).__name__
-            raise PalpateError(f"the viewer did not give a picture: {reason}") from error
+            raise PalpateError(f"the viewer did not give a picture: {reason} ({_DRIVER})") from error
         if not unfinished.is_file():
             raise PalpateError(f"the viewer did not write {picture}")
 
@@ -74,7 +75,7 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     process = _start("--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window)
     clients: list[ViewerClient] = []
     try:
-        remedy = "the Rerun viewer did not start without a display (try: apt install mesa-vulkan-drivers)"
+        remedy = f"the Rerun viewer did not start without a display ({_DRIVER})"
         _wait_for(lambda: _connected(process, f"rerun+http://{_HOST}:{port}/proxy", clients), remedy)
         yield clients[0]
     finally:
@@ -89,7 +90,7 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
 def _connected(process: "subprocess.Popen[bytes]", url: str, clients: list[ViewerClient]) -> bool:
     """Whether the viewer answers; it is then the one in `clients`."""
     if process.poll() is not None:
-        raise PalpateError("the Rerun viewer ended at once (try: apt install mesa-vulkan-drivers)")
+        raise PalpateError(f"the Rerun viewer ended at once ({_DRIVER})")
     try:
         client = ViewerClient.connect(url)
         client.get_state()
