@@ -70,11 +70,15 @@ class Page:
 
     async def tick(self, effect: str) -> None:
         """Add an effect, or take it away."""
-        await self._change(lambda: self.bench.choose(self.bench.toggled(effect)))
+
+        def toggled() -> Choice:
+            return self.bench.toggled(effect)
+
+        await self._change(lambda: self.bench.choose(toggled()), toggled)
 
     async def choose(self, choice: Choice) -> None:
         """Show another choice."""
-        await self._change(lambda: self.bench.choose(choice))
+        await self._change(lambda: self.bench.choose(choice), lambda: choice)
 
     async def apply(self, effects: tuple[str, ...]) -> None:
         """Show the base model with these effects, as a diagnosis proposes."""
@@ -92,13 +96,18 @@ class Page:
             self._effects.fill()
             await self._effects.weigh(self._idle)
 
-    async def _change(self, work: Callable[[], Shown]) -> None:
-        """Fit, and show: error and curves at once, maps next, intervals when they are ready."""
+    async def _change(self, work: Callable[[], Shown], coming: Callable[[], Choice] | None = None) -> None:
+        """Fit, and show: error and curves first, maps next, intervals when they are ready.
+
+        Where the fit takes longer, a first look at what is coming is shown until it is there.
+        """
         self._turn += 1
         turn = self._turn
         self._idle.clear()
         try:
             async with self._busy:
+                if coming is not None:
+                    await self._glance(coming)
                 shown = await self._worked(work)
                 if shown is None:
                     return
@@ -111,9 +120,21 @@ class Page:
                 found = await asyncio.to_thread(lambda: dict(shown.fitted.parameters))
                 if turn == self._turn:
                     self._parameters.show_intervals(found)
+                    self._error.judge(shown, shown.fitted.unphysical)
         finally:
             if turn == self._turn:
                 self._idle.set()
+
+    async def _glance(self, coming: Callable[[], Choice]) -> None:
+        """Show error and curves of a first look, if there is one."""
+        try:
+            first = await asyncio.to_thread(lambda: self.bench.glance(coming()))
+        except PalpateError:  # the fit says why
+            return
+        if first is not None:
+            self._error.show(first)
+            self._centre.show(first)
+            await asyncio.sleep(_NEXT_S)
 
     async def _worked(self, work: Callable[[], Shown]) -> Shown | None:
         """What work gives; what was shown before if it fails, for the ticks to say so."""

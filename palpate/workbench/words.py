@@ -7,6 +7,7 @@ ERROR = (
 FLOOR = (
     "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
 )
+ROUGH = "first look; the fit is being refined …"
 FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise floor."
 CURVES = (
     "Blue is measured, grey the base model, orange the model that is chosen; below, measured minus model."

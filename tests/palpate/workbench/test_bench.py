@@ -45,6 +45,19 @@ def test_a_tick_is_the_fit_that_add_makes(bench, press):
     assert bench.keep()[-1].rmse == shown.fitted.rmse
 
 
+def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(bench):
+    choice = bench.toggled("cubic_stiffness")
+    first = bench.glance(choice)
+    assert first.is_rough
+    assert bench.choice.effects == ()  # nothing is chosen by it
+    fitted = bench.choose(choice)
+    assert not fitted.is_rough
+    assert first.fitted.rmse == pytest.approx(fitted.fitted.rmse, rel=0.2)
+    assert bench.glance(choice) is None
+    with pytest.raises(InputError, match="more than once"):
+        bench.glance(choice.with_effects(["cubic_stiffness"] * 2))
+
+
 def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(bench):
     plain_error = bench.show().fitted.rmse
     bench.choose(bench.toggled("cubic_stiffness"))

@@ -83,8 +83,9 @@ class Tab:
         return float(self.page.wait_for_selector("[data-error]").get_attribute("data-error"))
 
     def wait_for_other_error(self, than):
-        script = "than => +document.querySelector('[data-error]').dataset.error !== than"
-        self.page.wait_for_function(script, arg=than)
+        """Of the fit, after whatever a first look shows."""
+        fitted = "document.querySelector('[data-error]:not([data-rough])')"
+        self.page.wait_for_function(f"than => +({fitted}?.dataset.error ?? than) !== than", arg=than)
         return self.error()
 
     def box(self, effect):
