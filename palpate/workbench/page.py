@@ -16,7 +16,7 @@ from palpate.workbench import words
 from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
 from palpate.workbench.centre import Centre, UseRuns
 from palpate.workbench.effects import Effects
-from palpate.workbench.parameters import Error, Lines, Parameters
+from palpate.workbench.parameters import Error, Lines, Parameters, judged
 from robot_io.errors import InputError, PalpateError
 
 _NEXT_S = 0.03  # for the browser to draw what was sent before
@@ -117,10 +117,10 @@ class Page:
                 self._show_beside(shown)
                 await asyncio.sleep(_NEXT_S)
                 self._centre.show_map()
-                found = await asyncio.to_thread(lambda: dict(shown.fitted.parameters))
+                found, verdict = await asyncio.to_thread(lambda: (shown.fitted.parameters, judged(shown)))
                 if turn == self._turn:
-                    self._parameters.show_intervals(found)
-                    self._error.judge(shown, shown.fitted.unphysical)
+                    self._parameters.show_intervals(dict(found))
+                    self._error.judge(verdict)
         finally:
             if turn == self._turn:
                 self._idle.set()

@@ -1,7 +1,8 @@
 """The right of the page: error, waterfall, parameters, and the lines that do the same."""
 
 import math
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from html import escape
 
 from nicegui import events, ui
@@ -18,11 +19,27 @@ Choose = Callable[[Choice], Awaitable[None]]
 _STEPS = 200  # of a slider
 
 
+@dataclass(frozen=True)
+class Judged:
+    """What is known of a fit once its intervals are."""
+
+    shown: Shown  # the fit
+    unphysical: tuple[str, ...]  # gains beyond what is physical, in words
+    floor: (
+        float  # the error that could be left beside this model; that of the channel is beside the base model
+    )
+
+
+def judged(shown: Shown) -> Judged:
+    """What is known of a fit; takes as long as its intervals."""
+    return Judged(shown, shown.fitted.unphysical, shown.fitted.noise_floor)
+
+
 class Error:
     """The held-out error, large, and how it fell."""
 
     def __init__(self) -> None:
-        self._judged: tuple[Shown, Sequence[str]] | None = None
+        self._judged: Judged | None = None
 
     def build(self) -> None:
         """Put the elements."""
@@ -31,7 +48,7 @@ class Error:
             self._number = (
                 ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
             )
-            self._wrong = ui.label().classes("bad").mark("unphysical")
+            self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
             self._fall = ui.html("", sanitize=False).props(f'title="{words.FALL}"').mark("waterfall")
 
     def show(self, shown: Shown) -> None:
@@ -40,15 +57,18 @@ class Error:
         self._number.set_content(_number(error, unit, shown.floor, words.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
         self._wrong.set_text("")
-        if self._judged is not None and shown is self._judged[0]:
-            self.judge(*self._judged)
+        if self._judged is not None and shown is self._judged.shown:
+            self.judge(self._judged)
 
-    def judge(self, shown: Shown, unphysical: Sequence[str]) -> None:
+    def judge(self, found: "Judged") -> None:
         """State whether a fit whose intervals are known is good: a small error alone does not make it so."""
-        self._judged = shown, unphysical
-        unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
-        self._number.set_content(_number(error, unit, shown.floor, kind="" if unphysical else "fits"))
-        self._wrong.set_text(" ".join(impossible(unphysical)))
+        self._judged, shown = found, found.shown
+        unit, error, floor = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.floor
+        more = error > NOISE * found.floor
+        said = f"a smooth law takes it to {found.floor:.3g} {unit}" if more and error < NOISE * floor else ""
+        kind = "" if more or found.unphysical else "fits"
+        self._number.set_content(_number(error, unit, floor, said, kind))
+        self._wrong.set_text(" ".join(impossible(found.unphysical)))
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
