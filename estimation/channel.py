@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,10 @@ class ChannelData:
         Raises:
             InputError: an array has the wrong length or shape, is missing, or is not finite.
         """
+        for what in (*_ARRAYS, "touching"):
+            object.__setattr__(self, what, _read_only(getattr(self, what)))
+        context = {what: _read_only(values) for what, values in self.context.items()}
+        object.__setattr__(self, "context", MappingProxyType(context))
         length = len(self.time_s)
         for what in _ARRAYS:
             _check(self.name, what, getattr(self, what), length)
@@ -93,10 +98,6 @@ class ChannelData:
                 raise InputError(
                     f"channel '{self.name}': recorded signal '{what}' is not one number a sample"
                 )
-        for what in (*_ARRAYS, "touching"):
-            object.__setattr__(self, what, _read_only(getattr(self, what)))
-        context = {what: _read_only(values) for what, values in self.context.items()}
-        object.__setattr__(self, "context", MappingProxyType(context))
 
     def __reduce__(self) -> tuple[type["ChannelData"], tuple[object, ...]]:
         """For another process: a read-only view of a dict cannot be pickled, the dict can."""
@@ -137,14 +138,21 @@ class ChannelData:
         return self.select(np.isin(self.run, runs))
 
 
+# Arrays that were checked and cannot be written into: a fit makes thousands of channels of the same ones.
+_checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
+
+
 def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) -> None:
     if len(values) != length:
         raise InputError(f"channel '{channel}': {what} has {len(values)} samples, time_s has {length}")
+    if _checked.get(id(values)) is values:
+        return
     if not np.isfinite(values).all():
         bad = np.flatnonzero(~np.isfinite(values.reshape(length, -1)).all(axis=1))
         raise InputError(
             f"channel '{channel}': {what} is not finite at sample {bad[0]} (and {len(bad) - 1} more)"
         )
+    _checked[id(values)] = values
 
 
 def _read_only(values: NDArray[Any] | None) -> NDArray[Any] | None:

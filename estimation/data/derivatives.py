@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimation.data.local_fit import even_coefficients, local_fit
+from estimation.data.local_fit import even_coefficients, local_fit, local_fits
 from estimation.signals.blocks import blocks
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -162,10 +162,10 @@ def position_error(
         return error, HALF_WINDOWS[0]
     moved = _from_its_start(position, pieces)
     half = _pilot(_trials(time_s, moved, pieces, rounding)).half
-    for rows in pieces:
-        found = local_fit(time_s[rows], moved[rows], np.arange(rows.stop - rows.start), half)
-        free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
-        error[rows] = (moved[rows] - found.fitted[:, 0]) / free
+    chosen = np.concatenate([np.arange(rows.start, rows.stop) for rows in pieces])
+    found = local_fits(time_s, moved, pieces, [np.arange(rows.stop - rows.start) for rows in pieces], half)
+    free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
+    error[chosen] = (moved[chosen] - found.fitted[:, 0]) / free
     return error, half
 
 
@@ -294,11 +294,6 @@ def _try_window(  # noqa: PLR0917
     rounding: float,
 ) -> _Trial:
     """Fit around some samples of each piece."""
-    fits, missed = [], []
-    for rows, chosen in zip(pieces, centres, strict=True):
-        fits.append(local_fit(time_s[rows], position[rows], chosen, half))
-        missed.append(position[rows][chosen] - fits[-1].fitted[:, 0])
-    fitted, variance = (
-        np.concatenate([getattr(fit, name) for fit in fits]) for name in ("fitted", "variance")
-    )
-    return _Trial(half, rounding, np.concatenate(missed), fitted, variance)
+    found = local_fits(time_s, position, pieces, centres, half)
+    measured = [position[rows][chosen] for rows, chosen in zip(pieces, centres, strict=True)]
+    return _Trial(half, rounding, np.concatenate(measured) - found.fitted[:, 0], found.fitted, found.variance)

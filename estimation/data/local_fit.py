@@ -4,6 +4,7 @@ A. Savitzky, M. J. E. Golay, Analytical Chemistry 36 (1964) for even sampling, W
 in general.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
@@ -35,6 +36,21 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
         step_s = float(np.mean(steps)) if len(steps) else 1.0
         return _even_fit(step_s, position, centres, starts, width)
     return _uneven_fit(time_s, position, centres, starts, width)
+
+
+def local_fits(
+    time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
+) -> LocalFit:
+    """The same for several pieces, one after the other; centres are counted from the start of each."""
+    width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
+    steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
+    if np.ptp(steps) <= _EVEN * steps.max() and min(rows.stop - rows.start for rows in pieces) >= width:
+        starts = [np.clip(one + rows.start - half, rows.start, rows.stop - width) for rows, one in chosen]
+        around = np.concatenate([rows.start + one for rows, one in chosen])
+        return _even_fit(float(np.mean(steps)), position, around, np.concatenate(starts), width)
+    fits = [local_fit(time_s[rows], position[rows], one, half) for rows, one in chosen]
+    fitted, variance = zip(*((one.fitted, one.variance) for one in fits), strict=True)
+    return LocalFit(np.concatenate(fitted), np.concatenate(variance))
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:

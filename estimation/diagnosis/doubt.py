@@ -26,8 +26,8 @@ from robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty
-_USUAL = 2  # draws as large as the data, after which these are nothing unusual
 _FEW, _FAR = 4, 3.0  # draws, and times the largest of them: data beyond need no more draws
+_SETTLED = 1e-3  # share of a draw's energy that a step of its fit must take away; `SMALL` decides
 _STARTS = 6  # of an effect's inner parameters, that are tried on a draw beside those found
 _LEAST_NOISE = 0.05  # share of the noise that is the effort's own, however much the readings may make
 
@@ -52,14 +52,10 @@ class Placed:
 
 
 def place(observed: float, draws: Iterator[float]) -> Placed:
-    """Compare a figure with draws of it, as many as are needed."""
-    drawn: list[float] = []
-    for figure in draws:
-        drawn.append(figure)
-        placed = Placed(observed, np.array(drawn))
-        as_large = int(np.sum(placed.drawn >= observed))
-        if as_large >= _USUAL or len(drawn) >= DRAWS or placed.is_clear:
-            break
+    """Compare a figure with draws of it, as many as are needed: none once it is nothing unusual."""
+    placed = Placed(observed, np.empty(0))
+    while placed.is_unusual and not placed.is_clear and len(placed.drawn) < DRAWS:
+        placed = Placed(observed, np.append(placed.drawn, next(draws)))
     return placed
 
 
@@ -107,7 +103,7 @@ def gained(
         return 1.0 - float(np.sqrt(left / max(trial.held_out, 1e-300)))
 
     def polished_gain(bench: Bench, trial: Trial) -> float:
-        left, had = (polish(bench, one).held_out for one in (fitted(bench, trial)[0], trial))
+        left, had = (polish(bench, one, _SETTLED).held_out for one in (fitted(bench, trial)[0], trial))
         return 1.0 - float(np.sqrt(left / max(had, 1e-300)))
 
     def placed(of_one: Callable[[Bench, Trial], float]) -> Placed:

@@ -88,10 +88,11 @@ class Search:
         return sum(size(effect) for effect in standing.trial.model.effects if effect.name in names)
 
     def fitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
-        """A model, fitted from these parameters on unless it is known already."""
+        """A model, fitted from these parameters on unless it is known already; or from where a sketch led."""
         key = _key(model)
         if key not in self._fits:
-            self._fits[key] = self._stand(model, parameters)
+            known = self.sketch and self.sketch._fits.get(key)
+            self._fits[key] = self._stand(model, known.trial.parameters if known else parameters)
         return self._fits[key]
 
     def _stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:

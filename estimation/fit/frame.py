@@ -219,12 +219,12 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
     A run that begins pressed remembers how it came there until it lets go; where it hardly presses
     again, it is taken as if the press began with it.
     """
-    found = np.zeros(len(data), dtype=np.bool_)
+    found, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
     for of_run in rows_of_runs(data.run):
         since_s = data.time_s[of_run] - data.time_s[of_run[0]]
         found[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
         if data.kind is ChannelKind.CONTACT:
-            pressed = data.engaged[of_run]
+            pressed = engaged[of_run]
             until = len(pressed) if pressed.all() else int(np.argmin(pressed))
             found[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
     return np.asarray(found[rows].any(axis=1))

@@ -13,6 +13,7 @@ _TIMES = 4
 _FAR = 0.9  # of the energy before
 _EVALUATIONS = 40
 _SETTLED = 1e-5
+_MOVED = 1e-4  # share of the way gone, that a step must still go
 _ARRIVED = 1.0001  # the quotient needs efforts that are settled
 _STEP = 2e-3
 
@@ -94,6 +95,7 @@ def _polished(bench: Bench, trial: Trial, settled: float, step: float) -> Trial:
         bounds=(low, high),
         diff_step=step,
         ftol=settled,
+        xtol=_MOVED,
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )

@@ -7,9 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.fit.along import is_on_blocks
 from estimation.fit.colour import WHITE, colour_of
 from estimation.fit.flexible import Flexible, flexible
-from estimation.fit.frame import frame_of, off_borders
+from estimation.fit.frame import coarse_copy, frame_of, off_borders
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
@@ -26,6 +27,11 @@ class Fit:
     data: ChannelData  # the channel with its load
     plain: Bench  # blocks, and no colour
     trial: Trial  # the model fitted there
+
+    @property
+    def mean_square(self) -> float:
+        """What is left of blocks that count, in the fit itself."""
+        return self.trial.sse / max(int(self.plain.frame.trusted.sum()), 1)
 
 
 @dataclass(frozen=True)
@@ -56,11 +62,6 @@ class Standing(Fit):
     def flexible_judged(self) -> Flexible:
         """What any smooth law could explain beyond the model on the bench with the colour."""
         return flexible(self.judge, self.judged)
-
-    @property
-    def mean_square(self) -> float:
-        """What is left of blocks that count, in the fit itself."""
-        return self.trial.sse / max(int(self.plain.frame.trusted.sum()), 1)
 
     @cached_property
     def rmse(self) -> float:
@@ -108,11 +109,32 @@ def fit(
     known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
     first = attempt(bench_of(data, model, known, good, memory), model, known, rounds=3)
     plain = bench_of(data, model, first.parameters, good, memory)
-    trial = polish(plain, first)
+    trial = polish(plain, _nearer(plain, first))
     again = bench_of(data, model, trial.parameters, good, memory)
     if not np.array_equal(again.frame.trusted, plain.frame.trusted):  # the contact begins elsewhere
         plain, trial = again, polish(again, trial)
     return Fit(plain.frame.data, plain, trial)
+
+
+def roughly(fitted: Fit) -> Fit:
+    """A fit on a copy of its channel with one sample for each block; as it is where that saves nothing.
+
+    What takes many evaluations costs a fraction there.
+    """
+    frame, trial = fitted.plain.frame, fitted.trial
+    if frame.rows.shape[1] == 1 or is_on_blocks(frame.data, trial.model):
+        return fitted
+    bench = Bench(frame_of(coarse_copy(frame), frame.trusted), WHITE)
+    return Fit(bench.frame.data, bench, attempt(bench, trial.model, trial.parameters, rounds=3))
+
+
+def _nearer(bench: Bench, first: Trial) -> Trial:
+    """A trial from where the model fits a coarse copy of the channel best, if that is nearer to the data."""
+    rough = roughly(Fit(bench.frame.data, bench, first))
+    if rough.plain is bench or not first.model.inner:
+        return first
+    there = attempt(bench, first.model, polish(rough.plain, rough.trial).parameters, rounds=2)
+    return there if there.sse < first.sse else first
 
 
 def stand(

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimation.signals.remembered import of_arrays
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 
@@ -20,6 +21,7 @@ def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
             yield slice(start, stop)
 
 
+@of_arrays
 def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
     changes = np.ones(len(number), dtype=np.bool_)
@@ -41,6 +43,7 @@ def rows_of_runs(run: IntArray) -> list[IntArray]:
     return np.split(order, np.flatnonzero(np.diff(run[order])) + 1)
 
 
+@of_arrays
 def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     """The rows of each run, the earliest first, whatever their numbers are.
 

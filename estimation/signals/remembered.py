@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, wraps
-from typing import TypeVar
+from typing import Any, TypeVar, cast
+
+from numpy.typing import NDArray
 
 from estimation.channel import ChannelData
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
 _MOST = 4  # channels, of which nothing more is kept
 
@@ -18,13 +21,26 @@ class Itself:
     """
 
     def __init__(self, thing: object) -> None:
-        self._thing = thing
+        self.thing = thing
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Itself) and other._thing is self._thing
+        return isinstance(other, Itself) and other.thing is self.thing
 
     def __hash__(self) -> int:
-        return id(self._thing)
+        return id(self.thing)
+
+
+def of_arrays(compute: Function) -> Function:
+    """What a function makes of arrays, remembered for those last seen that nobody can write into."""
+    known = lru_cache(maxsize=_MOST)(lambda *things: compute(*(one.thing for one in things)))
+
+    @wraps(compute)
+    def recall(*arrays: NDArray[Any]) -> Any:  # noqa: ANN401
+        if any(one.flags.writeable for one in arrays):
+            return compute(*arrays)
+        return known(*map(Itself, arrays))
+
+    return cast("Function", recall)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from math import perm
 import numpy as np
 
 from estimation.signals.blocks import blocks, in_order_of_time, places
+from estimation.signals.remembered import of_arrays
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed
@@ -15,6 +16,7 @@ _ALL = slice(None)
 _STEADY_S = 0.025  # in which a probing tip turns round only once
 
 
+@of_arrays
 def sample_time(time_s: FloatArray, run: IntArray) -> float:
     """Median time between samples of one run [s]; 1.0 where there is no second sample."""
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
@@ -75,7 +77,7 @@ def low_pass(
         return signal.astype(np.float64)
     step_s = sample_time(time_s, run)
     starts, piece = places(run)
-    if not _is_even(time_s, run, step_s):
+    if not _is_even(time_s, run):
         return _low_pass_uneven(signal, _steps(time_s, starts, step_s), starts, tau_s, from_rest=from_rest)
     from scipy.signal import lfilter  # noqa: PLC0415, half of what it takes to import palpate
 
@@ -96,8 +98,10 @@ def _first_order(step_s: FloatArray, tau_s: float) -> tuple[FloatArray, FloatArr
     return decay, 1.0 - mean, mean - decay
 
 
-def _is_even(time_s: FloatArray, run: IntArray, step_s: float) -> bool:
+@of_arrays
+def _is_even(time_s: FloatArray, run: IntArray) -> bool:
     """Whether samples come at one rate."""
+    step_s = sample_time(time_s, run)
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     return bool((np.abs(steps - step_s) <= _EVEN * step_s).all())
 
@@ -156,7 +160,7 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     if len(starts) == len(signal):
         return signal.copy()
     step_s = sample_time(time_s, run)
-    if not _is_even(time_s, run, step_s):
+    if not _is_even(time_s, run):
         return _between(signal, time_s, run, delay_s)
     newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]

@@ -85,11 +85,12 @@ def test_an_effect_gains_more_than_chance_only_where_it_is():
 @pytest.mark.parametrize(
     ("observed", "figures", "drawn", "is_unusual"),
     [
-        (1.0, (2.0, 3.0, 0.5), 2, False),  # two as large: enough
-        (1.0, (1.0, 1.0, 0.5), 2, False),
+        (0.05, (), 0, False),  # too small to count, whatever is drawn
+        (1.0, (2.0, 3.0, 0.5), 1, False),  # one as large: the data will never be beyond all
+        (1.0, (0.96, 0.1), 1, False),  # nor by enough
         (1.0, (0.1,) * 30, 4, True),  # far beyond the first few: enough
         (1.0, (0.9,) * 30, DRAWS, True),  # beyond all, but not far: all are needed
-        (1.0, (0.9, 1.1, *(0.9,) * 30), DRAWS, False),
+        (1.0, (0.9, 1.1, *(0.9,) * 30), 2, False),
     ],
 )
 def test_drawing_stops_once_the_answer_is_clear(observed, figures, drawn, is_unusual):
@@ -251,4 +252,4 @@ def test_where_a_few_draws_are_not_clear_all_inner_parameters_are_fitted_to_each
     found = gained(before, after, readings_of(data), np.random.default_rng(0), effect.name)
     assert found.is_unusual is unusual
     assert (len(found.drawn) == 5) is unusual
-    assert np.abs(found.drawn).max() < 0.05
+    assert np.abs(found.drawn).max(initial=0.0) < 0.05
