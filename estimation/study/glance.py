@@ -18,7 +18,10 @@ _SETTLED = 0.01  # of the energy
 
 
 def rough_bench(standing: Fit) -> Bench:
-    """The bench of a fit with one sample for each block: a trial there costs a fraction."""
+    """The bench of a fit with one sample for each block: a trial there costs a fraction.
+
+    Also where the model itself is fitted on blocks (see `roughly`): what is added may need samples.
+    """
     frame = standing.plain.frame
     rows = np.arange(len(frame))[:, None]
     return Bench(Frame(coarse_copy(frame), rows, frame.run, frame.fold, frame.trusted), WHITE)
