@@ -1,6 +1,7 @@
 """What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from estimation.gate import checklist
 from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _bench
 from palpate.data_options import DataArguments
-from palpate.example import plain, sized
+from palpate.example import Example, plain, sized
 from palpate.study import Study
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
@@ -256,6 +257,13 @@ def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind
         if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
             drawn = model.with_effect(effect).predict(data, sized(data, model, base, effect))
             assert np.ptp(drawn - data.effort) > 0.0, effect.name
+
+
+def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
+    swing, _, _ = plain(ChannelKind.REVOLUTE)
+    signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
+    of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
+    assert Example.plain(of_arm, ChannelKind.REVOLUTE) is None
 
 
 def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):

@@ -258,4 +258,9 @@ def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
     tab.page.wait_for_selector("text=palpate probe")
     assert tab.error() > 0.0  # the session that came back is open
     assert [file.name for file in sessions.glob("*.mcap")] == ["workbench-1.mcap"]
+    tab.page.click(".channel")
+    tab.page.click(".q-item:has-text('joint 2')")
+    tab.page.wait_for_selector("text=base model rigid_body")
+    tab.box("gravity_tilt").click()
+    tab.page.wait_for_selector("text=+ gravity_tilt")
     assert tab.wrong == []
