@@ -18,7 +18,10 @@ from estimation.tare import Tare
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
+DIRECTION = "press_direction_world"
 _SAME_PLACE_M = 0.005  # touches nearer to each other than this, across the press direction, probe one place
+_SAME_DIRECTION = np.cos(np.radians(2.0))
+_BESIDE_S = 0.05  # before and after a contact is surely one
 _FEWEST = 20  # samples in contact without which there is nothing to estimate
 
 
@@ -71,13 +74,20 @@ def contact_channels(ticks: Samples, *, tared: bool) -> tuple[ChannelData, ...]:
     )
 
 
-def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
+def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[ChannelData, ...]:
     """The torque of each joint, called "joint_1", "joint_2" ...
 
     A move between two runs belongs to the run after it. The context holds the whole arm's motion as
     `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
     `contact_force` (n,), positive in compression and less what the sensor reads in free air, `touching` (n,),
     1 where that is surely a contact and 0 elsewhere, and `press_direction_world` (n, 3).
+
+    Presses in another direction than the first are left out, and what surrounds them is kept: a surface
+    answers along its normal, so that of two directions one at least is not that of the force.
+
+    Args:
+        ticks: of one or several probings.
+        known: direction in which the object was pressed first (3,); None for that of these ticks.
     """
     useful = ~np.isin(ticks["phase"], USELESS)
     chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)
@@ -100,10 +110,11 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
         "contact_force": force_n - _tare(contacts).of(run),  # no joint feels a sensor's bias
         "touching": touching,
-        "press_direction_world": chosen["press_direction_world"],
+        DIRECTION: chosen[DIRECTION],
     }
+    kept = ~_pressed_elsewhere(time_s, chosen, contacts, known)
     torque = chosen.vector("torque_measured_nm")
-    return tuple(
+    channels = (
         ChannelData(
             f"joint_{joint + 1}",
             ChannelKind.REVOLUTE,
@@ -116,6 +127,21 @@ def joint_channels(ticks: Samples) -> tuple[ChannelData, ...]:
         )
         for joint, motion in enumerate(motions)
     )
+    return tuple(one if kept.all() else one.select(kept) for one in channels)
+
+
+def _pressed_elsewhere(
+    time_s: FloatArray, ticks: Samples, contacts: Sequence[Contact], known: FloatArray | None
+) -> BoolArray:
+    """Samples (n,) in or near contacts that were pressed in another direction than the first."""
+    directions, found = ticks[DIRECTION], np.zeros(len(ticks), dtype=np.bool_)
+    first = directions[0] if known is None else known
+    for contact in contacts:
+        if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
+            begun_s, ended_s = time_s[rows[[0, -1]]]
+            near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
+            found |= near & (ticks["run"] == contact.run)
+    return found
 
 
 def _force_at(time_s: FloatArray, ticks: Samples) -> FloatArray:
@@ -213,7 +239,7 @@ def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
     centres: list[FloatArray] = []
     for contact in contacts:
         first = contact.rows[0]
-        direction, tip = ticks["press_direction_world"][first], ticks["tip_position_world_m"][first]
+        direction, tip = ticks[DIRECTION][first], ticks["tip_position_world_m"][first]
         centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
         near = [number for number, other in enumerate(centres) if _distance(centre, other) < _SAME_PLACE_M]
         if near:
@@ -234,7 +260,7 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     touching = np.concatenate([contact.rows for contact in contacts])
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
-    travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen["press_direction_world"])
+    travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen[DIRECTION])
     rounding_m2 = _rounding_of_travel(travel_m, chosen.vector("joint_position_rad"))
     along_m, speed_m_s, acceleration_m_s2 = _motion(
         time_s, chosen["encoder_at_s"], travel_m, run, rounding_m2

@@ -9,6 +9,7 @@ from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
 _STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
+_OF_TILT = ("tilt_effort_per_rad", "weight_effort")
 _OF_ARM = "payload_effort_per_kg"  # which every joint of an arm has whose kinematics are known
 
 
@@ -47,6 +48,7 @@ class GravityTilt(AdditiveEffect):
 
 
 class _TiltOfKnownArm(GravityTilt):
+    needs = _OF_TILT
     gains = ()
     inner = (Parameter("tilt", "rad", -np.pi, np.pi, (-0.3, 0.3)),)
 
@@ -54,7 +56,7 @@ class _TiltOfKnownArm(GravityTilt):
         return np.zeros((len(data), 0))
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        across, along = data.context["tilt_effort_per_rad"], data.context["weight_effort"]
+        across, along = (data.context[name] for name in _OF_TILT)
         turned: FloatArray = np.sin(inner["tilt"]) * across + (np.cos(inner["tilt"]) - 1.0) * along
         return turned
 
@@ -64,4 +66,4 @@ class _TiltOfKnownArm(GravityTilt):
 
 def _is_known(data: ChannelData) -> bool:
     """Whether it was computed what the tilt takes; that is not done where the first axis is not level."""
-    return {"weight_effort", "tilt_effort_per_rad"} <= set(data.context)
+    return set(_OF_TILT) <= set(data.context)

@@ -27,6 +27,7 @@ from estimation.fit.trial import Bench, Trial
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
 from estimation.physical import unphysical
+from estimation.study import glance as first_look
 from estimation.study.shown import Shown, Table, interval_text
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
@@ -118,6 +119,11 @@ class Fitted(Shown):
             return final(self.standing)
 
     @cached_property
+    def rough(self) -> Bench:
+        """Where effects beside this model are tried quickly."""
+        return first_look.rough_bench(self.standing)
+
+    @cached_property
     def noise_floor(self) -> float:
         """Error that a complete model would leave where this is judged; see `Standing.floor`."""
         with threadpool_limits(1):
@@ -157,6 +163,12 @@ def fit(
             said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
             raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
+
+
+def glance(parent: Fitted, effect: Effect) -> Fitted:
+    """What `fit` of one effect more is going to give, roughly: within a few hundredths of a second."""
+    with threadpool_limits(1):
+        return Fitted(first_look.glance(parent.standing, effect, parent.rough), parent.whole)
 
 
 def likeliest(fitted: Fitted, names: Sequence[str]) -> tuple[str, ...]:

@@ -109,6 +109,19 @@ class Fits(Shown):
             self._remember(key, made)
             return made
 
+    def glance(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> Fitted:
+        """The model of `fit` roughly, in a tenth of the time; `fit` itself where that was made already.
+
+        Raises:
+            InputError: as `fit`.
+        """
+        one = self.channel(channel) if isinstance(channel, str) else channel
+        with self._lock:
+            if not effects or self.known(one, effects):
+                return self.fit(one, effects)
+            parent = self.glance(one, effects[:-1])
+            return engine.glance(parent, self._form_of(effects[-1], parent))
+
     def known(self, channel: StudyChannel, effects: Sequence[str]) -> bool:
         """Whether this was fitted already."""
         with self._lock:
@@ -235,11 +248,16 @@ class Fits(Shown):
     def _fit(self, one: StudyChannel, effects: list[str]) -> Fitted:
         if not effects:
             return engine.fit(one.to_fit, one.model, whole=one.data if one.held_out else None)
-        parent, effect = self.fit(one, effects[:-1]), self._effect(effects[-1])
+        parent = self.fit(one, effects[:-1])
+        model = parent.model.with_effect(self._form_of(effects[-1], parent))
+        return engine.fit(one.to_fit, model, parent, parent.whole)
+
+    def _form_of(self, name: str, parent: Fitted) -> Effect:
+        """An effect in the form that suits a channel. InputError: it is unknown, there, or does not apply."""
+        effect = self._effect(name)
         if why := unapplicable(effect, parent.data):
             raise InputError(why)
-        model = parent.model.with_effect(effect.suited_to(parent.standing.data))
-        return engine.fit(one.to_fit, model, parent, parent.whole)
+        return effect.suited_to(parent.standing.data)
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.candidates import candidates, try_all
+from estimation.diagnosis.doubt import SMALL
 from estimation.fit.frame import coarse_copy
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
@@ -17,6 +18,7 @@ from robot_io.errors import InputError
 
 MOST = 4  # rivals that are compared with each other
 _CONTAINED = 1e-3  # of the energy of what a law adds, that is left where another contains it
+_UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # of the energy of the noise: it raises the error by what decides nothing
 
 
 def is_undecided(found: ChannelDiagnosis) -> bool:
@@ -67,10 +69,11 @@ def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
 
 
 def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
-    """The diagnosis without rivals that have more parameters than another and contain it.
+    """The diagnosis without rivals that are less simple than another and contain it.
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
-    then nothing that anybody could see. What remains undecided stays so.
+    then nothing that anybody could see. What remains undecided stays so. Of two laws the simpler has fewer
+    parameters, or as many and depends on less: friction, beside friction that remembers its path.
     """
     place = next((n for n, entry in enumerate(found.accepted) if entry.confused_with), None)
     if place is None:
@@ -87,19 +90,25 @@ def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosi
 
 
 def _contains_another(larger: Standing, models: Mapping[str, Standing]) -> bool:
-    size = _size(larger.trial.model)
-    return any(_size(one.trial.model) < size and _contains(larger, one) for one in models.values())
+    return any(_is_simpler(one, larger) and _contains(larger, one) for one in models.values())
+
+
+def _is_simpler(one: Standing, other: Standing) -> bool:
+    """Whether a model is simpler than another that differs from it in the last effect."""
+    sizes = [_size(each.trial.model) for each in (one, other)]
+    few, many = (set(each.trial.model.effects[-1].signals) for each in (one, other))
+    return sizes[0] < sizes[1] or (sizes[0] == sizes[1] and few < many)
 
 
 def _contains(larger: Standing, smaller: Standing) -> bool:
-    """Whether a model, fitted anew, draws what a smaller one expects of the same motion."""
+    """Whether a model, fitted anew, draws what a smaller one expects, but for noise."""
     frame, model, known = smaller.plain.frame, smaller.trial.model, smaller.trial.parameters
     motion, memory = coarse_copy(frame), Memory()
     drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
     without = fit(drawn, model.without(model.effects[-1].name), known, frame.trusted, memory)
     tried = try_all(without, larger.trial.model.effects[-1:])[0].search.best
     again = fit(drawn, tried.model, tried.parameters, frame.trusted, memory)
-    return again.trial.sse < _CONTAINED * without.trial.sse
+    return again.trial.sse < max(_CONTAINED * without.trial.sse, _UNSEEN * smaller.trial.sse)
 
 
 def _size(model: Model) -> int:

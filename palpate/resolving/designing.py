@@ -10,7 +10,7 @@ import numpy as np
 from control.loop.tick_record import STREAM_NAME
 from control.probing.plan import ProbingPlan
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
 from estimation.design import Choice, Experiment, Rivals, choose
 from estimation.design.discrimination import SMALL
 from estimation.diagnosis import ChannelDiagnosis, Verdict
@@ -80,7 +80,7 @@ def next_probe(
 
     Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
     can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
-    are fitted again; see `estimation.design`.
+    are fitted again; see `estimation.design`. None is run a second time: what it shows is in the data.
 
     Args:
         study: what was measured so far.
@@ -94,9 +94,10 @@ def next_probe(
     open_questions = undecided(study, found)
     if not open_questions:
         return _remedy(study, found, longest_s, progress)
-    single = _planned(feasible(study, progress), study, open_questions, longest_s)
+    ran = _plans_run(study)
+    single = _planned(_new(feasible(study, progress), ran), study, open_questions, longest_s)
     paired = feasible(study, progress, pairs_of=[one.candidate for one in single[:PAIRED]])
-    every = [*single, *_planned(paired, study, open_questions, longest_s)]
+    every = [*single, *_planned(_new(paired, ran), study, open_questions, longest_s)]
     best = sorted(every, key=_promise, reverse=True)[:FITTED]
     offered = [one.expected(open_questions) for one in best]
     choice = choose(offered)
@@ -142,6 +143,24 @@ def _planned(
     """Those of experiments that do not take too long, the most promising first."""
     within = ((one, ticks) for one, ticks in offered if ticks["time_s"][-1] <= longest_s)
     return sorted((_Planned.of(*one, study, left) for one in within), key=_promise, reverse=True)
+
+
+def _new(
+    offered: Iterable[tuple[Candidate, Samples]], ran: Sequence[ProbingPlan]
+) -> Iterator[tuple[Candidate, Samples]]:
+    """Those that were not run yet."""
+    return (one for one in offered if one[0].plan not in ran)
+
+
+def _plans_run(study: Study) -> list[ProbingPlan]:
+    """What the arm did so far."""
+    first = study.source.session
+    return [_plan_of(one) for one in (first, *study.source.more)] if first is not None else []
+
+
+def _plan_of(session: Session) -> ProbingPlan:
+    text = session.metadata.extra.get(PLAN, "")
+    return validate(ProbingPlan, dict(parse_yaml(text, f"{session.path}, its plan").data) if text else {})
 
 
 def _promise(one: "_Planned") -> float:
@@ -226,7 +245,9 @@ def _motion(one: Undecided, study: Study, ticks: Samples, *, turned: bool) -> Ch
 def _channel_like(data: ChannelData, ticks: Samples) -> ChannelData | None:
     if data.kind is ChannelKind.CONTACT:
         return next(iter(contact_channels(ticks, tared=False)), None)
-    return next((one for one in joint_channels(ticks) if one.name == data.name), None)
+    directions = data.context.get(DIRECTION)
+    planned = joint_channels(ticks, None if directions is None else directions[0])
+    return next((one for one in planned if one.name == data.name), None)
 
 
 def _next_probe(candidate: Candidate, left: Sequence[Undecided], choice: Choice) -> NextProbe:
@@ -260,10 +281,7 @@ class _Ground:
         contact = next((one for one in study.channels if one.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
-        metadata = session.metadata
-        text = metadata.extra.get(PLAN, "")
-        plan = dict(parse_yaml(text, f"{session.path}, its plan").data) if text else {}
-        before = validate(ProbingPlan, plan)
+        metadata, before = session.metadata, _plan_of(session)
         stiffness, damping = _spring_and_damper(study, contact)
         surface_m, normal = round(contact.data.surface.position_m, 3), before.press_direction_world
         known = KnownObject(_rounded(stiffness), _rounded(damping), surface_m, normal)

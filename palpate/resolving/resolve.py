@@ -164,15 +164,14 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     refused = any(one.verdict is Verdict.INSUFFICIENT for one in found)
     if not is_open and not refused:
         return End.SEPARATED, None
+    if not is_open and probes >= budget.probes:
+        return End.INSUFFICIENT, None
     left_s = budget.seconds - used_s
-    if probes < budget.probes:
-        following = design(study, found, min(left_s, LONGEST_S), progress)
-        if following is not None:
-            return None, following
+    following = design(study, found, min(left_s, LONGEST_S), progress)
+    if following is not None:
+        return (End.PROBES, None) if probes >= budget.probes else (None, following)
     if not is_open:
         return End.INSUFFICIENT, None
-    if probes >= budget.probes:
-        return End.PROBES, None
     separable = left_s < LONGEST_S and design(study, found, LONGEST_S, progress) is not None
     return (End.SECONDS if separable else End.INSEPARABLE), None
 

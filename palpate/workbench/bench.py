@@ -50,6 +50,7 @@ class Shown:
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
     floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
+    is_rough: bool = False  # a first look, until the fit is there
 
     def error_at(self, values: Mapping[str, float]) -> float:
         """Root mean square error of the model at other parameters, where the error is judged."""
@@ -102,15 +103,30 @@ class Bench:
         """
         chosen = choice or self.choice
         one = self.study.channel(chosen.channel)
-        base, names = self.study.fit(one), chosen.effects
+        names = chosen.effects
         stages = [self.study.fit(one, names[:count]) for count in range(len(names) + 1)]
-        steps = [(one.model.name, base.rmse)]
-        steps += [(f"+ {name}", stage.rmse) for name, stage in zip(names, stages[1:], strict=True)]
         fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
-        if fitted is not stages[-1]:
-            steps.append(("held and bounded", fitted.rmse))
-        floor = min(self.study.noise_floor(one), *(error for _, error in steps))
-        return Shown(chosen, base, fitted, tuple(steps), floor)
+        return self._shown(chosen, stages if fitted is stages[-1] else [*stages, fitted])
+
+    def _shown(self, choice: Choice, stages: Sequence[Fitted], *, is_rough: bool = False) -> Shown:
+        """The last of some fits, which were made by adding one effect after the other."""
+        base = stages[0]
+        labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
+        steps = tuple((label, one.rmse) for label, one in zip(labels, stages, strict=False))
+        floor = min(self.study.noise_floor(choice.channel), *(error for _, error in steps))
+        return Shown(choice, base, stages[-1], steps, floor, is_rough)
+
+    def glance(self, choice: Choice) -> Shown | None:
+        """What `show` is going to give, roughly; None where that is known, or holds and bounds are asked for.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        one, names = self.study.channel(choice.channel), choice.effects
+        if self.study.known(one, names) or choice.held or choice.bounds:
+            return None
+        stages = [self.study.glance(one, names[:count]) for count in range(len(names) + 1)]
+        return self._shown(choice, stages, is_rough=True)
 
     def choose(self, choice: Choice) -> Shown:
         """Fit a choice and make it the present one; nothing changes if it cannot be fitted.

@@ -181,13 +181,11 @@ class Centre:
             said.append(f"<b>{name}</b> {effort[row]:.4g} {unit}{beside}")
         if len(rows) == 2:
             a, b = rows["A"], rows["B"]
-            depth, apart = (
-                self._motion.axes.position.split(" [")[0],
-                np.diff(self._motion.position[[a, b]])[0],
-            )
+            depth, _, of_depth = self._motion.axes.position.rstrip("]").partition(" [")
+            apart = np.diff(self._motion.position[[a, b]])[0]
             said.append(
                 f"<b>B − A</b> {self._motion.time_s[b] - self._motion.time_s[a]:.4g} s, "
-                f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g}"
+                f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g} {of_depth}"
             )
         return said
 

@@ -158,7 +158,10 @@ def _next_step(home: Home, bench: Bench) -> None:
     found, session = bench.diagnosis, bench.study.source.session
     world = None if session is None else same_world(session)
     folder = bench.study.folder
-    if session is None or found is None or found.next_experiment is None or world is None or folder is None:
+    if session is None or found is None or found.next_experiment is None or folder is None:
+        return
+    if world is None:
+        ui.label(words.SEALED).classes("quiet")
         return
     place = ui.element("div")
     # What a session says of itself is data of others; drivers are code, and run after a question alone.

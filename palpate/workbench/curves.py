@@ -93,6 +93,8 @@ def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None
         yaxis=axis(motion.axes.effort, domain=[0.4, 1.0]),
         yaxis2=axis(f"left [{unit}]", domain=[0.0, 0.32], range=[-most, most]),
         dragmode="zoom",
+        hovermode="x",  # a cursor can be set wherever one clicks
+        hoverdistance=-1,
         uirevision=motion.data.name,
     )
     return {"data": traces, "layout": layout}
@@ -212,7 +214,7 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
         for name, t in times_s.items()
     ]  # fmt: skip
     letters = [
-        {"xref": "x", "yref": "paper", "x": t, "y": 1.0, "yanchor": "bottom", "text": name,
+        {"xref": "x", "yref": "paper", "x": t, "y": 1.0, "yanchor": "top", "xanchor": "left", "text": name,
          "showarrow": False, "font": {"color": colors[name], "size": 12}}
         for name, t in times_s.items()
     ]  # fmt: skip

@@ -146,9 +146,10 @@ class Drop:
         with self._review:
             ui.label(f"{path.name}: is this right?").classes("text-bold")
             with ui.element("table"):
-                ui.html(
-                    "<tr><th>column</th><th>holds</th><th>in</th><th>first values</th></tr>", sanitize=False
-                )
+                with ui.element("tr"):
+                    for heading in ("column", "holds", "in", "first values"):
+                        with ui.element("th"):
+                            ui.label(heading)
                 for one in columns:
                     self._column_row(one, choices)
 

@@ -16,7 +16,7 @@ from palpate.workbench import words
 from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
 from palpate.workbench.centre import Centre, UseRuns
 from palpate.workbench.effects import Effects
-from palpate.workbench.parameters import Error, Lines, Parameters
+from palpate.workbench.parameters import Error, Lines, Parameters, judged
 from robot_io.errors import InputError, PalpateError
 
 _NEXT_S = 0.03  # for the browser to draw what was sent before
@@ -70,11 +70,15 @@ class Page:
 
     async def tick(self, effect: str) -> None:
         """Add an effect, or take it away."""
-        await self._change(lambda: self.bench.choose(self.bench.toggled(effect)))
+
+        def toggled() -> Choice:
+            return self.bench.toggled(effect)
+
+        await self._change(lambda: self.bench.choose(toggled()), toggled)
 
     async def choose(self, choice: Choice) -> None:
         """Show another choice."""
-        await self._change(lambda: self.bench.choose(choice))
+        await self._change(lambda: self.bench.choose(choice), lambda: choice)
 
     async def apply(self, effects: tuple[str, ...]) -> None:
         """Show the base model with these effects, as a diagnosis proposes."""
@@ -92,13 +96,18 @@ class Page:
             self._effects.fill()
             await self._effects.weigh(self._idle)
 
-    async def _change(self, work: Callable[[], Shown]) -> None:
-        """Fit, and show: error and curves at once, maps next, intervals when they are ready."""
+    async def _change(self, work: Callable[[], Shown], coming: Callable[[], Choice] | None = None) -> None:
+        """Fit, and show: error and curves first, maps next, intervals when they are ready.
+
+        Where the fit takes longer, a first look at what is coming is shown until it is there.
+        """
         self._turn += 1
         turn = self._turn
         self._idle.clear()
         try:
             async with self._busy:
+                if coming is not None:
+                    await self._glance(coming)
                 shown = await self._worked(work)
                 if shown is None:
                     return
@@ -108,12 +117,24 @@ class Page:
                 self._show_beside(shown)
                 await asyncio.sleep(_NEXT_S)
                 self._centre.show_map()
-                found = await asyncio.to_thread(lambda: dict(shown.fitted.parameters))
+                found, verdict = await asyncio.to_thread(lambda: (shown.fitted.parameters, judged(shown)))
                 if turn == self._turn:
-                    self._parameters.show_intervals(found)
+                    self._parameters.show_intervals(dict(found))
+                    self._error.judge(verdict)
         finally:
             if turn == self._turn:
                 self._idle.set()
+
+    async def _glance(self, coming: Callable[[], Choice]) -> None:
+        """Show error and curves of a first look, if there is one."""
+        try:
+            first = await asyncio.to_thread(lambda: self.bench.glance(coming()))
+        except PalpateError:  # the fit says why
+            return
+        if first is not None:
+            self._error.show(first)
+            self._centre.show(first)
+            await asyncio.sleep(_NEXT_S)
 
     async def _worked(self, work: Callable[[], Shown]) -> Shown | None:
         """What work gives; what was shown before if it fails, for the ticks to say so."""

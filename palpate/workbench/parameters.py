@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from html import escape
 
 from nicegui import events, ui
 
 from estimation.estimate import ParameterEstimate
+from palpate.render.sentences import impossible
 from palpate.render.view import NOISE
 from palpate.words import NOT_DETERMINED
 from palpate.workbench import words
@@ -17,8 +19,27 @@ Choose = Callable[[Choice], Awaitable[None]]
 _STEPS = 200  # of a slider
 
 
+@dataclass(frozen=True)
+class Judged:
+    """What is known of a fit once its intervals are."""
+
+    shown: Shown  # the fit
+    unphysical: tuple[str, ...]  # gains beyond what is physical, in words
+    floor: (
+        float  # the error that could be left beside this model; that of the channel is beside the base model
+    )
+
+
+def judged(shown: Shown) -> Judged:
+    """What is known of a fit; takes as long as its intervals."""
+    return Judged(shown, shown.fitted.unphysical, shown.fitted.noise_floor)
+
+
 class Error:
     """The held-out error, large, and how it fell."""
+
+    def __init__(self) -> None:
+        self._judged: Judged | None = None
 
     def build(self) -> None:
         """Put the elements."""
@@ -27,26 +48,41 @@ class Error:
             self._number = (
                 ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
             )
+            self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
             self._fall = ui.html("", sanitize=False).props(f'title="{words.FALL}"').mark("waterfall")
 
     def show(self, shown: Shown) -> None:
-        """State the error of a fit."""
+        """State the error of a fit; whether that is good is said by `judge`."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
-        self._number.set_content(_number(error, unit, shown.floor))
+        self._number.set_content(_number(error, unit, shown.floor, words.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
+        self._wrong.set_text("")
+        if self._judged is not None and shown is self._judged.shown:
+            self.judge(self._judged)
+
+    def judge(self, found: "Judged") -> None:
+        """State whether a fit whose intervals are known is good: a small error alone does not make it so."""
+        self._judged, shown = found, found.shown
+        unit, error, floor = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.floor
+        more = error > NOISE * found.floor
+        said = f"a smooth law takes it to {found.floor:.3g} {unit}" if more and error < NOISE * floor else ""
+        kind = "" if more or found.unphysical else "fits"
+        self._number.set_content(_number(error, unit, floor, said, kind))
+        self._wrong.set_text(" ".join(impossible(found.unphysical)))
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
         self._number.set_content(_number(error, unit, floor, "at these values"))
 
 
-def _number(error: float, unit: str, floor: float, what: str = "") -> str:
+def _number(error: float, unit: str, floor: float, what: str = "", kind: str = "") -> str:
     times = error / floor if floor > 0.0 else math.inf
     at_floor = times < NOISE
     beside = "at the noise floor" if at_floor else f"{times:.1f} × noise floor"
-    name = "fits" if at_floor else "misses"
+    is_rough = what == words.ROUGH
     return (
-        f'<b data-error="{error!r}" class="{name}" title="{words.ERROR}">{error:.3g} {unit}</b> '
+        f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_floor else ""}" '
+        f'title="{words.ERROR}">{"≈ " * is_rough}{error:.3g} {unit}</b> '
         f'<span class="quiet" title="{words.FLOOR}">{what or beside}</span>'
     )
 

@@ -7,6 +7,7 @@ ERROR = (
 FLOOR = (
     "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
 )
+ROUGH = "first look, refining …"
 FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise floor."
 CURVES = (
     "Blue is measured, grey the base model, orange the model that is chosen; below, measured minus model."
@@ -61,4 +62,8 @@ EFFECTS = "Physical causes that the base model lacks; tick one to add it, and ag
 PICTURE = "What it looks like: grey without, orange with it. Click for live sliders."
 RESOLVE = (
     "Probes, diagnoses, and probes again in the way that best tells apart what is left; see palpate resolve."
+)
+SEALED = (
+    "The session does not say in which world it was probed (what is hidden there may be sealed): probe again "
+    "with the options of then, or begin with palpate resolve."
 )

@@ -9,7 +9,7 @@ import pytest
 from control.loop.phases import Phase
 from estimation.channel import ChannelKind
 from estimation.data.contact import contact_rows, find_contacts
-from estimation.data.tick_channels import contact_channels, joint_channels
+from estimation.data.tick_channels import contact_channels, joined, joint_channels
 from estimation.estimate_channel import fitting_rows
 from estimation.study.estimates import estimate_with
 from palpate.render.estimates import remarks
@@ -185,6 +185,25 @@ def test_a_joint_knows_where_the_tip_touches():
     assert np.mean(touching) > 0.2
     assert np.all(truth.force_n[touching] > 0.0)
     assert not touching[truth.phase == Phase.FREE_AIR].any()
+
+
+def test_a_joint_is_not_asked_what_a_press_in_another_direction_is_like():
+    """The surface answers along its normal; only one of two directions can be that."""
+    straight, tilted = ticks(recorded()), [-0.64, 0.0, -0.77]
+    turned = ticks(recorded(), press_direction_world=np.tile(tilted, (len(straight), 1)))
+    whole, of_both = joint_channels(straight)[0], joint_channels(joined([straight, turned]))[0]
+    first, second = (of_both.select(chosen) for chosen in _halves(of_both, len(whole)))
+    np.testing.assert_array_equal(first.effort, whole.effort)
+    assert not second.context["touching"].any()
+    assert np.abs(second.context["contact_force"]).max() < 0.3 * whole.context["contact_force"].max()
+    assert len(second) > 0.2 * len(whole)  # what surrounds the presses is kept
+    assert len(joint_channels(turned)[0]) == len(whole)  # of which nothing else is known
+    assert len(joint_channels(turned, straight["press_direction_world"][0])[0]) == len(second)
+
+
+def _halves(channel, length):
+    first = np.arange(len(channel)) < length
+    return first, ~first
 
 
 def test_a_force_that_was_sampled_at_another_time_is_brought_to_the_torque_s():

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.next_plan import plan_text
@@ -11,7 +12,7 @@ from palpate.resolving.designing import feasible, next_probe
 from palpate.resolving.experiments import candidates
 from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
 from palpate.runs.hiding import open_answer
-from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
 from robot_io.errors import InputError
@@ -126,6 +127,15 @@ def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed,
     assert set(following.proposal.separates) == {"deadband", "bias"}
     (tmp_path / "next.yaml").write_text(plan_text(following.proposal, following.plan))
     assert load_probing_plan(tmp_path / "next.yaml") == following.plan
+
+
+def test_no_experiment_is_run_twice(resolved, diagnosed):
+    sessions = [Session.open(path) for path in sorted(resolved[0].folder.glob("*.mcap"))]
+    following = next_probe(Study(resolved[0].folder, keep=False), diagnosed.channels)
+    assert len({one.metadata.extra[PLAN] for one in sessions}) == len(sessions) > 1
+    assert following is None or following.plan not in [
+        ProbingPlan(**yaml.safe_load(one.metadata.extra[PLAN])) for one in sessions
+    ]
 
 
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):

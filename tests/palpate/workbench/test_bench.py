@@ -1,6 +1,7 @@
 """What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from estimation.gate import checklist
 from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _bench
 from palpate.data_options import DataArguments
-from palpate.example import plain, sized
+from palpate.example import Example, plain, sized
 from palpate.study import Study
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
@@ -43,6 +44,19 @@ def test_a_tick_is_the_fit_that_add_makes(bench, press):
     assert shown.fitted.rmse == change.result.stages[-1].rmse
     assert [error for _, error in shown.steps] == [stage.rmse for stage in change.result.stages]
     assert bench.keep()[-1].rmse == shown.fitted.rmse
+
+
+def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(bench):
+    choice = bench.toggled("cubic_stiffness")
+    first = bench.glance(choice)
+    assert first.is_rough
+    assert bench.choice.effects == ()  # nothing is chosen by it
+    fitted = bench.choose(choice)
+    assert not fitted.is_rough
+    assert first.fitted.rmse == pytest.approx(fitted.fitted.rmse, rel=0.2)
+    assert bench.glance(choice) is None
+    with pytest.raises(InputError, match="more than once"):
+        bench.glance(choice.with_effects(["cubic_stiffness"] * 2))
 
 
 def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(bench):
@@ -243,6 +257,13 @@ def test_every_effect_that_applies_to_a_plain_motion_is_seen_in_its_picture(kind
         if effect.applies_to(data) and effect.gains and not effect.name.startswith("run_"):
             drawn = model.with_effect(effect).predict(data, sized(data, model, base, effect))
             assert np.ptp(drawn - data.effort) > 0.0, effect.name
+
+
+def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
+    swing, _, _ = plain(ChannelKind.REVOLUTE)
+    signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
+    of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
+    assert Example.plain(of_arm, ChannelKind.REVOLUTE) is None
 
 
 def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):

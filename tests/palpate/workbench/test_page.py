@@ -83,8 +83,9 @@ class Tab:
         return float(self.page.wait_for_selector("[data-error]").get_attribute("data-error"))
 
     def wait_for_other_error(self, than):
-        script = "than => +document.querySelector('[data-error]').dataset.error !== than"
-        self.page.wait_for_function(script, arg=than)
+        """Of the fit, after whatever a first look shows."""
+        fitted = "document.querySelector('[data-error]:not([data-rough])')"
+        self.page.wait_for_function(f"than => +({fitted}?.dataset.error ?? than) !== than", arg=than)
         return self.error()
 
     def box(self, effect):
@@ -104,6 +105,7 @@ def test_tick_error_falls_undo_keep_report(browser, serve, press):
     assert after < 0.3 * before
     page = tab.page
     page.wait_for_selector("text=/± [0-9]/")  # intervals
+    page.wait_for_selector(".error .fits")
     curves = "() => document.querySelectorAll('.js-plotly-plot')[0].data.map(t => t.y.length)"
     assert all(0 < points < 2000 for points in page.evaluate(curves))
     assert "palpate add press.csv cubic_stiffness" in page.inner_text(".same")
@@ -116,6 +118,15 @@ def test_tick_error_falls_undo_keep_report(browser, serve, press):
     report = press.parent / "press-palpate" / "report.html"
     assert "cubic_stiffness" in report.read_text()
     page.wait_for_selector(".revision:has-text('cubic_stiffness')")
+    assert tab.wrong == []
+
+
+def test_a_small_error_is_not_good_where_a_gain_is_unphysical(browser, serve, tmp_path):
+    turned = write_presses(tmp_path / "turned.csv", cubic=0.0, force_of=lambda x, v: 400.0 * x - 6.0 * v)
+    tab = Tab(browser, serve(turned))
+    tab.page.wait_for_selector("text=/damping.c = -.* is below what is physical/")
+    tab.page.wait_for_selector("text=at the noise floor")
+    assert tab.page.query_selector(".error .fits") is None
     assert tab.wrong == []
 
 
@@ -247,4 +258,9 @@ def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
     tab.page.wait_for_selector("text=palpate probe")
     assert tab.error() > 0.0  # the session that came back is open
     assert [file.name for file in sessions.glob("*.mcap")] == ["workbench-1.mcap"]
+    tab.page.click(".channel")
+    tab.page.click(".q-item:has-text('joint 2')")
+    tab.page.wait_for_selector("text=base model rigid_body")
+    tab.box("gravity_tilt").click()
+    tab.page.wait_for_selector("text=+ gravity_tilt")
     assert tab.wrong == []

@@ -1,0 +1,52 @@
+"""Which of the laws that nothing sets apart is stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from control.loop.phases import Phase
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.result import Accepted
+from estimation.study import Study
+from estimation.study.rivals import with_the_simplest
+from tests.estimation.study.joints import joints
+
+
+@pytest.fixture(scope="module")
+def study():
+    """Of an arm: what friction does while a joint turns round is not judged."""
+    rubbing, _ = joints(friction_nm=(0.05, 0.0))
+    return Study((replace(rubbing, phase=np.full(len(rubbing), Phase.MOVE)),), "inertia")
+
+
+@pytest.mark.parametrize(
+    ("named", "others"),
+    [
+        ("coulomb_friction", ["presliding_friction"]),  # as many parameters, and it depends on less
+        ("presliding_friction", ["coulomb_friction"]),
+        ("bouc_wen_hysteresis", ["presliding_friction", "coulomb_friction"]),
+    ],
+)
+def test_of_laws_that_contain_it_the_simplest_is_stated(study, named, others):
+    found = with_the_simplest(study, study.channel("joint_1"), _diagnosis(named, others))
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [("coulomb_friction", [])]
+
+
+def test_a_law_that_does_something_else_stays(study):
+    found = with_the_simplest(
+        study, study.channel("joint_1"), _diagnosis("coulomb_friction", ["joint_spring"])
+    )
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [
+        ("coulomb_friction", ["joint_spring"])
+    ]
+
+
+def _diagnosis(named, others):
+    entry = Accepted(
+        effect=named, parameters={}, rmse_before=0.05, rmse_after=0.01, p_value=0.001, confused_with=others,
+        physics="", equation="", signature="",
+    )  # fmt: skip
+    return ChannelDiagnosis(
+        channel="joint_1", verdict="missing", reason="why", effort_unit="N m", complete=True, accepted=[entry]
+    )
