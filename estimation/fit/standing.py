@@ -7,10 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.along import is_on_blocks
 from estimation.fit.colour import WHITE, colour_of
 from estimation.fit.flexible import Flexible, flexible
-from estimation.fit.frame import coarse_copy, frame_of, off_borders
+from estimation.fit.frame import frame_of, off_borders
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
@@ -114,32 +113,11 @@ def fit(
     known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
     first = attempt(bench_of(data, model, known, good, memory), model, known, rounds=3)
     plain = bench_of(data, model, first.parameters, good, memory)
-    trial = polish(plain, _nearer(plain, first))
+    trial = polish(plain, first)
     again = bench_of(data, model, trial.parameters, good, memory)
     if not np.array_equal(again.frame.trusted, plain.frame.trusted):  # the contact begins elsewhere
         plain, trial = again, polish(again, trial)
     return Fit(plain.frame.data, plain, trial)
-
-
-def roughly(fitted: Fit) -> Fit:
-    """A fit on a copy of its channel with one sample for each block; as it is where that saves nothing.
-
-    What takes many evaluations costs a fraction there.
-    """
-    frame, trial = fitted.plain.frame, fitted.trial
-    if frame.rows.shape[1] == 1 or is_on_blocks(frame.data, trial.model):
-        return fitted
-    bench = Bench(frame_of(coarse_copy(frame), frame.trusted), WHITE)
-    return Fit(bench.frame.data, bench, attempt(bench, trial.model, trial.parameters, rounds=3))
-
-
-def _nearer(bench: Bench, first: Trial) -> Trial:
-    """A trial from where the model fits a coarse copy of the channel best, if that is nearer to the data."""
-    rough = roughly(Fit(bench.frame.data, bench, first)) if first.model.inner else None
-    if rough is None or rough.plain is bench:
-        return first
-    there = attempt(bench, first.model, polish(rough.plain, rough.trial).parameters, rounds=2)
-    return there if there.sse < first.sse else first
 
 
 def stand(

@@ -13,7 +13,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.candidates import candidates, size, try_all
 from estimation.diagnosis.doubt import SMALL
-from estimation.effect import Effect, SensorEffect
+from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.held_out import held_out_residual, rmse
@@ -21,8 +21,7 @@ from estimation.fit.inner_search import Attempts
 from estimation.fit.intervals import final, values
 from estimation.fit.load import LOAD, with_load
 from estimation.fit.memory import Memory
-from estimation.fit.standing import Fit, Standing, bench_of, roughly, stand
-from estimation.fit.standing import fit as fit_from
+from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
@@ -221,22 +220,12 @@ def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolA
     pairs (where a surface lies, and how its spring bends) have several minima: a fit begins from each place
     that may lead to another, and one that makes no physical sense must leave far less than one that does.
     """
-    # a coarse copy is searched sooner, but does not show times that are shorter than its steps
-    rough = standing if isinstance(effect, SensorEffect) else roughly(standing)
-    search, memory = try_all(rough, [effect])[0].search, standing.plain.frame.memory
-    starts = _starts(rough, search)
-    if rough is standing:
-        return min((stand(data, search.best.model, one, good, memory) for one in starts), key=_left_by)
-    usable_rows = rough.plain.frame.trusted
-    best = min((fit_from(rough.data, search.best.model, one, usable_rows) for one in starts), key=_left_by)
-    return stand(data, best.trial.model, best.trial.parameters, good, memory)
+    search, memory = try_all(standing, [effect])[0].search, standing.plain.frame.memory
+    found = [stand(data, search.best.model, start, good, memory) for start in _starts(standing, search)]
+    return min(found, key=lambda one: one.mean_square * (1.0 + SMALL * (not one.trial.is_physical)) ** 2)
 
 
-def _left_by(fitted: Fit) -> float:
-    return fitted.mean_square * (1.0 + SMALL * (not fitted.trial.is_physical)) ** 2
-
-
-def _starts(standing: Fit, search: Attempts) -> list[Mapping[str, float]]:
+def _starts(standing: Standing, search: Attempts) -> list[Mapping[str, float]]:
     """Where the effect did best, also as the model stood before; and some that made sense if that did not."""
     best, before = search.best, standing.trial
     starts = [best.parameters, {**best.parameters, **{n: before.parameters[n] for n in before.model.inner}}]
