@@ -7,6 +7,7 @@ many; what comes out is fitted again to all of it.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -367,8 +368,8 @@ def _pairs(sketch: Search) -> Iterator[Standing]:
         for second in sketch.glanced(sketch.with_candidate(first))[:BESIDE]
     ]
     beside.sort(key=lambda pair: pair[1].held_out)
-    for _, second in beside[:PAIRS]:
-        yield sketch.with_candidate(second)
+    made = (sketch.with_candidate(second) for _, second in beside[:LOOKED_AT])
+    yield from islice((one for one in made if sketch.is_sensible(one)), PAIRS)
 
 
 def _refined(whole: Search, rough: Standing) -> Standing:
