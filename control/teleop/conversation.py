@@ -37,11 +37,17 @@ class Conversation:
         self.say = line.send
         self._line, self._clock, self._take, self._begin_anew = line, clock, take, begin_anew
         self._begun_s, self._complaints = clock.now_s(), set[str]()
+        self._elsewhere = False  # whether frames came that answer somebody else
         self._anew_s = self._begun_s + _ANEW_S
 
     def listen(self) -> bool:
         """Take in what has arrived; whether the peer is heard again, or not any more, since the last call."""
         for at_s, frame in self._line.receive():
+            if frame.heard_sender != self._line.sender:  # has not heard this program, or is a recording
+                self._elsewhere |= frame.heard_sender != 0
+                if self.peer.silent(at_s):
+                    self._line.heard(frame, at_s)
+                continue
             restarts = self.peer.restarts
             arrival = self.peer.judge(frame, at_s)
             if self.peer.restarts != restarts:
@@ -54,8 +60,7 @@ class Conversation:
                 self._line.refuse(str(error))
                 continue
             self._line.heard(frame, at_s)
-            if frame.heard_sender == self._line.sender:  # else it may be a recording of another day
-                self._take(message, frame.sent_s)
+            self._take(message, frame.sent_s)
         now_s = self._clock.now_s()
         was, self.linked = self.linked, not self.peer.silent(now_s)
         if self.linked:
@@ -71,9 +76,15 @@ class Conversation:
         if line.malformed and "refused" not in self._complaints:
             self._complaints.add("refused")
             return f"a frame was refused: {line.refused}"
-        if self._complaints or self.peer.counts[Arrival.FRESH] or now_s < self._begun_s + _UNHEARD_S:
+        if (
+            "unheard" in self._complaints
+            or self.peer.counts[Arrival.FRESH]
+            or now_s < self._begun_s + _UNHEARD_S
+        ):
             return ""
         self._complaints.add("unheard")
+        if self._elsewhere:
+            return f"the other side answers somebody else: is another {line.role} running?"
         return f"nobody was heard for {_UNHEARD_S:g} s: {line.advice}"
 
     def record(self, now_s: float) -> tuple[object, ...]:

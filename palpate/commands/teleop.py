@@ -189,9 +189,16 @@ def leader(  # noqa: PLR0917, one parameter an option
         out_.print(f"haptic loop: {late.count} ticks, late p99 {_us(late.p99_s)}, p99.9 {_us(late.p999_s)}")
     out_.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
     if outcome.heard:
-        console.next_steps((f"palpate inspect {typed(session)} follower.mcap", "both sides on one time line"))
+        console.next_steps(
+            (
+                f"palpate inspect {typed(session)}",
+                "with the follower's session beside it: both on one time line",
+            )
+        )
     else:
-        console.next_steps(("palpate teleop follower", "the other side, which was not heard"))
+        console.next_steps(
+            ("palpate teleop follower --help", "the other side was not heard: run it with the same options")
+        )
 
 
 @group.command()
@@ -277,7 +284,7 @@ def _line(
     if config is not None:
         existing_file(config, "zenoh configuration")
     if key is not None:
-        load_seal(existing_file(key, "key"))  # only to know that it is one
+        load_seal(existing_file(key, "key"), name)  # only to know that it is one
     return LineSettings(name, port, config, key, impairment)
 
 
@@ -304,7 +311,7 @@ def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:
     session = typed(job.session)
     steps = {
         f"palpate estimate {session}": "stiffness and damping of every place",
-        f"palpate inspect leader.mcap {session}": "both sides on one time line",
+        f"palpate inspect {session}": "with the leader's session before it: both on one time line",
     }
     if not outcome.estimates:
         steps = {"palpate teleop leader": "chooses places to probe"}

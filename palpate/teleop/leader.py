@@ -97,8 +97,7 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
         try:
             leader.run()
         except KeyboardInterrupt:
-            say("ending: the follower finishes what is queued; Ctrl-C again leaves it alone")
-            leader.end()
+            say(leader.end())
             leader.run()
         return leader.outcome()
 
@@ -167,10 +166,13 @@ class _Leader:
             self._clock.sleep_until(now_s + TALK_S)
         self._end_haptics()
 
-    def end(self) -> None:
-        """Want nothing more than what is queued."""
+    def end(self) -> str:
+        """Want nothing more than what is queued; what comes of that, in words."""
         if not self._ending:
             self._ending_s = self._clock.now_s()
+        if not self._conversation.linked:
+            return "ending: no follower is there to finish what is queued"
+        return "ending: the follower finishes what is queued; Ctrl-C again leaves it alone"
 
     @property
     def _ending(self) -> bool:

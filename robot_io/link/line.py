@@ -22,7 +22,7 @@ from robot_io.link.seal import CHECKSUM, load_seal
 
 Role = Literal["leader", "follower"]
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
-_WAITING = 4096  # frames that nobody has asked for yet; what comes beyond drives the oldest out
+_WAITING = 512  # frames that nobody has asked for yet; what comes beyond drives the oldest out
 _LOOPBACK = "tcp/127.0.0.1"
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
@@ -56,6 +56,7 @@ class Line:
     """One end of the line; sends and receives frames.
 
     Attributes:
+        role: of this side.
         sender: random number in every frame of this end.
         malformed: frames that were no frames, or of another version or key.
         refused: why the newest of these was none; empty before the first.
@@ -69,20 +70,21 @@ class Line:
 
         self.sender = secrets.randbits(62)
         self.malformed, self.refused = 0, ""
-        self._role, self._settings, self._clock = role, settings, clock
-        self._seal = load_seal(settings.key) if settings.key else CHECKSUM
+        self.role, self._settings, self._clock = role, settings, clock
         self._sequence, self._heard = 0, Heard()
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = BadNetwork(settings.impairment) if settings.impairment else None
         config = _config(zenoh, role, settings)
         self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
-        key = f"palpate/{settings.name}"
+        said, heard = (f"palpate/{settings.name}/{side}" for side in (role, _OTHER[role]))
+        secret = settings.key
+        self._mine, self._theirs = (load_seal(secret, one) if secret else CHECKSUM for one in (said, heard))
         try:
             self._session = zenoh.open(config)
-            self._subscribed = f"{key}/{_OTHER[role]}"
+            self._subscribed = heard
             self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
             self._publisher = self._session.declare_publisher(
-                f"{key}/{role}", congestion_control=zenoh.CongestionControl.DROP, express=True
+                said, congestion_control=zenoh.CongestionControl.DROP, express=True
             )
         except zenoh.ZError as error:
             where, why = settings.config or f"{_LOOPBACK}:{settings.port}", cause(error)
@@ -93,7 +95,7 @@ class Line:
     def send(self, message: Message) -> None:
         """Send one message with everything a frame says; does not wait for the other side."""
         now_s = self._clock.now_s()
-        data = encode(self.sender, self._sequence, now_s, self._heard, message, self._seal)
+        data = encode(self.sender, self._sequence, now_s, self._heard, message, self._mine)
         self._sequence += 1
         if self._network is None:
             self._put(data)
@@ -105,10 +107,10 @@ class Line:
         """Frames that have arrived since the last call, each with its time of arrival [s]."""
         self._pump()
         arrived = []
-        while self._waiting:
+        for _ in range(len(self._waiting)):  # not those that come meanwhile: a flood would hold this for good
             at_s, data = self._waiting.popleft()
             try:
-                arrived.append((at_s, decode(data, self._seal)))
+                arrived.append((at_s, decode(data, self._theirs)))
             except FrameError as error:
                 self.refuse(str(error))
         return arrived
@@ -126,7 +128,7 @@ class Line:
     def advice(self) -> str:
         """What to look at where the other side is not heard."""
         same = "--port" if self._settings.config is None else "a --link that meets this one"
-        words = f"does a {_OTHER[self._role]} run with the same --name and --key, and {same}?"
+        words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:
             return words
         return (

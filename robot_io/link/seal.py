@@ -40,8 +40,10 @@ def key_seal(key: bytes) -> Seal:
     return Seal(16, partial(_mark, key), "it was not made with this side's key")
 
 
-def load_seal(path: Path) -> Seal:
-    """The seal of whoever has this file, whose bytes are the key.
+def load_seal(path: Path, topic: str) -> Seal:
+    """The seal of whoever has this file, whose bytes are the secret, for what is said on one topic.
+
+    Each topic has a key of its own: no frame of another pair, or of the other direction, passes for one.
 
     Raises:
         InputError: it cannot be read, or it is too short to be a secret or too long to be a key.
@@ -57,4 +59,4 @@ def load_seal(path: Path) -> Seal:
             f"key {path}: {size}; {_LEAST_BYTES} to {_MOST_BYTES} are needed, and nobody may guess them; "
             "'head -c 32 /dev/urandom' makes some"
         )
-    return key_seal(key)
+    return key_seal(hmac.digest(key, topic.encode(), "sha256"))

@@ -96,7 +96,19 @@ def test_a_file_that_is_no_key_is_refused(size, tmp_path):
     if size is not None:
         path.write_bytes(bytes(size))
     with pytest.raises(InputError, match=r"pair\.key"):
-        load_seal(path)
+        load_seal(path, "palpate/arm/leader")
+
+
+def test_a_mark_holds_for_one_pair_and_one_direction(tmp_path):
+    path = tmp_path / "pair.key"
+    path.write_bytes(b"k" * 32)
+    said = load_seal(path, "palpate/arm/leader")
+    assert (
+        decode(framed(MESSAGES[0], seal=said), load_seal(path, "palpate/arm/leader")).message == MESSAGES[0]
+    )
+    for topic in ("palpate/arm/follower", "palpate/other/leader"):
+        with pytest.raises(FrameError, match="this side's key"):
+            decode(framed(MESSAGES[0], seal=said), load_seal(path, topic))
 
 
 @pytest.mark.parametrize("data", [b"", b"1234", bytes(MOST_BYTES + 1)])
