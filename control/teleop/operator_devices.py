@@ -50,7 +50,11 @@ def build_operator(operator: str, clock: Clock) -> OperatorDevice:
         InputError: there is no such device or file, or a setting is not valid.
     """
     if operator in OPERATOR_DEVICES:
-        return build_operator_device(operator, {}, clock)
+        try:
+            return build_operator_device(operator, {}, clock)
+        except InputError as error:
+            how = f"give a YAML file with '{_DEVICE}: {operator}' and its settings"
+            raise InputError(f"operator '{operator}': {error}; {how}") from error
     valid = ", ".join(OPERATOR_DEVICES)
     if not Path(operator).is_file():
         raise InputError(f"operator '{operator}': no such file, and the devices are {valid}")

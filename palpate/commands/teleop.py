@@ -12,7 +12,7 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
-from control.teleop.operator_devices import build_operator
+from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
 from palpate import console
 from palpate.completion import scenario_names
 from palpate.console import command_group
@@ -125,7 +125,12 @@ def follower(
 @group.command()
 def leader(  # noqa: PLR0917, one parameter an option
     operator: Annotated[
-        str, typer.Option("--operator", help="The operator's device, or a YAML file that sets one up.")
+        str,
+        typer.Option(
+            "--operator",
+            help=f"{', '.join(OPERATOR_DEVICES)}, or a YAML file that sets one up.",
+            metavar="DEVICE|FILE",
+        ),
     ] = "keyboard",
     robot: Annotated[
         str,
@@ -199,6 +204,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         console.next_steps(
             ("palpate teleop follower --help", "the other side was not heard: run it with the same options")
         )
+        raise typer.Exit(1)
 
 
 @group.command()
