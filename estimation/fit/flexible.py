@@ -37,7 +37,10 @@ def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
 
 
 def flexible(bench: Bench, trial: Trial, without: Collection[str] = ()) -> Flexible:
-    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out."""
+    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
+
+    It does not know the signals named in `without`.
+    """
     frame = bench.frame
     base, target = trial.columns, trial.target
     blocks = {name: block for name, block in signals_of(bench, trial).items() if name not in without}

@@ -20,7 +20,7 @@ _SETTLED = 0.01  # of the energy
 def rough_bench(standing: Fit) -> Bench:
     """The bench of a fit with one sample for each block: a trial there costs a fraction.
 
-    Also where the model itself is fitted on blocks (see `roughly`): what is added may need samples.
+    Also where the model itself is fitted on blocks: what is added may need samples.
     """
     frame = standing.plain.frame
     rows = np.arange(len(frame))[:, None]

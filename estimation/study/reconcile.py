@@ -1,5 +1,6 @@
 """Makes a diagnosis state the study's own numbers, so that no other command can state others."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 from estimation.diagnosis import ChannelDiagnosis
@@ -55,13 +56,12 @@ def reason_of(found: ChannelDiagnosis, ranking: Sequence[Ranked]) -> str:
 
 def _with_errors(reason: str, found: ChannelDiagnosis, base: float, last: float) -> str:
     """A reason with the study's errors in the place of the diagnosis's own."""
-    for entry, error in ((found.baseline, base), (found.final, last)):
-        reason = (
-            reason.replace(f"{entry.rmse:.3g} {found.effort_unit}", f"{error:.3g} {found.effort_unit}")
-            if entry
-            else reason
-        )
-    return reason
+    told = {
+        f"{entry.rmse:.3g} {found.effort_unit}": f"{error:.3g} {found.effort_unit}"
+        for entry, error in ((found.baseline, base), (found.final, last))
+        if entry
+    }
+    return re.sub("|".join(map(re.escape, told)), lambda one: told[one[0]], reason) if told else reason
 
 
 def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:

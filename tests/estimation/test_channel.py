@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
 from estimation.signals.blocks import places
 from estimation.signals.remembered import of_arrays
@@ -38,7 +39,7 @@ def test_what_arrays_give_is_computed_once_unless_somebody_can_write_into_them()
 def test_a_tool_s_yielding_goes_by_where_the_object_pushes_now():
     """The force is smoothed piece by piece; where the surface moves, the pieces do."""
     compliance, data = EFFECTS["tool_compliance"](), swings(1, rate_hz=1000.0)
-    data = replace(data, kind="contact")
+    data = replace(data, kind=ChannelKind.CONTACT)
     moved = replace(data, position=data.position + 0.3)
     compliance.move(data, {"compliance": 1e-3})
     after = compliance.move(moved, {"compliance": 1e-3})
