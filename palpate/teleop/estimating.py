@@ -38,6 +38,7 @@ _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"
 Look = Callable[[Samples, int], ObjectEstimate]
 _SURE = 1.96  # standard errors on either side: 95 %
+_NICE = 5  # of the diagnosis: the arm comes first
 _ENOUGH = 1.3  # times the noise: what leaves no more needs no second law
 _PR_SET_PDEATHSIG = 1  # Linux, prctl(2)
 
@@ -107,8 +108,8 @@ class Estimator:
     """
 
     def __init__(self, *, diagnose: bool) -> None:
-        looks = [first_look, *([second_look] if diagnose else [])]
-        self._workers = [_Worker(look) for look in looks]
+        looks = [(first_look, 0), *([(second_look, _NICE)] if diagnose else [])]
+        self._workers = [_Worker(look, nice) for look, nice in looks]
 
     @property
     def busy(self) -> bool:
@@ -134,10 +135,10 @@ class Estimator:
 class _Worker:
     """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
 
-    def __init__(self, look: Look) -> None:
+    def __init__(self, look: Look, nice: int) -> None:
         context = get_context("spawn")
         self._pipe, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(look, os.getpid(), other), daemon=True)
+        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), other), daemon=True)
         self.process.start()
         other.close()
         self._waiting: dict[int, Samples] = {}
@@ -167,9 +168,10 @@ class _Worker:
         return found
 
 
-def _serve(look: Look, parent: int, pipe: Connection) -> None:
-    """Look at whatever comes; ends with its parent, and leaves Ctrl-C to it."""
+def _serve(look: Look, nice: int, parent: int, pipe: Connection) -> None:
+    """Look at whatever comes; ends with its parent, leaves Ctrl-C to it, and may give way to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(nice)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it ended before it could be heard of
         return
