@@ -79,12 +79,12 @@ class World:
         return self.by_run(lambda rows: np.gradient(signal[rows], 1 / FINE_HZ))
 
     def filtered(self, signal: Array, time_s: float) -> Array:
-        """First-order lag of a signal, exact for one that is constant over a fine step."""
+        """First-order lag of a signal that is straight over a fine step, exact to the square of the step."""
         keep = np.exp(-1 / (FINE_HZ * time_s))
 
         def lag(rows: slice) -> Array:
-            start = keep * signal[rows][0]
-            return lfilter([1 - keep], [1, -keep], signal[rows], zi=[start])[0]
+            half, first = 0.5 * (1 - keep), signal[rows][0]
+            return lfilter([half, half], [1, -keep], signal[rows], zi=[(1 - half) * first])[0]
 
         return self.by_run(lag)
 

@@ -61,7 +61,11 @@ def place(observed: float, draws: Iterator[float]) -> Placed:
 
 def still_explained(standing: Standing, readings: Readings, rng: np.random.Generator) -> Placed:
     """Share of the held-out error that a smooth law explains beside a model, in data and in draws from it."""
-    return place(standing.left_of_blocks(), (_share(*one) for one in draws(standing, readings, rng)))
+    drawn = (
+        flexible(bench, trial, standing.windows).share_of(trial)
+        for bench, trial in draws(standing, readings, rng)
+    )
+    return place(standing.left_of_blocks(), drawn)
 
 
 def gained(
@@ -176,8 +180,3 @@ def _of_trusted(noise: FloatArray, trusted: BoolArray) -> FloatArray:
 def _with_derived(moved: ChannelData, fitted: ChannelData) -> ChannelData:
     """A channel with the signals that the fit derived (the load) beside its motion."""
     return replace(moved, context={**fitted.context, **moved.context})
-
-
-def _share(bench: Bench, trial: Trial) -> float:
-    after = float(flexible(bench, trial).held_out.sum())
-    return float(1.0 - np.sqrt(after / trial.held_out)) if trial.held_out > 0.0 else 0.0

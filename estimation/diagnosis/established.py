@@ -63,11 +63,10 @@ class Standards:
 def standards(start: Standing, end: Standing) -> Standards:
     """How well effects and nameless laws describe runs that were held out."""
     counts = [max(int(one.plain.kept.sum()), 1) for one in (start, end)]
+    one, other = start.flexible, end.flexible
+    left = (one.before, other.before, one.held_out, other.held_out)
     return Standards(
-        start.held_out_mean_square,
-        end.held_out_mean_square,
-        float(start.flexible.held_out.sum()) / counts[0],
-        float(end.flexible.held_out.sum()) / counts[1],
+        *(float(held_out.sum()) / count for held_out, count in zip(left, counts * 2, strict=True))
     )
 
 
@@ -237,7 +236,8 @@ def _stands_by_itself(search: Search, end: Standing, name: str) -> bool:
         return False
     own = _own(end, name)
     with_it, beside = (
-        float(flexible(one.plain, one.trial, own).held_out.sum()) / max(int(one.plain.kept.sum()), 1)
+        float(flexible(one.plain, one.trial, one.windows, own).held_out.sum())
+        / max(int(one.plain.kept.sum()), 1)
         for one in (end, search.without(end, name))
     )
     return with_it < (1.0 - SMALL) ** 2 * beside
@@ -251,7 +251,8 @@ def _taken_away(search: Search, end: Standing, name: str) -> float:
 def _left_of_its_own(end: Standing, name: str) -> float:
     """Mean square of the error that an effect's own signals still explain beside it."""
     by_signal = end.flexible.by_signal
-    return end.held_out_mean_square * max((by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
+    left = float(end.flexible.before.sum()) / max(int(end.plain.kept.sum()), 1)
+    return left * max((by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
 
 
 def _own(end: Standing, name: str) -> list[str]:
@@ -263,8 +264,7 @@ def _own(end: Standing, name: str) -> list[str]:
 
 def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
     """Whether an effect takes away more than a smooth law still could: less may be a part of that rest."""
-    rest = end.trial.held_out - float(end.flexible.held_out.sum())
-    return before.trial.held_out - end.trial.held_out >= rest
+    return before.trial.held_out - end.trial.held_out >= end.flexible.explained
 
 
 def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:

@@ -41,6 +41,7 @@ FITTED = 4  # candidates of a step of which all parameters are fitted together
 FITTED_IN_FULL = 2  # the same where a sketch has chosen before
 FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
 LOOKED_AT = 12  # candidates among which those are chosen
+_PAIR = 2
 BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
 _FOLDS = 0.6  # share of the folds in which an effect must help
 _CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
@@ -334,7 +335,10 @@ def _some_runs(frame: Frame) -> BoolArray:
 
 
 def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
-    """The model that explains most, each of its effects needed beside the others."""
+    """The model that explains most, each of its effects needed beside the others.
+
+    Many effects imitate almost anything: where more than two were taken, pairs are tried as well.
+    """
     sketch = whole.sketch or whole
     on_all = partial(_refined, whole)
 
@@ -343,9 +347,11 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
         return (needs_nothing or found.left_of_blocks() < _LITTLE) and is_complete(found)
 
     best = on_all(_climb(sketch, sketch.start))
-    if is_enough(best):
+    enough = is_enough(best)
+    if enough and len(whole.added(best)) <= _PAIR:
         return best
-    for first in (*sketch.extensions(sketch.start, FIRSTS), *_pairs(sketch)):
+    firsts = [] if enough else sketch.extensions(sketch.start, FIRSTS)
+    for first in (*firsts, *_pairs(sketch)):
         if set(sketch.added(first)) <= set(whole.added(best)):
             continue
         rough = _climb(sketch, first)

@@ -1,33 +1,53 @@
 """What any smooth law could still explain: a wide, shrunken regression on all signals and their past.
 
-It names nothing. It says how much of the error can be explained at all, and by which signals.
+It names nothing. It says how much of the error can be explained at all, and by which signals. A velocity or
+acceleration that was derived is rounded off, and what a model makes of that looks like a law of its effort:
+this is corrected beside the model, and counts as noise (W. A. Fuller, Measurement Error Models (1987)).
 """
 
 from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import convolve1d
 
 from estimation.fit.colour import WHITE
 from estimation.fit.frame import Frame
-from estimation.fit.moments import Moments, held_out_energy, score
+from estimation.fit.moments import Moments, held_out_energy
 from estimation.fit.smooth_signals import features
 from estimation.fit.trial import Bench, Trial
+from estimation.signals.blocks import of_equal_length
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # that are taken one by one
 _WORTH = 0.005  # of the energy, that one more signal must take away
+_POWERS = 3  # of what a window takes off the effort, by which the unsmoothed one is approached
+Windows = tuple[int | None, ...]  # half windows [samples] of derivatives; None for what was measured
 
 
 @dataclass(frozen=True)
 class Flexible:
     """The flexible regression on top of a model."""
 
-    held_out: FloatArray  # its squared whitened residuals by fold, shape (folds,)
-    residual: FloatArray  # its held-out residuals, not whitened, one for each block, shape (m,)
+    before: (
+        FloatArray  # squared whitened residuals of the model by fold, its motion unsmoothed, shape (folds,)
+    )
+    held_out: FloatArray  # the same beside the smooth law
+    residual: FloatArray  # held-out residuals beside it, not whitened, one for each block, shape (m,)
+    residual_before: FloatArray  # the same without it
     # Share of the error's energy that each signal alone can explain in held-out runs.
     by_signal: dict[str, float]
+
+    @property
+    def explained(self) -> float:
+        """Squared whitened residuals that the smooth law takes away in held-out runs."""
+        return float(np.sum(self.before - self.held_out))
+
+    def share_of(self, trial: Trial) -> float:
+        """Share of a model's error in held-out runs that the smooth law takes away."""
+        left = max(1.0 - self.explained / trial.held_out, 0.0) if trial.held_out > 0.0 else 1.0
+        return float(1.0 - np.sqrt(left))
 
 
 def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
@@ -36,29 +56,62 @@ def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
     return features(frame, frame.reduce(frame.data.effort) - trial.residual)
 
 
-def flexible(bench: Bench, trial: Trial, without: Collection[str] = ()) -> Flexible:
+def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[str] = ()) -> Flexible:
     """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
 
-    It does not know the signals named in `without`.
+    Args:
+        bench: blocks, and the colour of their noise.
+        trial: the model.
+        windows: by which the velocity and the acceleration were derived.
+        without: signals that it does not know.
     """
-    frame = bench.frame
-    base, target = trial.columns, trial.target
+    frame, target, names = bench.frame, trial.target, list(trial.model.gains)
     blocks = {name: block for name, block in signals_of(bench, trial).items() if name not in without}
-    columns = np.column_stack([base, *blocks.values()])
-    names = list(trial.model.gains)
+    parts = [trial.columns, _taken_off(frame, frame.effort - trial.residual, windows), *blocks.values()]
+    owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
+    columns = np.column_stack(parts)
     moments = bench.moments(columns, target, names)
-    own = base.shape[1]
-    owner = np.concatenate([[-1] * own, *([i] * b.shape[1] for i, b in enumerate(blocks.values()))])
-    before = float(score(moments.only(owner < 0)).held_out.sum())
+    if (
+        _shrunken(moments, owner, ()).energy
+        > _shrunken(moments.only(owner != -1), owner[owner != -1], ()).energy
+    ):
+        moments, columns, owner = moments.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
+    plainly = _shrunken(moments, owner, ())
     alone = [_shrunken(moments, owner, (number,)) for number in range(len(blocks))]
-    best = _best(moments, owner, alone, before)
+    best = _best(moments, owner, alone, plainly.energy)
     by_signal = {
-        name: 1.0 - one.energy / before if before > 0.0 else 0.0
+        name: 1.0 - one.energy / plainly.energy if plainly.energy > 0.0 else 0.0
         for name, one in zip(blocks, alone, strict=True)
     }
     plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target, names)
-    residual = _held_out_residual(columns, target, frame, plain, best)
-    return Flexible(best.held_out, residual, by_signal)
+    residual, before = (_held_out_residual(columns, target, frame, plain, one) for one in (best, plainly))
+    return Flexible(plainly.held_out, best.held_out, residual, before, by_signal)
+
+
+def _taken_off(frame: Frame, effort: FloatArray, windows: Windows) -> FloatArray:
+    """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k)."""
+    data = frame.data
+    derived = (frame.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
+    halves = [round((half or 0) / frame.rows.shape[1]) for half in windows]
+    bent = [*zip(derived, halves, strict=True), *((effort, half) for half in sorted(set(halves)))]
+    taken = [_less_smooth(signal, half, frame.run) for signal, half in bent if half > 0]
+    return np.hstack([np.empty((len(effort), 0)), *taken])
+
+
+def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
+    """What a window takes off a signal (m,), what it takes off that, and so on, shape (m, powers).
+
+    A local quadratic fit gives the derivative of a signal averaged with the weights of a parabola; together
+    these lead back to the signal as it was (P. H. van Cittert, Z. Physik 69 (1931)).
+    """
+    weights = 1.0 - (np.arange(-half, half + 1) / (half + 1.0)) ** 2
+    taken = [signal]
+    for _ in range(_POWERS):
+        smooth = np.empty_like(signal)
+        for rows in of_equal_length(run):
+            smooth[rows] = convolve1d(taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest")
+        taken.append(taken[-1] - smooth)
+    return np.column_stack(taken[1:])
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,25 @@
 """Where a diagnosis stands: a model, its fit, the noise's colour, and what could still be explained."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import WHITE, colour_of
-from estimation.fit.flexible import Flexible, flexible
+from estimation.fit.flexible import Flexible, Windows, flexible
 from estimation.fit.frame import frame_of, off_borders
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
+from estimation.fit.readings import readings_of
 from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
 from robot_io.types import BoolArray, IntArray
+
+_AS_WELL = 0.02  # of the squared error in held-out runs
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,15 @@ class Standing(Fit):
     coloured noise and be weighed away. The colour is for judging.
     """
 
+    @property
+    def windows(self) -> Windows:
+        """By which velocity and acceleration were derived."""
+        return readings_of(self.data).windows
+
     @cached_property
     def flexible(self) -> Flexible:
         """What any smooth law could explain beyond the model."""
-        return flexible(self.plain, self.trial)
+        return flexible(self.plain, self.trial, self.windows)
 
     @cached_property
     def judge(self) -> Bench:
@@ -65,7 +73,7 @@ class Standing(Fit):
     @cached_property
     def flexible_judged(self) -> Flexible:
         """What any smooth law could explain beyond the model on the bench with the colour."""
-        return flexible(self.judge, self.judged)
+        return flexible(self.judge, self.judged, self.windows)
 
     @cached_property
     def rmse(self) -> float:
@@ -74,22 +82,21 @@ class Standing(Fit):
 
     def floor(self) -> float:
         """The error that would be left, sample by sample, if all that can be explained were known."""
-        explainable = self.trial.held_out - float(self.flexible.held_out.sum())
         count = max(int(self.plain.frame.trusted.sum()), 1)
-        return float(np.sqrt(max(self.rmse**2 - max(explainable, 0.0) / count, 0.0)))
+        return float(np.sqrt(max(self.rmse**2 - max(self.flexible.explained, 0.0) / count, 0.0)))
 
     def floor_in(self, runs: IntArray) -> float:
         """The same in some of the runs alone, each still judged by the others."""
         frame = self.plain.frame
         chosen = frame.trusted & np.isin(frame.run, runs)
         left = held_out_residual(frame, self.trial)[frame.rows[chosen]]
-        explainable = np.mean(left.mean(axis=1) ** 2 - self.flexible.residual[chosen] ** 2)
-        return float(np.sqrt(max(np.mean(left**2) - max(explainable, 0.0), 0.0)))
+        without, beside = self.flexible.residual_before, self.flexible.residual
+        explainable = float(np.mean(without[chosen] ** 2 - beside[chosen] ** 2))
+        return float(np.sqrt(max(float(np.mean(left**2)) - max(explainable, 0.0), 0.0)))
 
     def left_of_blocks(self) -> float:
         """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""
-        after, before = float(self.flexible.held_out.sum()), self.trial.held_out
-        return float(1.0 - np.sqrt(after / before)) if before > 0.0 else 0.0
+        return self.flexible.share_of(self.trial)
 
 
 def fit(
@@ -101,6 +108,9 @@ def fit(
 ) -> Fit:
     """Fit a model from these parameters on.
 
+    A spring of the base model beside a law with a spring of its own is held at nothing if runs held out are
+    described as well without it: the two draw nearly the same curve, and neither would be known.
+
     Args:
         data: the channel, without a `load` that was derived.
         model: what to fit.
@@ -109,6 +119,17 @@ def fit(
         memory: of other fits to this channel.
     """
     memory = memory or Memory()
+    whole = _fit(data, model, parameters, good, memory)
+    spare = {name: 0.0 for name in model.spare if name not in model.held}
+    if not spare:
+        return whole
+    less = _fit(data, replace(model, held={**model.held, **spare}), parameters, good, memory)
+    return min(whole, less, key=lambda one: one.held_out_mean_square * (1.0 + _AS_WELL * (one is whole)))
+
+
+def _fit(
+    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None, memory: Memory
+) -> Fit:
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
     known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
     first = attempt(bench_of(data, model, known, good, memory), model, known, rounds=3)

@@ -9,6 +9,7 @@ import pytest
 from estimation.effects import EFFECTS
 from estimation.fit.flexible import flexible, signals_of
 from estimation.fit.frame import frame_of
+from estimation.fit.readings import derived
 from estimation.fit.smooth_signals import _hats, features
 from estimation.fit.standing import fit
 from estimation.model import Model
@@ -16,6 +17,7 @@ from estimation.signals.runwise import low_pass, play, rate, shift
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, swings
 
+MEASURED = (None, None)  # velocity and acceleration were not derived
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 CONTEXT = {"load": 0.3, "temperature": 1.0, "time": 2.0}
 SWUNG = swings(1, rate_hz=100.0)
@@ -189,14 +191,14 @@ HIDDEN = {  # and a signal that says nothing of it
 def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name):
     law, nothing = HIDDEN[name]
     one = fit(swings(6, law, rate_hz=100.0), SWING, {})
-    found = flexible(one.plain, one.trial)
+    found = flexible(one.plain, one.trial, MEASURED)
     assert found.by_signal[name] > 0.98 * max(found.by_signal.values())
     assert found.by_signal[name] > 0.8 > 0.3 > found.by_signal.get(nothing, 0.0)
     count = one.plain.kept.sum()
     assert NOISE_NM < np.sqrt(found.held_out.sum() / count) < 0.1  # of 0.14 and the noise
     kept = one.plain.kept
     assert np.sum(found.residual[kept] ** 2) == pytest.approx(found.held_out.sum(), rel=0.01)
-    others = flexible(one.plain, one.trial, without=[name])
+    others = flexible(one.plain, one.trial, MEASURED, without=[name])
     assert name not in others.by_signal
     assert others.held_out.sum() > (1.3 if nothing else 1.0) * found.held_out.sum()
     assert set(signals_of(one.plain, one.trial)) == set(found.by_signal)
@@ -208,10 +210,42 @@ def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
         (session(3), Model("m", (EFFECTS["stiffness"](), EFFECTS["damping"]()))),
     ):
         one = fit(data, model, {})
-        found = flexible(one.plain, one.trial)
+        found = flexible(one.plain, one.trial, MEASURED)
         assert 0.97 * one.trial.held_out < found.held_out.sum() <= (1.0 + 1e-9) * one.trial.held_out
         assert all(share < 0.02 for share in found.by_signal.values())
     exact = session(3, lambda t, x, v, run: kelvin_voigt(x, v))
     exact = replace(exact, effort=np.zeros(len(exact)))
     one = fit(exact, Model("m", (EFFECTS["stiffness"](),)), {})
-    assert set(flexible(one.plain, one.trial).by_signal.values()) == {0.0}
+    assert set(flexible(one.plain, one.trial, MEASURED).by_signal.values()) == {0.0}
+
+
+def smoothed(data, half):
+    """The channel with derivatives that were made from its positions by one window."""
+    velocity, acceleration = (derived(data, data.position, half, order) for order in (1, 2))
+    return replace(data, velocity=velocity, acceleration=acceleration)
+
+
+def within(data, half):
+    """Samples whose window lies within their run."""
+    number = np.arange(len(data)) % np.sum(data.run == 0)
+    return (number >= 2 * half) & (number < number.max() - 2 * half)
+
+
+@pytest.mark.parametrize("half", [25, 35, 50])
+def test_what_a_window_takes_off_the_motion_is_no_law(half):
+    data = smoothed(swings(6), half)
+    one = fit(data, SWING, {}, within(data, half))
+    beside = flexible(one.plain, one.trial, (half, half))
+    noise = NOISE_NM / np.sqrt(one.plain.frame.rows.shape[1])
+    before, after = (
+        np.sqrt(left / one.plain.kept.sum()) for left in (one.trial.held_out, beside.before.sum())
+    )
+    assert after == pytest.approx(noise, rel=0.03)
+    assert before > 1.1 * after
+    assert beside.share_of(one.trial) < 0.02 < flexible(one.plain, one.trial, MEASURED).share_of(one.trial)
+
+
+def test_a_law_is_explained_beside_what_a_window_takes_off():
+    hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
+    one = fit(smoothed(hidden, 25), SWING, {})
+    assert flexible(one.plain, one.trial, (25, 25)).share_of(one.trial) > 0.7
