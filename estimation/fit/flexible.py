@@ -67,7 +67,7 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
     """
     frame, target, names = bench.frame, trial.target, list(trial.model.gains)
     blocks = {name: block for name, block in signals_of(bench, trial).items() if name not in without}
-    parts = [trial.columns, _taken_off(frame, frame.effort - trial.residual, windows), *blocks.values()]
+    parts = [trial.columns, taken_off(frame, frame.effort - trial.residual, windows), *blocks.values()]
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     moments = bench.moments(columns, target, names)
@@ -88,7 +88,7 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
     return Flexible(plainly.held_out, best.held_out, residual, before, by_signal)
 
 
-def _taken_off(frame: Frame, effort: FloatArray, windows: Windows) -> FloatArray:
+def taken_off(frame: Frame, effort: FloatArray, windows: Windows) -> FloatArray:
     """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k)."""
     data = frame.data
     derived = (frame.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))

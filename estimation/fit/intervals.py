@@ -8,9 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.channel import ChannelKind
 from estimation.effect import Parameter
 from estimation.estimate import ParameterEstimate
 from estimation.fit.acceleration_doubt import doubted
+from estimation.fit.flexible import Windows, taken_off
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
 from estimation.fit.readings import Readings, readings_of
@@ -22,6 +24,7 @@ from robot_io.types import FloatArray, IntArray
 SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # of the motion, drawn again
 _NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
+_BETTER = 0.9  # times the squared error in held-out runs, beside what smoothing took off
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
 _NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
 _FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
@@ -148,4 +151,22 @@ def final(standing: Standing) -> tuple[Bench, Trial]:
     if standing.data.shared is not None or standing.rmse > _NOISE_ALONE * standing.floor():
         return standing.plain, standing.trial
     judge = standing.judge
-    return judge, polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))
+    trial = polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))
+    return judge, _beside_smoothing(judge, trial, standing.windows)
+
+
+def _beside_smoothing(bench: Bench, trial: Trial, windows: Windows) -> Trial:
+    """A joint's model with the gains that it has beside what windows took off its motion.
+
+    A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
+    """
+    if bench.frame.data.kind is ChannelKind.CONTACT or not any(windows):
+        return trial
+    taken = taken_off(bench.frame, bench.frame.effort - trial.residual, windows)
+    names = list(trial.model.gains)
+    every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
+    fitted = bench.fit(np.hstack([trial.columns, taken]), trial.target, every, trial.model.held)
+    if fitted.held_out.sum() > _BETTER * trial.held_out:
+        return trial
+    gains = dict(zip(names, fitted.gains.tolist(), strict=False))
+    return replace(trial, parameters={**trial.parameters, **gains})

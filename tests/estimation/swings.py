@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
+from estimation.fit.readings import derived
 
 NOISE_NM, INERTIA, WEIGHT, DAMPING = 0.02, 0.05, 2.0, 0.15
 
@@ -37,3 +38,15 @@ def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):
     made = differentiate(data.time_s, position, data.run)
     given = {"acceleration": made.acceleration} if acceleration else {}
     return replace(data, position=position, velocity=made.velocity, **given)
+
+
+def smoothed(data, half):
+    """The channel with derivatives that were made from its positions by one window."""
+    velocity, acceleration = (derived(data, data.position, half, order) for order in (1, 2))
+    return replace(data, velocity=velocity, acceleration=acceleration)
+
+
+def within(data, half):
+    """Samples whose window lies within their run."""
+    number = np.arange(len(data)) % np.sum(data.run == 0)
+    return (number >= 2 * half) & (number < number.max() - 2 * half)

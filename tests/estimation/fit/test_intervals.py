@@ -11,7 +11,7 @@ from estimation.fit.intervals import _errors, _without_jumps, final, values
 from estimation.fit.standing import stand
 from estimation.model import Model
 from estimation.statistics.serial_covariance import sum_covariance
-from tests.estimation.swings import swings
+from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 RNG = np.random.default_rng(3)
@@ -135,3 +135,13 @@ def test_runs_too_short_to_be_compared_are_left_as_they_are(count):
     short = data.select(np.arange(0, 50 * count, 50))
     same = doubted(short).acceleration == short.acceleration
     assert same.all() == (count < 7)
+
+
+@pytest.mark.parametrize("half", [28, 40])
+def test_a_window_that_rounds_off_a_joint_s_motion_turns_no_gain(half):
+    data = smoothed(swings(6), half)
+    standing = stand(data, BASE, {}, within(data, half))
+    assert standing.trial.parameters["pendulum.inertia"] > 1.04 * INERTIA
+    found = {name: one.value for name, one in values(*final(standing)).items()}
+    truth = {"pendulum.inertia": INERTIA, "pendulum.gravity": WEIGHT, "viscous_friction.d": DAMPING}
+    assert found == pytest.approx(truth, rel=0.02)

@@ -9,13 +9,12 @@ import pytest
 from estimation.effects import EFFECTS
 from estimation.fit.flexible import flexible, signals_of
 from estimation.fit.frame import frame_of
-from estimation.fit.readings import derived
 from estimation.fit.smooth_signals import _hats, features
 from estimation.fit.standing import fit
 from estimation.model import Model
 from estimation.signals.runwise import low_pass, play, rate, shift
 from tests.estimation.presses import kelvin_voigt, session
-from tests.estimation.swings import NOISE_NM, swings
+from tests.estimation.swings import NOISE_NM, smoothed, swings, within
 
 MEASURED = (None, None)  # velocity and acceleration were not derived
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
@@ -217,18 +216,6 @@ def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
     exact = replace(exact, effort=np.zeros(len(exact)))
     one = fit(exact, Model("m", (EFFECTS["stiffness"](),)), {})
     assert set(flexible(one.plain, one.trial, MEASURED).by_signal.values()) == {0.0}
-
-
-def smoothed(data, half):
-    """The channel with derivatives that were made from its positions by one window."""
-    velocity, acceleration = (derived(data, data.position, half, order) for order in (1, 2))
-    return replace(data, velocity=velocity, acceleration=acceleration)
-
-
-def within(data, half):
-    """Samples whose window lies within their run."""
-    number = np.arange(len(data)) % np.sum(data.run == 0)
-    return (number >= 2 * half) & (number < number.max() - 2 * half)
 
 
 @pytest.mark.parametrize("half", [25, 35, 50])
