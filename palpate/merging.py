@@ -11,7 +11,7 @@ from estimation.data.channels import session_channels
 from estimation.data.session_streams import RUN_LABELS
 from estimation.data.tick_channels import joined
 from palpate.runs.hiding import SEAL
-from palpate.runs.session import SOURCE
+from palpate.runs.session import NOT_WHOLE, SOURCE
 from robot_io.errors import InputError
 from robot_io.session import Session, SessionMetadata, Stream
 from robot_io.types import FloatArray
@@ -63,7 +63,7 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
         seed=first.seed if all(one.seed == first.seed for one in every) else None,
         command_line=command_line,
         software_version=software_version,
-        extra=shared | {SOURCE: f"merged from {files}"},
+        extra=shared | {SOURCE: f"merged from {files}"} | _lacking(sessions),
     )
 
 
@@ -72,8 +72,18 @@ def not_whole(sessions: Sequence[Session]) -> list[str]:
     return [
         f"{one.path.name}: is not whole (palpate info says why), and only what is there was merged"
         for one in sessions
-        if one.truncated or one.unclosed or one.dropped
+        if _lacking([one])
     ]
+
+
+def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
+    """Which sessions lack something, or were merged from such, as metadata; nothing if none does."""
+    lacking = [
+        one.path.name
+        for one in sessions
+        if one.truncated or one.unclosed or one.dropped or NOT_WHOLE in one.metadata.extra
+    ]
+    return {NOT_WHOLE: ", ".join(lacking)} if lacking else {}
 
 
 def surfaces_apart(sessions: Sequence[Session]) -> list[str]:

@@ -11,6 +11,7 @@ from rich.table import Table
 from estimation.data.session_streams import RUN_LABELS
 from palpate import console
 from palpate.files import open_session
+from palpate.runs.session import NOT_WHOLE
 from palpate.words import count, duration, safe, shown
 from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
@@ -82,13 +83,17 @@ def _print(session: Session, data: dict[str, Any]) -> None:
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:
-    whole = "[yellow]no:[/yellow] " if data["truncated"] or data["dropped"] or data["unclosed"] else "yes"
+    merged = data["extra"].get(NOT_WHOLE, "")
+    lacks = data["truncated"] or data["dropped"] or data["unclosed"] or merged
+    whole = "[yellow]no:[/yellow] " if lacks else "yes"
     if data["unclosed"]:
         whole += "the program ended without closing it (it was killed); what it logged until then is here; "
     if data["truncated"]:
         whole += "the end is missing (the program was killed, or is still writing); "
     if data["dropped"]:
-        whole += f"{count(data['dropped'], 'record')} dropped because the disk was too slow"
+        whole += f"{count(data['dropped'], 'record')} dropped because the disk was too slow; "
+    if merged:
+        whole += f"merged from sessions that were not whole: {safe(merged)}"
     version = data["software_version"] or "?"
     facts = {
         "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {version}"),
@@ -99,7 +104,7 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
         "duration": duration(data["duration_s"]),
         "whole": whole.rstrip("; "),
     }
-    known = {*facts, RUN_LABELS}  # what runs were called is for programs, and in --json
+    known = {*facts, RUN_LABELS, NOT_WHOLE}  # what runs were called is for programs, and in --json
     further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
 

@@ -31,6 +31,7 @@ from sim_backend.world import World
 
 SIMULATED_DRIVERS = "sim_backend.drivers"
 SOURCE = "source"  # key of where the samples come from, in the session's metadata
+NOT_WHOLE = "not_whole"  # key of the sessions, of those that were merged, that lacked something
 
 
 @dataclass(frozen=True)
