@@ -23,7 +23,8 @@ _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # that are taken one by one
 _WORTH = 0.005  # of the energy, that one more signal must take away
 _POWERS = 3  # of what a window takes off the effort, by which the unsmoothed one is approached
-Windows = tuple[int | None, ...]  # half windows [samples] of derivatives; None for what was measured
+# Half windows [samples] that velocity and acceleration went through, as far as a model depends on these.
+Windows = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,12 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
 
 def taken_off(frame: Frame, effort: FloatArray, windows: Windows) -> FloatArray:
     """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k)."""
-    data = frame.data
+    data, block = frame.data, frame.rows.shape[1]
     derived = (frame.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
-    halves = [round((half or 0) / frame.rows.shape[1]) for half in windows]
-    bent = [*zip(derived, halves, strict=True), *((effort, half) for half in sorted(set(halves)))]
-    taken = [_less_smooth(signal, half, frame.run) for signal, half in bent if half > 0]
+    every = tuple(sorted({*windows[0], *windows[1]}))
+    bent = zip((*derived, effort), (*windows, every), strict=True)
+    wide = [(signal, round(half / block)) for signal, halves in bent for half in halves]
+    taken = [_less_smooth(signal, half, frame.run) for signal, half in wide if half > 0]
     return np.hstack([np.empty((len(effort), 0)), *taken])
 
 

@@ -160,7 +160,7 @@ def _beside_smoothing(bench: Bench, trial: Trial, windows: Windows) -> Trial:
 
     A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
     """
-    if bench.frame.data.kind is ChannelKind.CONTACT or not any(windows):
+    if bench.frame.data.kind is ChannelKind.CONTACT or windows == ((), ()):
         return trial
     taken = taken_off(bench.frame, bench.frame.effort - trial.residual, windows)
     names = list(trial.model.gains)

@@ -19,6 +19,7 @@ from estimation.fit.trial import Bench, Trial, attempt
 from estimation.model import Model
 from robot_io.types import BoolArray, IntArray
 
+_OF_VELOCITY = frozenset({"velocity", "direction"})
 _AS_WELL = 0.02  # of the squared error in held-out runs
 
 
@@ -51,8 +52,12 @@ class Standing(Fit):
 
     @property
     def windows(self) -> Windows:
-        """By which velocity and acceleration were derived."""
-        return readings_of(self.data).windows
+        """That velocity and acceleration went through, as far as the model depends on these."""
+        readings = readings_of(self.data)
+        first, second = (() if one is None else (one,) for one in readings.windows)
+        felt = {signal for effect in self.trial.model.effects for signal in effect.signals}
+        both = (*first, *second) if readings.is_of_velocity else second
+        return first if felt & _OF_VELOCITY else (), both if "acceleration" in felt else ()
 
     @cached_property
     def flexible(self) -> Flexible:

@@ -208,7 +208,7 @@ def _models(signals, shares):
             trial=SimpleNamespace(model=SimpleNamespace(effects=(effect,)), held_out=size),
             plain=SimpleNamespace(kept=np.ones(10, dtype=bool)),
             held_out_mean_square=size / 10.0,
-            windows=(7, None),
+            windows=((7,), ()),
             flexible=SimpleNamespace(by_signal=shares, before=np.full(2, size / 2.0)),
         )
         for size in (10.0, 43.3)
@@ -258,7 +258,7 @@ def test_a_wrong_law_leaves_more_than_noise_in_its_own_signals(own, noise, follo
 )
 def test_what_an_impostor_does_not_do_by_itself(own, beside, stands, monkeypatch):
     def flexible(bench, trial, windows, signals):
-        assert (windows, signals) == ((7, None), ["velocity"])
+        assert (windows, signals) == (((7,), ()), ["velocity"])
         return SimpleNamespace(held_out=np.array([1.0 if trial is end.trial else beside]))
 
     search, end = _models(("velocity",), {"velocity": own})

@@ -16,7 +16,7 @@ from estimation.signals.runwise import low_pass, play, rate, shift
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, smoothed, swings, within
 
-MEASURED = (None, None)  # velocity and acceleration were not derived
+MEASURED = ((), ())  # velocity and acceleration were not derived
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 CONTEXT = {"load": 0.3, "temperature": 1.0, "time": 2.0}
 SWUNG = swings(1, rate_hz=100.0)
@@ -222,7 +222,7 @@ def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
 def test_what_a_window_takes_off_the_motion_is_no_law(half):
     data = smoothed(swings(6), half)
     one = fit(data, SWING, {}, within(data, half))
-    beside = flexible(one.plain, one.trial, (half, half))
+    beside = flexible(one.plain, one.trial, ((half,), (half,)))
     noise = NOISE_NM / np.sqrt(one.plain.frame.rows.shape[1])
     before, after = (
         np.sqrt(left / one.plain.kept.sum()) for left in (one.trial.held_out, beside.before.sum())
@@ -235,4 +235,4 @@ def test_what_a_window_takes_off_the_motion_is_no_law(half):
 def test_a_law_is_explained_beside_what_a_window_takes_off():
     hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
     one = fit(smoothed(hidden, 25), SWING, {})
-    assert flexible(one.plain, one.trial, (25, 25)).share_of(one.trial) > 0.7
+    assert flexible(one.plain, one.trial, ((25,), (25,))).share_of(one.trial) > 0.7
