@@ -1,6 +1,6 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +13,13 @@ from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
 from sim_backend.emulators.wiring import wire_up
+from sim_backend.hidden import hidden_effects
+from sim_backend.imperfection import Imperfection
+from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
+from tests.wire.parts import DYNAMIXEL_PAIR, FEETECH_PAIR
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -106,10 +110,11 @@ def open_simulation() -> Bench:
 ROBOTS = ROOT / "robots"
 
 
-def open_wired(robot_file: RobotFile, watchdog_s: float | None) -> Bench:
+def open_wired(robot_file: RobotFile, watchdog_s: float | None, hidden: Sequence[Imperfection] = ()) -> Bench:
     """Real drivers in lock-step with emulated devices."""
     clock = SimulatedClock()
-    arm = wire_up(robot_file, load_scenario("default", ROOT), clock)
+    effects = hidden_effects(hidden, robot_file.joint_count)
+    arm = wire_up(robot_file, load_scenario("default", ROOT), clock, effects=effects)
     robot = build_robot(arm.robot_file, DriverCatalogue(), clock)
 
     def press(force_n: float) -> None:
@@ -176,6 +181,14 @@ def open_documented() -> Bench:
     return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 
+def open_pair(name: str, pair: tuple[str, str], rotor_kg_m2: float = 0.0) -> Bench:
+    """Two servos on the first joint, one of them mirrored; their rotors are what they drive most of."""
+    path = ROBOTS / f"{name}.yaml"
+    robot_file = parse_robot_file(path.read_text(encoding="utf-8").replace(*pair), path)
+    rotors = [Armature(joint=1, inertia_kg_m2=2.0 * rotor_kg_m2)] if rotor_kg_m2 else []
+    return open_wired(robot_file, None, rotors)
+
+
 def open_plain_dynamixel() -> Bench:
     """Other servos, with the plain sync read, and the velocity by differentiation."""
     text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
@@ -200,6 +213,8 @@ BACKENDS = [
     Backend("dynamixel_plain", open_plain_dynamixel),
     # servos without torque mode and watchdog, and a load cell for 20 dollars
     Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
+    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR)),
+    Backend("feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True)),
     Backend(
         "simulation",
         open_simulation,

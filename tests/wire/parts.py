@@ -41,6 +41,15 @@ CELL = (  # one on a microcontroller, in its place
     "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
     "zero_counts: -30000, rate_hz: 320}",
 )
+DYNAMIXEL_PAIR = (  # a second servo on the shoulder, mirrored
+    "{id: 1, model: XM540-W270, zero_rad: 3.14159265}",
+    "{id: 1, model: XM540-W270, zero_rad: 3.14159265, second: {id: 4, reversed: true, zero_rad: 3.1}}",
+)
+FEETECH_PAIR = (
+    "{id: 2, model: STS3215-12V, zero_rad: 3.14159265}",
+    "{id: 2, model: STS3215-12V, zero_rad: 3.14159265, homing_offset: -31, "
+    "second: {id: 7, reversed: true, zero_rad: 3.2, homing_offset: 85}}",
+)
 MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
 
 

@@ -17,7 +17,7 @@ from robot_io.drivers.serial_force.line import SerialLineSettings
 from robot_io.drivers.serial_force.loadstar import LoadstarSettings
 from robot_io.drivers.serial_force.lorenz import LorenzSettings
 from robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
-from robot_io.drivers.servo.joints import ServoMounting
+from robot_io.drivers.servo.settings import ServoMounting
 
 EDGES = [  # first and last that is taken, just beyond them, and the value that may be left out
     (CanLineSettings, "bitrate", (1, 1_000_000), (0, 1_000_001), None),

@@ -33,6 +33,7 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
         "feetech, program killed",
         "cell, not a number",
     ),
+    *("dynamixel_pair, second servo's horn slips", "feetech_pair, second servo overloaded"),
     *("lorenz, unplugged", "lorenz, saturated", "lines, saturated"),
 }
 
