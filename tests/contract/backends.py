@@ -19,7 +19,7 @@ from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
-from tests.wire.parts import DYNAMIXEL_PAIR, FEETECH_PAIR
+from tests.wire.parts import DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -163,6 +163,15 @@ def open_odrive_and_mark10() -> Bench:
     return open_wired(parse_robot_file(gauge, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_odrive_and_net_ft() -> Bench:
+    """One axis of an ATI sensor on the network, in pounds, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    for old, new in NET_FT:
+        text = text.replace(old, new)
+    pounds = text.replace("counts_per_force: 1000000", "counts_per_force: 4500000, unit: lbf, reversed: true")
+    return open_wired(parse_robot_file(pounds, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -203,6 +212,7 @@ BACKENDS = [
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("odrive_0.6_mark10", open_odrive_and_mark10),
+    Backend("odrive_0.6_net_ft", open_odrive_and_net_ft),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
     Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),

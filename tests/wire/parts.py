@@ -51,6 +51,16 @@ FEETECH_PAIR = (
     "second: {id: 7, reversed: true, zero_rad: 3.2, homing_offset: 85}}",
 )
 MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
+NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their places
+    (
+        LINES[0],
+        "{driver: net_ft, bus: load_cell, axis: z, capacity_n: 100.0, counts_per_force: 1000000}",
+    ),
+    (
+        "driver: serial_line\n    port: /dev/serial/by-id/usb-Loadstar_DI-1000\n    baud_rate: 230400",
+        "driver: net_ft_line\n    host: 192.168.1.1",
+    ),
+)
 
 
 class WireBench:

@@ -20,6 +20,7 @@ from tests.wire.parts import (
     LINES,
     MARK10,
     MOTEUS,
+    NET_FT,
     ODRIVE,
     ROBSTRIDE,
     ROOT,
@@ -63,6 +64,7 @@ FAMILIES = {
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
     "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
+    "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT),
     "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
@@ -327,6 +329,16 @@ _FORCE_ROWS = {
     ),
     "lines": _streamed(17, 22),
     "mark10": _streamed(17, 30, _SILENT),
+    "net_ft": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        *[(11, BRAKED + 5, "no reading for")] * 2,
+        (2, BRAKED + 2, "the sensor says 'broken gage (status 0x80000004)'"),
+        (2, BRAKED + 2, "force sensor: at the end of its range"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
+    ),
     "cell": (
         *[(11, BRAKED + 5, "no reading for")] * 3,
         GOES_ON,
