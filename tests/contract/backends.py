@@ -19,7 +19,7 @@ from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
-from tests.wire.parts import DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT
+from tests.wire.parts import BOTA, DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -172,6 +172,15 @@ def open_odrive_and_net_ft() -> Bench:
     return open_wired(parse_robot_file(pounds, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_odrive_and_bota() -> Bench:
+    """One axis of a Bota sensor, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    for old, new in BOTA:
+        text = text.replace(old, new)
+    turned = text.replace("axis: y", "axis: y, reversed: true, rate_hz: 400")
+    return open_wired(parse_robot_file(turned, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -213,6 +222,7 @@ BACKENDS = [
     Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("odrive_0.6_mark10", open_odrive_and_mark10),
     Backend("odrive_0.6_net_ft", open_odrive_and_net_ft),
+    Backend("odrive_0.6_bota", open_odrive_and_bota),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
     Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),

@@ -51,6 +51,10 @@ FEETECH_PAIR = (
     "second: {id: 7, reversed: true, zero_rad: 3.2, homing_offset: 85}}",
 )
 MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
+BOTA = (  # one axis of a Bota sensor, in its place, on a line that is fast enough
+    (LINES[0], "{driver: bota, bus: load_cell, axis: y, capacity_n: 100.0}"),
+    ("baud_rate: 230400", "baud_rate: 460800"),
+)
 NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their places
     (
         LINES[0],

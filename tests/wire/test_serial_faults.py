@@ -19,13 +19,15 @@ from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, LINES, MARK10, ODRIVE
+from tests.wire.parts import BOTA, CUBEMARS, LINES, MARK10, NET_FT, ODRIVE
 
 SENSORS = {
     "loadstar": (ODRIVE, ()),
     "lorenz": (CUBEMARS, ()),
     "force_lines": (ODRIVE, (LINES,)),
     "mark10": (ODRIVE, (MARK10,)),
+    "bota": (ODRIVE, BOTA),
+    "net_ft": (ODRIVE, NET_FT),
 }
 
 

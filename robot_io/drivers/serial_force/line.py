@@ -202,6 +202,11 @@ class SerialLine(ForceLine):
         """See `ForceLine.label`."""
         return f"serial port {self._own.port}"
 
+    @property
+    def baud_rate(self) -> int:
+        """By the robot file [bit/s]."""
+        return self._own.baud_rate
+
     def configure(self) -> None:
         """Open the port. DeviceError: it is not there, not permitted, or in use."""
         self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)

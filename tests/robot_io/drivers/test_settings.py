@@ -5,6 +5,7 @@ from math import pi
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from robot_io.drivers.bota.sensor import BotaSettings
 from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
@@ -21,6 +22,7 @@ from robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCe
 from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 
 EDGES = [  # first and last that is taken, just beyond them, and the value that may be left out
+    (BotaSettings, "rate_hz", (100, 800), (50, 801), 800),
     (CanLineSettings, "bitrate", (1, 1_000_000), (0, 1_000_001), None),
     (DynamixelSettings, "baud_rate", (57_600, 4_500_000), (9_600, 5_000_000), 4_000_000),
     (DynamixelSettings, "return_delay_s", (0.0, 0.000508), (-1e-6, 0.00051), 0.0),

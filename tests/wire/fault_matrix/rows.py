@@ -12,6 +12,7 @@ from pathlib import Path
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import (
+    BOTA,
     CELL,
     CUBEMARS,
     DAMIAO,
@@ -65,6 +66,7 @@ FAMILIES = {
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
     "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
     "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT),
+    "bota": Family("Bota, serial", ODRIVE, "load_cell", 10, BOTA, late_s=0.02),
     "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
@@ -336,6 +338,17 @@ _FORCE_ROWS = {
         *[(11, BRAKED + 5, "no reading for")] * 2,
         (2, BRAKED + 2, "the sensor says 'broken gage (status 0x80000004)'"),
         (2, BRAKED + 2, "force sensor: at the end of its range"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
+    ),
+    "bota": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        (11, BRAKED + 5, "no reading for"),
+        (2, BRAKED, "the port was unplugged"),
+        (3, BRAKED + 2, "the sensor says 'invalid measurements'"),
+        (3, BRAKED + 2, "force sensor: at the end of its range"),
         (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),
