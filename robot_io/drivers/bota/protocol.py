@@ -140,7 +140,7 @@ class BotaStream:
                 self._odd_us = time_us
                 return False
             if (time_us - self._time_us) % _TIMES >= _TIMES // 2:
-                self._restarted = "the sensor has restarted, and measures as it was delivered"
+                self._restarted = "the sensor has restarted, with the settings that it keeps"
         self._time_us, self._odd_us = time_us, None
         return True
 

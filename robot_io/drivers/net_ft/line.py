@@ -43,7 +43,11 @@ class _Socket:
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.connect((host, port))
+        try:
+            self._socket.connect((host, port))
+        except (OSError, UnicodeError):
+            self._socket.close()
+            raise
         self.fileno, self.write, self.close = self._socket.fileno, self._socket.send, self._socket.close
 
     def read(self, size: int) -> bytes:
@@ -72,7 +76,7 @@ class NetFtLine(ForceLine):
         """Open a socket. DeviceError: the host has no address, or there is no way to it."""
         try:
             self._port = _Socket(self._own.host, self._own.rdt_port)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # the latter for what can be no host's name
             raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
 
     def read_configuration(self) -> Configuration:

@@ -14,6 +14,7 @@ from robot_io.examination import Examinable
 from robot_io.files.file_model import Positive
 
 _ANSWER_S, _REQUESTS = 0.2, 3
+_AGREE = 1e-6  # of a scale
 
 
 class NetFtSettings(AxisForceSettings):
@@ -41,10 +42,10 @@ class NetFt(SerialForceSensor, Examinable):
         own, found = self._own, self._bus.read_configuration()
         newtons_per_count = newtons_per(found.unit) / found.counts_per_force
         stated = newtons_per(own.unit) / own.counts_per_force
-        if abs(newtons_per_count - stated) > 1e-6 * stated:
+        if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
             raise DeviceError(
-                f"{self._bus.label}: counts {found.counts_per_force:g} for 1 {found.unit}, the robot file "
-                f"says {own.counts_per_force:g} for 1 {own.unit}: another configuration is active"
+                f"{self._bus.label}: counts {found.counts_per_force:.10g} for 1 {found.unit}, the robot file "
+                f"says {own.counts_per_force:.10g} for 1 {own.unit}: another configuration is active"
             )
         if not found.is_streaming:
             raise DeviceError(f"{self._bus.label}: RDT is disabled: enable it on its page 'Communications'")

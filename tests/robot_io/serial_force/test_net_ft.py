@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_io.driver import DriverCatalogue
 from robot_io.drivers.net_ft import protocol
 from robot_io.drivers.net_ft.configuration import parse_configuration
 from robot_io.drivers.net_ft.protocol import NetFtStream, decode_record
 from robot_io.errors import DeviceError, ProtocolError
+from robot_io.robot import build_robot
+from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.emulators.net_ft import EmulatedNetFt, record
@@ -139,8 +142,8 @@ def sensor(arm):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, the robot file says 1e\\+06 for 1 N"),
-        ({"unit": "lbf"}, "counts 1e\\+06 for 1 lbf, the robot file says"),
+        ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, the robot file says 1000000 for 1 N"),
+        ({"unit": "lbf"}, "counts 1000000 for 1 lbf, the robot file says"),
         ({"enabled": False}, "RDT is disabled"),
         ({"hear": lambda data, now_s: b""}, "sends no records"),
         ({"page": lambda: b"no"}, "is no configuration of a Net F/T"),
@@ -156,6 +159,24 @@ def test_nobody_there_is_named(arm):
     arm.arm.wires["load_cell"].close()
     with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
         arm.robot.configure()
+
+
+@pytest.mark.parametrize("host", ["..", "x" * 64, "no.such.host.invalid"])
+def test_what_is_no_host_is_named(arm, host):
+    text = arm.arm.robot_file.text.replace("host: 127.0.0.1", f"host: {host}")
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="cannot be reached"):
+        robot.buses["load_cell"].configure()
+
+
+@pytest.mark.parametrize("counts", [1e-320, 1e300])
+def test_a_scale_beyond_reason_is_another_one(arm, counts):
+    text = arm.arm.robot_file.text.replace("counts_per_force: 1000000", f"counts_per_force: {counts!r}")
+    text = text.replace("1e+300", "1.0e+300").replace("1e-320", "1.0e-320")
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="another configuration is active"):
+        robot.configure()
+    robot.close()
 
 
 def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
