@@ -27,7 +27,10 @@ class FaultKind(StrEnum):
     STUCK = "stuck"  # the sensor's value stays as it is
     NOT_A_NUMBER = "not_a_number"  # the sensor sends something that is no number
     SATURATED = "saturated"  # the sensor sends the end of its range
-    REVERSED = "reversed"  # the sensor's sign is wrong
+    REVERSED = "reversed"  # the sensor's sign is wrong, or the motor's
+    LIMP = "limp"  # the motor exerts nothing, and all else of it goes on
+    DEAF = "deaf"  # a servo heeds no goals any more, and goes on with its last
+    SLIPPED = "slipped"  # the motor's horn slips on its joint, by 0.1 rad
 
 
 class Fault(FileModel):

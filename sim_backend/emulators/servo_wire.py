@@ -8,15 +8,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, pi
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self, TypeVar
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from robot_io.files.file_model import FileModel, Number
 from sim_backend.emulators.bench import EmulatedWire, heard_at
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.shaft import Shaft
 
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
+_SLIP_RAD = 0.1
 
 
 class ServoMounting(FileModel, extra="ignore"):
@@ -28,6 +31,14 @@ class ServoMounting(FileModel, extra="ignore"):
     model: str  # by its maker's name
     reversed: bool = False  # whether a positive count turns the joint backwards
     zero_rad: Number = pi  # joint angle where the servo shows position 0, whole turns aside [rad]
+    second: Self | None = None  # the other servo of a joint that two turn; of the same model if it says none
+
+    @model_validator(mode="before")
+    @classmethod
+    def _second_is_alike(cls, data: object) -> object:
+        if isinstance(data, dict) and isinstance(data.get("second"), dict):
+            return data | {"second": {"model": data.get("model")} | data["second"]}
+        return data
 
     @field_validator("model")
     @classmethod
@@ -37,11 +48,29 @@ class ServoMounting(FileModel, extra="ignore"):
         return name
 
 
+MountingType = TypeVar("MountingType", bound=ServoMounting)
+
+
+def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
+    """All servos of joints, and where each sits: one or two for each joint, from base to tip."""
+    placed = []
+    for joint, mounting in enumerate(mountings):
+        shaft = Shaft(plant, joint)
+        placed.append((mounting, shaft))
+        if mounting.second:
+            shaft.beside = Shaft(plant, joint)
+            shaft.beside.beside = shaft
+            placed.append((mounting.second, shaft.beside))
+    return placed
+
+
 class LineServo(ABC):
     """One servo of a line."""
 
     id: int  # its id
     stuck: bool  # whether its position sensor has frozen
+    deaf: bool = False  # whether it heeds no goals
+    shaft: Shaft | None  # its end of a joint, None for one that just holds
 
     @property
     @abstractmethod
@@ -159,6 +188,12 @@ class ServoWire(EmulatedWire):
         if reboot:
             servo.reboot(now_s, reboot.delay_s or REBOOT_S)
         servo.stuck = strikes(FaultKind.STUCK, servo.id, now_s) is not None
+        servo.deaf = strikes(FaultKind.DEAF, servo.id, now_s) is not None
+        if servo.shaft:
+            servo.shaft.limp = strikes(FaultKind.LIMP, servo.id, now_s) is not None
+            servo.shaft.backwards = strikes(FaultKind.REVERSED, servo.id, now_s) is not None
+            slipped = strikes(FaultKind.SLIPPED, servo.id, now_s) is not None
+            servo.shaft.slipped_rad = _SLIP_RAD if slipped else 0.0
 
     def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> Frame:
         """Put what some servos say on the line, after what is on it already."""

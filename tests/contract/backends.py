@@ -1,6 +1,6 @@
 """The backends that keep the contract. A new one adds itself to `BACKENDS`; every test here runs on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +13,13 @@ from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
 from sim_backend.emulators.wiring import wire_up
+from sim_backend.hidden import hidden_effects
+from sim_backend.imperfection import Imperfection
+from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
+from tests.wire.parts import BOTA, DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -106,10 +110,11 @@ def open_simulation() -> Bench:
 ROBOTS = ROOT / "robots"
 
 
-def open_wired(robot_file: RobotFile, watchdog_s: float | None) -> Bench:
+def open_wired(robot_file: RobotFile, watchdog_s: float | None, hidden: Sequence[Imperfection] = ()) -> Bench:
     """Real drivers in lock-step with emulated devices."""
     clock = SimulatedClock()
-    arm = wire_up(robot_file, load_scenario("default", ROOT), clock)
+    effects = hidden_effects(hidden, robot_file.joint_count)
+    arm = wire_up(robot_file, load_scenario("default", ROOT), clock, effects=effects)
     robot = build_robot(arm.robot_file, DriverCatalogue(), clock)
 
     def press(force_n: float) -> None:
@@ -158,6 +163,24 @@ def open_odrive_and_mark10() -> Bench:
     return open_wired(parse_robot_file(gauge, ROBOTS / "odrive_3dof.yaml"), 0.05)
 
 
+def open_odrive_and_net_ft() -> Bench:
+    """One axis of an ATI sensor on the network, in pounds, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    for old, new in NET_FT:
+        text = text.replace(old, new)
+    pounds = text.replace("counts_per_force: 1000000", "counts_per_force: 4500000, unit: lbf, reversed: true")
+    return open_wired(parse_robot_file(pounds, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
+def open_odrive_and_bota() -> Bench:
+    """One axis of a Bota sensor, mounted the other way round."""
+    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
+    for old, new in BOTA:
+        text = text.replace(old, new)
+    turned = text.replace("axis: y", "axis: y, reversed: true, rate_hz: 400")
+    return open_wired(parse_robot_file(turned, ROBOTS / "odrive_3dof.yaml"), 0.05)
+
+
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
     path = ROBOTS / "odrive_3dof.yaml"
@@ -176,6 +199,14 @@ def open_documented() -> Bench:
     return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 
+def open_pair(name: str, pair: tuple[str, str], rotor_kg_m2: float = 0.0) -> Bench:
+    """Two servos on the first joint, one of them mirrored; their rotors are what they drive most of."""
+    path = ROBOTS / f"{name}.yaml"
+    robot_file = parse_robot_file(path.read_text(encoding="utf-8").replace(*pair), path)
+    rotors = [Armature(joint=1, inertia_kg_m2=2.0 * rotor_kg_m2)] if rotor_kg_m2 else []
+    return open_wired(robot_file, None, rotors)
+
+
 def open_plain_dynamixel() -> Bench:
     """Other servos, with the plain sync read, and the velocity by differentiation."""
     text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
@@ -190,6 +221,8 @@ BACKENDS = [
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
     Backend("odrive_0.6_cell", open_odrive_and_cell),
     Backend("odrive_0.6_mark10", open_odrive_and_mark10),
+    Backend("odrive_0.6_net_ft", open_odrive_and_net_ft),
+    Backend("odrive_0.6_bota", open_odrive_and_bota),
     Backend("documented_driver", open_documented),
     Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
     Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),
@@ -200,6 +233,8 @@ BACKENDS = [
     Backend("dynamixel_plain", open_plain_dynamixel),
     # servos without torque mode and watchdog, and a load cell for 20 dollars
     Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
+    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR)),
+    Backend("feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True)),
     Backend(
         "simulation",
         open_simulation,

@@ -41,7 +41,30 @@ CELL = (  # one on a microcontroller, in its place
     "{driver: microcontroller_cell, bus: load_cell, capacity_n: 100.0, newtons_per_count: 2.0e-5, "
     "zero_counts: -30000, rate_hz: 320}",
 )
+DYNAMIXEL_PAIR = (  # a second servo on the shoulder, mirrored
+    "{id: 1, model: XM540-W270, zero_rad: 3.14159265}",
+    "{id: 1, model: XM540-W270, zero_rad: 3.14159265, second: {id: 4, reversed: true, zero_rad: 3.1}}",
+)
+FEETECH_PAIR = (
+    "{id: 2, model: STS3215-12V, zero_rad: 3.14159265}",
+    "{id: 2, model: STS3215-12V, zero_rad: 3.14159265, homing_offset: -31, "
+    "second: {id: 7, reversed: true, zero_rad: 3.2, homing_offset: 85}}",
+)
 MARK10 = (LINES[0], "{driver: mark10, bus: load_cell, capacity_n: 100.0}")  # a gauge, in its place
+BOTA = (  # one axis of a Bota sensor, in its place, on a line that is fast enough
+    (LINES[0], "{driver: bota, bus: load_cell, axis: y, capacity_n: 100.0}"),
+    ("baud_rate: 230400", "baud_rate: 460800"),
+)
+NET_FT = (  # one axis of a Net F/T, and the network that it is on, in their places
+    (
+        LINES[0],
+        "{driver: net_ft, bus: load_cell, axis: z, capacity_n: 100.0, counts_per_force: 1000000}",
+    ),
+    (
+        "driver: serial_line\n    port: /dev/serial/by-id/usb-Loadstar_DI-1000\n    baud_rate: 230400",
+        "driver: net_ft_line\n    host: 192.168.1.1",
+    ),
+)
 
 
 class WireBench:

@@ -12,20 +12,22 @@ import pytest
 from robot_io.clock import MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.drivers.serial_force import lorenz_protocol as lorenz
-from robot_io.drivers.serial_force.line import SerialReader
 from robot_io.drivers.serial_force.loadstar import loadstar_stream
+from robot_io.drivers.serial_force.reader import SerialReader
 from robot_io.errors import DeviceError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS, LINES, MARK10, ODRIVE
+from tests.wire.parts import BOTA, CUBEMARS, LINES, MARK10, NET_FT, ODRIVE
 
 SENSORS = {
     "loadstar": (ODRIVE, ()),
     "lorenz": (CUBEMARS, ()),
     "force_lines": (ODRIVE, (LINES,)),
     "mark10": (ODRIVE, (MARK10,)),
+    "bota": (ODRIVE, BOTA),
+    "net_ft": (ODRIVE, NET_FT),
 }
 
 

@@ -14,14 +14,12 @@ from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, V
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
 from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.joints import ServoJoints, middle_of
 from robot_io.examination import Finding
-from robot_io.serial_port import SerialPort
 from robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """What one count of position [rad], velocity [rad/s] and current [N m] is at the joints, shape (3, n)."""
+    """What one count of position [rad], velocity [rad/s] and current [N m] is at the joints, shape (3, m)."""
     direction = np.array([servo.direction for servo in servos])
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]
     current_a = [servo.servo_model.current_step_a for servo in servos]
@@ -36,33 +34,31 @@ class DynamixelBus(ServoBus):
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._settings = own = context.settings_as(DynamixelSettings, settings)
-        port = SerialPort(own.port, own.baud_rate, context.clock)
-        limits = context.robot_file.limits
-        middle_rad = middle_of(limits.position_min_rad, limits.position_max_rad, len(own.servos))
-        joints = ServoJoints(own.servos, middle_rad, count_steps(own.servos))
-        super().__init__(port, [servo.id for servo in own.servos], joints, context)
-        self._torque_steps_nm: list[float] = joints.steps[2].tolist()
-        self._line: DynamixelLine = DynamixelLine(own, port, context.clock)
-        self._largest_current = [servo.servo_model.largest_current for servo in own.servos]
+        super().__init__(own, count_steps(own.turning), context)
+        self._torque_steps_nm: list[float] = self._joints.steps[2].tolist()
+        self._line: DynamixelLine = DynamixelLine(own, self._port, context.clock)
+        self._largest_current = [servo.servo_model.largest_current for servo in own.turning]
 
     @property
     def identities(self) -> tuple[ServoIdentity, ...]:
         """Who answered when the bus was configured."""
         return self._line.identities
 
-    def examine(self) -> tuple[Finding, ...]:
-        """See `Examinable.examine`; also finds servos under other ids and at another baud rate."""
-        return tuple(examine_servos(self._settings, self._port, self._clock))
+    def _examine_servos(self) -> list[Finding]:
+        """Also finds servos under other ids and at another baud rate."""
+        return examine_servos(self._settings, self._port, self._clock)
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`; the servos wait before they answer."""
         wire_s = super().tick_wire_s()
-        return None if wire_s is None else wire_s + self._settings.return_delay_s * self.joint_count
+        return None if wire_s is None else wire_s + self._settings.return_delay_s * len(self._ids)
 
     def _prepare_feedback(self) -> FeedbackReader[Feedback]:
         self._line.identify()
         self._line.prepare_feedback()
-        self._largest_current = [identity.current_limit for identity in self.identities]
+        limits = np.array([identity.current_limit for identity in self.identities])
+        steps_nm = np.abs(self._joints.steps[2])
+        self._largest_current = (self._pairs.weaker(limits * steps_nm) / steps_nm + 1e-9).astype(int).tolist()
         return self._line.feedback_reader()
 
     def _prepare_torque(self) -> None:
@@ -74,20 +70,24 @@ class DynamixelBus(ServoBus):
         return position, velocity, current
 
     def _problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return feedback_problem(feedback, self._ids, self._settings.watchdog, powered=self._powered)
+        return feedback_problem(feedback, self._labels, self._settings.watchdog, powered=self._powered)
 
     def _hardware_problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return hardware_problem(feedback, self._ids)
+        return hardware_problem(feedback, self._labels)
 
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
         counts = [
             min(max(round(torque / step), -most), most)
             for torque, step, most in zip(
-                torque_nm.tolist(), self._torque_steps_nm, self._largest_current, strict=True
+                self._pairs.shares(torque_nm).tolist(),
+                self._torque_steps_nm,
+                self._largest_current,
+                strict=True,
             )
         ]
         goals = zip(self._ids, map(GOAL_CURRENT.encode, counts), strict=True)
-        return protocol.sync_write(GOAL_CURRENT.address, dict(goals)), counts * self._joints.steps[2]
+        sent_nm = self._pairs.summed(counts * self._joints.steps[2])
+        return protocol.sync_write(GOAL_CURRENT.address, dict(goals)), sent_nm
 
     @property
     def _goals_size(self) -> int:

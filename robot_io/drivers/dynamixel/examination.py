@@ -28,14 +28,13 @@ def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) 
         DeviceError: the port failed.
     """
     there = _ids_on_line(port, clock)
-    wanted = [servo.id for servo in settings.servos]
+    wanted = settings.ids
     if not set(there) & set(wanted):
         return _none_answers(settings, port, clock, there)
     access = DynamixelAccess(port, clock)
     strangers = [servo_id for servo_id in there if servo_id not in wanted]
     observations: list[Finding] = []
-    for joint, servo in enumerate(settings.servos, 1):
-        label = f"servo {servo.id} (joint {joint})"
+    for label, servo in zip(settings.labels, settings.turning, strict=True):
         if servo.id in there:
             observations += _look_at(access, servo, label)
         else:
@@ -53,9 +52,8 @@ def _none_answers(
     settings: DynamixelSettings, port: SerialPort, clock: Clock, there: Sequence[int]
 ) -> list[Finding]:
     """None of the servos answers: others may, or all of them at another baud rate."""
-    wanted = [servo.id for servo in settings.servos]
     if there:
-        value = f"{_listed(wanted)} silent, on the line are {_listed(there)}"
+        value = f"{_listed(settings.ids)} silent, on the line are {_listed(there)}"
         return [fail("servos", value, "correct the ids in the robot file or in the servos")]
     for baud_rate in get_args(DynamixelSettings.model_fields["baud_rate"].annotation):
         found = _heard_at(baud_rate, port, clock) if baud_rate != settings.baud_rate else []
@@ -133,6 +131,9 @@ def _state(access: DynamixelAccess, servo: ServoSettings, label: str) -> list[Fi
     trouble = tables.drive_mode_trouble(access.read(servo.id, tables.DRIVE_MODE))
     if trouble:
         observations.append(fail(label, f"drive mode: {trouble}", "set its drive mode to 0"))
+    moved = servo.homing_trouble(access.read(servo.id, tables.HOMING_OFFSET))
+    if moved:
+        observations.append(fail(label, moved, "calibrate its zero again, and state the new offset"))
     return observations
 
 

@@ -151,18 +151,17 @@ class _FastReader(FeedbackReader[Feedback]):
 
 
 def feedback_problem(
-    feedback: Sequence[Feedback], servo_ids: Sequence[int], watchdog: int, *, powered: bool
+    feedback: Sequence[Feedback], labels: Sequence[str], watchdog: int, *, powered: bool
 ) -> str | None:
     """Why some of the feedback of all servos cannot be trusted, or None.
 
     Args:
         feedback: of all servos.
-        servo_ids: their ids.
+        labels: what to call them.
         watchdog: the value to which the bus watchdog was set.
         powered: whether the torque was switched on.
     """
-    for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1):
-        where = f"servo {servo_id} (joint {joint})"
+    for where, servo in zip(labels, feedback, strict=True):
         fired = servo.watchdog == WATCHDOG_FIRED
         if powered and fired:
             return f"{where}: its bus watchdog has fired, its torque is off"
@@ -174,11 +173,11 @@ def feedback_problem(
     return None
 
 
-def hardware_problem(feedback: Sequence[Feedback], servo_ids: Sequence[int]) -> str | None:
+def hardware_problem(feedback: Sequence[Feedback], labels: Sequence[str]) -> str | None:
     """The hardware errors of all servos, by name, or None."""
     problems = [
-        f"servo {servo_id} (joint {joint}): hardware error: {hardware_error_names(servo.hardware_error)}"
-        for joint, (servo_id, servo) in enumerate(zip(servo_ids, feedback, strict=True), 1)
+        f"{label}: hardware error: {hardware_error_names(servo.hardware_error)}"
+        for label, servo in zip(labels, feedback, strict=True)
         if servo.alert or servo.hardware_error
     ]
     return "; ".join(problems) or None

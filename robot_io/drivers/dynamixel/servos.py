@@ -48,6 +48,7 @@ class ServoIdentity:
     firmware: int  # firmware version
     voltage_v: float  # input voltage [V]
     temperature_c: float  # inside it [degrees Celsius]
+    homing_offset: int  # what is added to its position [counts]
     current_limit: int  # largest current it takes, in its unit
     hardware_error: str  # names of its hardware errors, or "none"
 
@@ -61,11 +62,12 @@ class DynamixelLine(ServoLine):
 
     dialect: ClassVar[Dialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
+    present_position = tables.PRESENT_POSITION
     ping_size = protocol.PING_SIZE
     registers: DynamixelAccess
 
     def __init__(self, settings: DynamixelSettings, port: SerialPort, clock: Clock) -> None:
-        super().__init__(port, DynamixelAccess(port, clock), [servo.id for servo in settings.servos])
+        super().__init__(port, DynamixelAccess(port, clock), settings.ids)
         self._settings, self._clock = settings, clock
         self.identities: tuple[ServoIdentity, ...] = ()
 
@@ -75,7 +77,7 @@ class DynamixelLine(ServoLine):
         DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
         """
         self._check_all_there(self._settings.baud_rate)
-        self.identities = tuple(self._identify(servo) for servo in self._settings.servos)
+        self.identities = tuple(self._identify(servo) for servo in self._settings.turning)
 
     def _identify(self, servo: ServoSettings) -> ServoIdentity:
         number, firmware = self.registers.who(servo.id)
@@ -93,6 +95,10 @@ class DynamixelLine(ServoLine):
         trouble = tables.drive_mode_trouble(read(servo.id, tables.DRIVE_MODE))
         if trouble:
             raise DeviceError(f"servo {servo.id}: its drive mode says: {trouble}")
+        homing_offset = read(servo.id, tables.HOMING_OFFSET)
+        moved = servo.homing_trouble(homing_offset)
+        if moved:
+            raise DeviceError(f"servo {servo.id}: {moved}")
         errors = tables.hardware_error_names(read(servo.id, tables.HARDWARE_ERROR_STATUS))
         return ServoIdentity(
             id=servo.id,
@@ -100,6 +106,7 @@ class DynamixelLine(ServoLine):
             firmware=firmware,
             voltage_v=0.1 * read(servo.id, tables.PRESENT_INPUT_VOLTAGE),
             temperature_c=float(read(servo.id, tables.PRESENT_TEMPERATURE)),
+            homing_offset=homing_offset,
             current_limit=min(read(servo.id, tables.CURRENT_LIMIT), servo.servo_model.largest_current),
             hardware_error=errors,
         )
@@ -108,7 +115,7 @@ class DynamixelLine(ServoLine):
         """What reads the servos in each tick, by the fastest way that all of them know."""
         fast = self._settings.fast_sync_read and all(
             identity.firmware >= servo.servo_model.fast_sync_read_firmware
-            for identity, servo in zip(self.identities, self._settings.servos, strict=True)
+            for identity, servo in zip(self.identities, self._settings.turning, strict=True)
         )
         indirect_data = self._settings.servos[0].servo_model.indirect_data
         return feedback_reader(self._port, self._clock, self._ids, indirect_data, fast=fast)

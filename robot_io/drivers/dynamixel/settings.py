@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from robot_io.drivers.dynamixel.tables import (
+    LARGEST_HOMING_OFFSET,
     LARGEST_RETURN_DELAY,
     LARGEST_WATCHDOG,
     MODELS,
@@ -13,8 +14,8 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_STEP_S,
     ServoModel,
 )
-from robot_io.drivers.servo.joints import ServoMounting
-from robot_io.files.file_model import FileModel, NotNegative, Positive
+from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from robot_io.files.file_model import NotNegative, Positive
 
 
 class ServoSettings(ServoMounting):
@@ -22,6 +23,9 @@ class ServoSettings(ServoMounting):
 
     known_models: ClassVar[Collection[str]] = MODELS
 
+    homing_offset: (
+        Annotated[int, Field(ge=-LARGEST_HOMING_OFFSET, le=LARGEST_HOMING_OFFSET, strict=True)] | None
+    ) = None
     torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
 
     @property
@@ -30,11 +34,9 @@ class ServoSettings(ServoMounting):
         return MODELS[self.model]
 
 
-class DynamixelSettings(FileModel):
+class DynamixelSettings(ServoBusSettings[ServoSettings]):
     """A bus."""
 
-    # Device file; /dev/serial/by-id/... stays the same when plugs are changed.
-    port: Annotated[str, Field(min_length=1)]
     # As set in the servos [bit/s].
     baud_rate: Literal[57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000] = 4_000_000
     # How long a servo waits before it answers, in steps of 2 us [s].
@@ -42,7 +44,6 @@ class DynamixelSettings(FileModel):
     # A servo that hears nothing for so long lets go, in steps of 20 ms [s].
     watchdog_s: Annotated[Positive, Field(ge=WATCHDOG_STEP_S, le=LARGEST_WATCHDOG * WATCHDOG_STEP_S)] = 0.06
     fast_sync_read: bool = True  # use it if the firmware of all servos knows it
-    servos: Annotated[tuple[ServoSettings, ...], Field(min_length=1)]  # one for each joint, from base to tip
 
     @property
     def return_delay(self) -> int:
@@ -55,11 +56,7 @@ class DynamixelSettings(FileModel):
         return max(1, round(self.watchdog_s / WATCHDOG_STEP_S))
 
     @model_validator(mode="after")
-    def _can_share_a_bus(self) -> "DynamixelSettings":
-        ids = [servo.id for servo in self.servos]
-        twice = next((servo_id for servo_id in ids if ids.count(servo_id) > 1), None)
-        if twice is not None:
-            raise ValueError(f"servos: id {twice} is there twice")
+    def _keep_their_data_alike(self) -> "DynamixelSettings":
         if len({servo.servo_model.indirect_data for servo in self.servos}) > 1:
             raise ValueError("servos: X330 and larger models keep their data elsewhere, and need two buses")
         return self

@@ -21,6 +21,7 @@ from robot_io.drivers.servo.stream import bit_names
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
 DRIVE_MODE: Final = Register("drive mode", 10, 1)
 OPERATING_MODE: Final = Register("operating mode", 11, 1)
+HOMING_OFFSET: Final = Register("homing offset", 20, 4, signed=True)  # added to the position it shows
 MAX_VOLTAGE_LIMIT: Final = Register("max voltage limit", 32, 2)  # 0.1 V
 MIN_VOLTAGE_LIMIT: Final = Register("min voltage limit", 34, 2)  # 0.1 V
 CURRENT_LIMIT: Final = Register("current limit", 38, 2)
@@ -44,6 +45,7 @@ WATCHDOG_FIRED: Final = -1
 
 RETURN_DELAY_STEP_S: Final = 2e-6
 WATCHDOG_STEP_S: Final = 0.020
+LARGEST_HOMING_OFFSET: Final = 1_044_479
 LARGEST_RETURN_DELAY: Final = 254
 LARGEST_WATCHDOG: Final = 127
 

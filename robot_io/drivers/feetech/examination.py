@@ -11,7 +11,7 @@ from robot_io.examination import Finding, fail, ok
 def examine_servos(settings: FeetechSettings, line: FeetechLine) -> list[Finding]:
     """What every servo of the robot file says of itself. DeviceError: the port failed."""
     labels = dict(zip(settings.ids, settings.labels, strict=True))
-    findings = [_look_at(line, servo, labels[servo.id]) for servo in settings.servos]
+    findings = [_look_at(line, servo, labels[servo.id]) for servo in settings.turning]
     return findings + [_is_there(line, servo_id, labels[servo_id]) for servo_id in settings.hold]
 
 

@@ -57,11 +57,12 @@ class FeetechLine(ServoLine):
 
     Attributes:
         torque_limits: as above.
-        identities: one per servo of a joint, once they have been looked at.
+        identities: one per servo that turns a joint, once they have been looked at.
     """
 
     dialect: ClassVar[Dialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
+    present_position = tables.PRESENT_POSITION
     ping_size = protocol.ID_SIZE
     last_resort = "it has no watchdog and holds its last goal: switch its supply off"
 
@@ -82,8 +83,8 @@ class FeetechLine(ServoLine):
             self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
             self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
-        self.identities = tuple(self.identify_one(servo) for servo in self._settings.servos)
-        for servo, found in zip(self._settings.servos, self.identities, strict=True):
+        self.identities = tuple(self.identify_one(servo) for servo in self._settings.turning)
+        for servo, found in zip(self._settings.turning, self.identities, strict=True):
             trouble = identity_trouble(servo, found)
             if trouble:
                 raise DeviceError(f"servo {servo.id}: {trouble}")
@@ -143,9 +144,4 @@ def identity_trouble(servo: FeetechServo, found: ServoIdentity) -> str | None:
         found.voltage_v > (1 + _VOLTAGE_SHARE) * nominal_v
     ):
         return f"is supplied with {found.voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
-    if servo.homing_offset is not None and servo.homing_offset != found.homing_offset:
-        return (
-            f"has a homing offset of {found.homing_offset}, the robot file says {servo.homing_offset}: "
-            "it has been calibrated anew, and its positions mean other angles"
-        )
-    return None
+    return servo.homing_trouble(found.homing_offset)

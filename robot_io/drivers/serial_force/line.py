@@ -1,19 +1,16 @@
-"""A serial port with one force sensor at its other end, read by a thread of its own."""
+"""The line that a force sensor hangs on, such as a serial port: one sensor, one reader."""
 
-import os
-import select
-import threading
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from math import isnan, nan
-from typing import Annotated, NamedTuple, TypeVar
+from typing import Annotated, ClassVar, Protocol, TypeVar
 
 import numpy as np
 import serial
 from pydantic import Field
 
-from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverContext
 from robot_io.drivers.serial_force.poll import Poll
+from robot_io.drivers.serial_force.reader import ForceSample, SerialReader
 from robot_io.drivers.serial_force.text import Stream
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.files.file_model import FileModel, NotNegative
@@ -24,237 +21,73 @@ from robot_io.types import Reading, Status
 Answer = TypeVar("Answer")
 
 _LOOK_S = 1e-3  # the thread looks at least this often
-_PROMPT_S = 2.5e-3  # between two looks: what is found at the second has just arrived
-_DISCARD = 2  # readings after a damaged one; each time again soon after, so many times
-_DISCARD_MORE = 4  # more, but no more than
-_DISCARD_MOST = 1000
-_SOON = 100  # good readings
-_JUMP_SHARE = 0.01  # of the capacity; a reading that jumps by more needs the next one to confirm it
 _SILENT_SHARE = 0.5  # of the age limit; reported from then on, so that it is known when the limit is reached
 _WRITE_S = 0.2  # more than any question takes
 
 
-class ForceSample(NamedTuple):
-    """One reading in the sensor's own sign [N]; it arrived at `arrived_at_s` or later, robot's clock [s]."""
+class ForceLineSettings(FileModel):
+    """What the robot file says; a line adds its own."""
 
-    force_n: float
-    arrived_at_s: float
-
-
-class SerialReader:
-    """Keeps the newest valid reading of a port; older ones that were not taken are gone.
-
-    When more time than usual has passed between two looks at the port, nobody knows when its bytes came: they
-    are taken to be as old as the look before. So a reader that falls behind shows an old sample and never a
-    fresh one.
-
-    Many protocols have no checksum. So after damaged data the next two readings are discarded, and more of
-    them where that happens again; and a jump by more than 1 % of the capacity is accepted with the next
-    reading only, if that stays there or goes on the same way: a lost byte or a flipped bit shows once. Where
-    each reading has a checksum, none of this is needed.
-
-    Args:
-        file_descriptor: of the port, not blocking.
-        stream: makes readings of bytes.
-        clock: the robot's clock.
-        capacity_n: of the sensor [N].
-        held_back_s: for how long the stream waits for what confirms a reading [s].
-        has_checksums: whether the stream knows by itself what is damaged.
-        poll: asks a sensor that speaks only when it is asked; a reading is then as old as its question.
-
-    Attributes:
-        newest: the newest reading, None before the first.
-        failure: why nothing can be read any more, or None.
-    """
-
-    def __init__(
-        self,
-        file_descriptor: int,
-        stream: Stream,
-        clock: Clock,
-        capacity_n: float,
-        held_back_s: float = 0.0,
-        *,
-        has_checksums: bool = False,
-        poll: Poll | None = None,
-    ) -> None:
-        self._held_back_s, self._has_checksums, self._poll = held_back_s, has_checksums, poll
-        self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
-        self._looked_s = clock.now_s()
-        self._to_discard, self._discard_next = 0, _DISCARD
-        self._good = 0  # readings since the last damaged one
-        self._jump_n = _JUMP_SHARE * capacity_n
-        self._last_n = self._held_n = self._step_n = (
-            nan  # accepted; waiting for the next one; last accepted step
-        )
-        self._implausible = 0
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-        self.newest: ForceSample | None = None
-        self.failure: str | None = None
-
-    @property
-    def rejected(self) -> int:
-        """Damaged and implausible readings so far."""
-        return self._stream.rejected + self._implausible
-
-    @property
-    def complaint(self) -> str:
-        """What the sensor says is wrong with it, or nothing."""
-        return self._stream.complaint
-
-    def start(self) -> None:
-        """Look at the port until `stop`: in a thread, or, on a simulated clock, whenever that has moved on.
-
-        Simulated time stands still meanwhile, so that runs are repeatable.
-        """
-        if isinstance(self._clock, SimulatedClock):
-            self._clock.subscribe(lambda _: self.look())
-            return
-        self._thread = threading.Thread(target=self._run, name="force sensor", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Do not look any more. Can be called again."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-
-    def look(self, wait_s: float = 0.0) -> None:
-        """Take in what has arrived, after waiting for it at most `wait_s` [s]."""
-        if self.failure is not None or self._stop.is_set():
-            return
-        try:
-            readable, _, _ = select.select([self._file_descriptor], [], [], wait_s)
-            data = os.read(self._file_descriptor, 65536) if readable else b""
-        except (OSError, ValueError) as error:
-            self.failure = f"the port failed ({error})"
-            return
-        now_s, before_s = self._clock.now_s(), self._looked_s
-        self._looked_s = now_s
-        if readable and not data:
-            self.failure = "the port was unplugged"
-            return
-        arrived_s = (now_s if now_s - before_s <= _PROMPT_S else before_s) - self._held_back_s
-        self._keep(data, arrived_s)
-        if self._poll:
-            self._ask(self._poll, now_s)
-
-    def _ask(self, poll: Poll, now_s: float) -> None:
-        question = poll.to_send(now_s)
-        try:
-            if question:
-                os.write(self._file_descriptor, question)
-        except OSError as error:
-            self.failure = f"the port failed ({error})"
-
-    def _keep(self, data: bytes, arrived_s: float | None) -> None:
-        rejected = self._stream.rejected
-        samples = self._stream.feed(data)
-        is_damaged = self._stream.rejected != rejected
-        if self._poll and (samples or is_damaged):
-            arrived_s = self._poll.answered()
-        for force_n in self._undamaged(samples, is_damaged=is_damaged):
-            if arrived_s is not None and (self._has_checksums or self._is_plausible(force_n)):
-                self.newest = ForceSample(force_n, arrived_s)
-
-    def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
-        """The readings that have come, without those beside damaged ones or soon after them."""
-        if self._has_checksums:
-            return samples
-        if is_damaged:
-            self._to_discard, self._good = self._discard_next, 0
-            self._held_n = nan
-            if self.newest:  # what a device says of itself before its first reading is no damage
-                self._discard_next = min(_DISCARD_MORE * self._discard_next, _DISCARD_MOST)
-            return []
-        self._good += len(samples)
-        if self._good >= _SOON:
-            self._discard_next = _DISCARD
-        discarded, self._to_discard = self._to_discard, max(0, self._to_discard - len(samples))
-        return samples[discarded:]
-
-    def _is_plausible(self, force_n: float) -> bool:
-        """Whether a reading is near the last one, or confirms a jump, or goes on with one that was confirmed.
-
-        The very first is a jump: it may be a line that was cut.
-        """
-        last_n, held_n, jump_n = self._last_n, self._held_n, self._jump_n
-        is_near = abs(force_n - last_n) <= jump_n
-        before_n, step_before_n = (last_n, self._step_n) if isnan(held_n) else (held_n, held_n - last_n)
-        step_n = force_n - before_n
-        goes_on = step_n * step_before_n > 0.0 and abs(step_n) <= 2.0 * abs(step_before_n) + jump_n
-        if is_near or abs(step_n) <= jump_n or (goes_on and abs(step_before_n) > jump_n):
-            self._step_n = force_n - last_n if is_near else step_n
-            self._implausible += is_near and not isnan(held_n)
-            self._last_n, self._held_n = force_n, nan
-            return True
-        self._implausible += not isnan(held_n)
-        self._held_n = force_n
-        return False
-
-    def _run(self) -> None:
-        try:
-            while not self._stop.is_set() and self.failure is None:
-                self.look(_LOOK_S)
-        except Exception as error:  # a thread must not end unseen
-            self.failure = f"reading failed ({type(error).__name__}: {error})"
-
-
-class SerialLineSettings(FileModel):
-    """What the robot file says."""
-
-    port: Annotated[
-        str, Field(min_length=1, max_length=300)
-    ]  # better /dev/serial/by-id/... than /dev/ttyUSB0
-    baud_rate: Annotated[int, Field(gt=0, le=12_000_000, strict=True)]
     # From sampling in the sensor to arrival: filter, transmission, latency timer of the USB adapter [s].
     delay_s: Annotated[NotNegative, Field(le=1)] = 0.0
 
 
-class SerialLine(Bus):
-    """A serial port, opened exclusively.
+class Port(Protocol):
+    """An open end of a line; nothing waits for long."""
+
+    def fileno(self) -> int:
+        """Its file."""
+
+    def read(self, size: int, /) -> bytes:
+        """What has come, at most `size` bytes or one datagram."""
+
+    def write(self, data: bytes, /) -> object:
+        """Send."""
+
+
+class ForceLine(Bus):
+    """A line with one force sensor.
 
     Attributes:
         sample: newest reading as of the last poll; None before the first.
     """
 
-    name = "serial_line"
+    Settings: ClassVar[type[ForceLineSettings]]
+    reader_type: ClassVar[type[SerialReader]] = SerialReader
+    _own: ForceLineSettings
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._own = context.settings_as(SerialLineSettings, settings)
+        self._own = context.settings_as(self.Settings, settings)
         self._clock = context.clock
         self._silent_s = _SILENT_SHARE * context.robot_file.limits.force_age_s
-        self._port: serial.Serial | None = None
+        self._port: Port | None = None
         self._reader: SerialReader | None = None
         self._capacity_n = float("inf")
         self.sample: ForceSample | None = None
 
     @property
+    @abstractmethod
     def label(self) -> str:
         """What to call it in messages."""
-        return f"serial port {self._own.port}"
 
-    def configure(self) -> None:
-        """Open the port. DeviceError: it is not there, not permitted, or in use."""
-        self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)
-        self._port.reset_input_buffer()
+    @abstractmethod
+    def _close_port(self) -> None:
+        """Close the port that is open."""
 
     def close(self) -> None:
         """End the reading and close the port. Can be called again."""
         if self._reader is not None:
             self._reader.stop()
             self._reader = None
-        port, self._port = self._port, None
-        if port is not None:
-            close_exclusive(port)
+        if self._port is not None:
+            self._close_port()
+            self._port = None
 
     def write(self, data: bytes) -> None:
         """Send bytes to the sensor. DeviceError: the port failed."""
         try:
             self._opened().write(data)
-        except (serial.SerialException, OSError) as error:
+        except OSError as error:
             raise DeviceError(f"{self.label}: cannot be written to ({error})") from error
 
     def ask(
@@ -270,7 +103,7 @@ class SerialLine(Bus):
             self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
             try:
                 data = self._opened().read(4096)
-            except (serial.SerialException, OSError) as error:
+            except OSError as error:
                 raise DeviceError(f"{self.label}: cannot be read ({error})") from error
             answer = understand(data) if data else None
             if answer is not None:
@@ -294,7 +127,7 @@ class SerialLine(Bus):
         DeviceError: the port is not open.
         """
         self._capacity_n = capacity_n
-        self._reader = SerialReader(
+        self._reader = self.reader_type(
             self._opened().fileno(),
             stream,
             self._clock,
@@ -341,7 +174,44 @@ class SerialLine(Bus):
         value = np.array([-force_n if reversed_sign else force_n])
         return Reading(value, arrived_at_s - self._own.delay_s, status)
 
-    def _opened(self) -> serial.Serial:
+    def _opened(self) -> Port:
         if self._port is None:
             raise DeviceError(f"{self.label}: not open")
         return self._port
+
+
+class SerialLineSettings(ForceLineSettings):
+    """What the robot file says."""
+
+    port: Annotated[
+        str, Field(min_length=1, max_length=300)
+    ]  # better /dev/serial/by-id/... than /dev/ttyUSB0
+    baud_rate: Annotated[int, Field(gt=0, le=12_000_000, strict=True)]
+
+
+class SerialLine(ForceLine):
+    """A serial port, opened exclusively."""
+
+    name = "serial_line"
+    Settings = SerialLineSettings
+    _own: SerialLineSettings
+    _port: serial.Serial | None
+
+    @property
+    def label(self) -> str:
+        """See `ForceLine.label`."""
+        return f"serial port {self._own.port}"
+
+    @property
+    def baud_rate(self) -> int:
+        """By the robot file [bit/s]."""
+        return self._own.baud_rate
+
+    def configure(self) -> None:
+        """Open the port. DeviceError: it is not there, not permitted, or in use."""
+        self._port = open_exclusively(self._own.port, self._own.baud_rate, _WRITE_S)
+        self._port.reset_input_buffer()
+
+    def _close_port(self) -> None:
+        if self._port is not None:
+            close_exclusive(self._port)

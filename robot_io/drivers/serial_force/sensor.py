@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import StrictBool
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.line import ForceLine, SerialLine
 from robot_io.errors import DeviceError
 from robot_io.examination import Finding, ok
-from robot_io.files.file_model import FileModel
+from robot_io.files.file_model import FileModel, Positive
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
 
@@ -21,17 +21,25 @@ class SerialForceSettings(FileModel):
     reversed: StrictBool = False  # whether the sensor counts tension as positive
 
 
+class AxisForceSettings(SerialForceSettings):
+    """One axis of a sensor of forces and torques."""
+
+    axis: Literal["x", "y", "z"]  # of the sensor, along which the tool pushes
+    capacity_n: Positive  # of this axis [N]
+
+
 class SerialForceSensor(ForceSensor):
-    """A force sensor on a `serial_line`; one that can be asked who it is, is `Examinable` as well."""
+    """A force sensor on a line of its own; one that can be asked who it is, is `Examinable` as well."""
 
     Settings: ClassVar[type[SerialForceSettings]]
+    line_type: ClassVar[type[ForceLine]] = SerialLine
     end_of_stream: ClassVar[bytes] = b""  # what ends its stream, if it must be told
 
     _own: SerialForceSettings
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
         self._own = context.settings_as(self.Settings, settings)
-        self._bus = context.bus_as(SerialLine)
+        self._bus = context.bus_as(self.line_type)
         self._found = ""  # who answered
 
     def examine(self) -> tuple[Finding, ...]:

@@ -17,6 +17,7 @@ NEWTONS = {
     **dict.fromkeys(("gf", "g"), 1e-3 * _GRAVITY_M_S2),
     **dict.fromkeys(("lbf", "lb", "lbs"), _POUND_N),
     **dict.fromkeys(("ozf", "oz"), _POUND_N / 16),
+    "klbf": 1e3 * _POUND_N,
 }
 
 

@@ -8,26 +8,31 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.joints import ServoJoints, ServoSample
+from robot_io.drivers.servo.joints import ServoJoints, ServoSample, middle_of
 from robot_io.drivers.servo.line import ServoLine
+from robot_io.drivers.servo.pairs import ServoPairs
+from robot_io.drivers.servo.settings import ServoBusSettings
 from robot_io.errors import DeviceError, InputError, LifecycleError
-from robot_io.examination import Examinable
+from robot_io.examination import Examinable, Finding
 from robot_io.interfaces import Bus
 from robot_io.serial_port import SerialPort
 from robot_io.types import FloatArray, Status
 
 
 class ServoBus(Bus, Examinable):
-    """Servos on one half-duplex line, one per joint from base to tip; a maker's bus adds what is its own.
+    """Servos on one half-duplex line, one or two per joint; a maker's bus adds what is its own.
 
     Attributes:
         sample: what the last sync read brought that was answered by all, or None before the first.
     """
 
-    def __init__(
-        self, port: SerialPort, servo_ids: Sequence[int], joints: ServoJoints, context: DriverContext
-    ) -> None:
-        self._port, self._ids, self._joints = port, list(servo_ids), joints
+    def __init__(self, settings: ServoBusSettings[Any], steps: FloatArray, context: DriverContext) -> None:
+        limits = context.robot_file.limits
+        self._port = SerialPort(settings.port, settings.baud_rate, context.clock)
+        self._ids, self._labels = [servo.id for servo in settings.turning], settings.labels
+        self._pairs = ServoPairs(settings, limits)
+        middle_rad = middle_of(limits.position_min_rad, limits.position_max_rad, len(settings.servos))
+        self._joints = ServoJoints(settings.turning, self._pairs, middle_rad, steps)
         self._clock = context.clock
         self._reader: FeedbackReader[Any] | None = None
         self._turns_known = False
@@ -40,6 +45,10 @@ class ServoBus(Bus, Examinable):
     _line: ServoLine
 
     @abstractmethod
+    def _examine_servos(self) -> list[Finding]:
+        """What each servo says of itself. DeviceError: the port failed."""
+
+    @abstractmethod
     def _prepare_feedback(self) -> FeedbackReader[Any]:
         """See that the servos are those of the robot file, and make ready to read; their torque is off."""
 
@@ -49,7 +58,7 @@ class ServoBus(Bus, Examinable):
 
     @abstractmethod
     def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
-        """Position, velocity and torque of all servos, shape (3, n)."""
+        """Position, velocity and torque of all servos that turn joints, shape (3, m)."""
 
     @abstractmethod
     def _problem(self, feedback: Sequence[Any]) -> str | None:
@@ -72,7 +81,7 @@ class ServoBus(Bus, Examinable):
 
     @property
     def joint_count(self) -> int:
-        return len(self._ids)
+        return self._pairs.joint_count
 
     def configure(self) -> None:
         """Open the port, see that the servos are those of the robot file, and switch their torque off."""
@@ -90,6 +99,20 @@ class ServoBus(Bus, Examinable):
         self._reader = None
         self._port.close()
 
+    def examine(self) -> tuple[Finding, ...]:
+        """See `Examinable.examine`; also how far the two servos of a joint stand apart."""
+        return (*self._examine_servos(), *self._examine_pairs())
+
+    def _examine_pairs(self) -> list[Finding]:
+        try:
+            shown = [self._line.registers.read(one, self._line.present_position) for one in self._ids]
+        except DeviceError:
+            return []  # who does not answer has been found already
+        counts = (shown, [0] * len(shown), [0] * len(shown))
+        if not self._turns_known:
+            self._joints.choose_turns(counts)
+        return self._pairs.examine(self._joints.motion(counts)[0])
+
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
         if self._reader is None:
@@ -100,7 +123,7 @@ class ServoBus(Bus, Examinable):
         """See `Bus.poll`; the samples are of all servos or of none.
 
         DeviceTimeoutError: a servo did not answer properly in time, by id; DeviceError: the port failed, a
-        servo has restarted, let go or has a hardware error, by name.
+        servo has restarted, let go or has a hardware error, or two of a joint differ, by name.
         """
         if self._reader is None:
             raise LifecycleError("the servos can be read from configure to close")
@@ -108,18 +131,25 @@ class ServoBus(Bus, Examinable):
         problem = self._problem(feedback)
         if problem:
             raise DeviceError(problem)
-        hardware = self._hardware_problem(feedback)
-        self._take(feedback, asked_at_s, Status.FAULT if hardware else Status.OK)
+        motion = self._motion(feedback)
+        problem = self._pairs.disagreement(motion[0])
+        if problem:
+            raise DeviceError(problem)
+        strife = self._pairs.strife(motion[2], asked_at_s)
+        hardware = self._hardware_problem(feedback) or strife
+        torque_status = Status.FAULT if hardware else Status.OK
+        position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
+        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status, motion)
         if hardware:
             raise DeviceError(hardware)
 
-    def _take(self, feedback: Sequence[Any], asked_at_s: float, torque_status: Status) -> None:
-        joints, counts = self._joints, self._counts(feedback)
+    def _motion(self, feedback: Sequence[Any]) -> FloatArray:
+        """Positions [rad], velocities [rad/s] and torques [N m] of the servos along the joint axes (3, m)."""
+        counts = self._counts(feedback)
         if not self._turns_known:
-            joints.choose_turns(counts)
+            self._joints.choose_turns(counts)
             self._turns_known = True
-        position_rad, velocity_rad_s, torque_nm = joints.motion(counts)
-        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status)
+        return self._joints.motion(counts)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
         """Keep torques (n) [N m] for the next flush; returns what the servos' range and step make of them.
@@ -142,6 +172,7 @@ class ServoBus(Bus, Examinable):
     def torque_on(self) -> None:
         """Torque on, at zero. DeviceError: a servo refused."""
         self._switch_on()
+        self._pairs.restart()
         self._powered = True
 
     def _switch_on(self) -> None:

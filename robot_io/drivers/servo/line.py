@@ -22,6 +22,7 @@ class ServoLine(ABC):
 
     dialect: ClassVar[Dialect]
     torque_enable: ClassVar[Register]  # 0 is off
+    present_position: ClassVar[Register]
     ping_size: ClassVar[int]  # bytes of what a servo says to a ping
 
     def __init__(self, port: SerialPort, registers: RegisterAccess, servo_ids: Sequence[int]) -> None:

@@ -46,7 +46,7 @@ class PacketStream(ABC, Generic[PacketType]):
         while True:
             start = buffer.find(self.header)
             if start < 0:
-                self._buffer = buffer[-(len(self.header) - 1) :]
+                self._buffer = buffer[max(0, len(buffer) - len(self.header) + 1) :]
                 return found
             buffer = buffer[start:]
             if len(buffer) < self.head:

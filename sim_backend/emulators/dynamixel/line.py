@@ -7,11 +7,11 @@ from typing import Any
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.dynamixel import wire
-from sim_backend.emulators.dynamixel.control_table import Error
+from sim_backend.emulators.dynamixel.control_table import GOALS, Error
 from sim_backend.emulators.dynamixel.servo import EmulatedServo, Mounting
 from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.plant import Plant
-from sim_backend.emulators.servo_wire import REBOOT_S, ServoWire
+from sim_backend.emulators.servo_wire import REBOOT_S, ServoWire, on_shafts
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -31,7 +31,7 @@ class DynamixelLine(ServoWire):
     """Servos of one line; further arguments as for `ServoWire`.
 
     Args:
-        mountings: the servos; each turns the joint at its place in the list.
+        mountings: the servos; each turns the joint at its place in the list, with its second one.
         plant: the arm.
     """
 
@@ -45,8 +45,8 @@ class DynamixelLine(ServoWire):
         start_s: float = 0.0,
     ) -> None:
         self.servos = {
-            mounting.id: EmulatedServo(mounting, plant, joint, start_s)
-            for joint, mounting in enumerate(mountings)
+            mounting.id: EmulatedServo(mounting, shaft, start_s)
+            for mounting, shaft in on_shafts(mountings, plant)
         }
         super().__init__(self.servos, faults, baud_rate, start_s)
         self._receiver = wire.Receiver()
@@ -103,7 +103,7 @@ class DynamixelLine(ServoWire):
             step = 1 + _word(parameters[2:])
             for start in range(4, len(parameters) - step + 1, step):
                 servo = awake.get(parameters[start])
-                if servo is not None:
+                if servo is not None and not (servo.deaf and _word(parameters) in GOALS):
                     servo.write(_word(parameters), parameters[start + 1 : start + step])
         elif code in (_SYNC_READ, _FAST_SYNC_READ) and len(parameters) > 4:
             asked = parameters[4:]

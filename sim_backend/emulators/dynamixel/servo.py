@@ -7,8 +7,9 @@ from typing import ClassVar
 from robot_io.files.file_model import Positive
 from sim_backend.emulators.dynamixel import control_table as table
 from sim_backend.emulators.dynamixel.control_table import MODELS, Error, Item, Memory
-from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.plant import JointState
 from sim_backend.emulators.servo_wire import LineServo, ServoMounting
+from sim_backend.emulators.shaft import Shaft
 
 
 class Mounting(ServoMounting):
@@ -16,6 +17,7 @@ class Mounting(ServoMounting):
 
     emulated: ClassVar[Collection[str]] = MODELS
 
+    homing_offset: int | None = None  # what a calibration has written into it
     # Of this very servo; None is as its model's data sheet says [N m/A].
     torque_constant_nm_a: Positive | None = None
     firmware: int = 46  # version
@@ -34,21 +36,24 @@ class EmulatedServo(LineServo):
 
     Args:
         mounting: which servo, and how it sits on its joint.
-        plant: the arm.
-        joint: which joint, from 0.
+        shaft: its end of that joint.
         now_s: when it gets power [s].
 
     Attributes:
         id: its id.
         memory: its control table.
+        shaft: as above.
         stuck: whether its position sensor has frozen.
     """
 
-    def __init__(self, mounting: Mounting, plant: Plant, joint: int, now_s: float) -> None:
+    shaft: Shaft
+
+    def __init__(self, mounting: Mounting, shaft: Shaft, now_s: float) -> None:
         self.id = mounting.id
-        self._mounting, self._plant, self._joint = mounting, plant, joint
+        self._mounting, self.shaft = mounting, shaft
         self._model = table.MODELS[mounting.model]
         self.memory = Memory(table.items_of(self._model, mounting.id, mounting.firmware), self._model)
+        self.memory.put(table.HOMING_OFFSET, mounting.homing_offset or 0)
         per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
         self._direction = -1 if mounting.reversed else 1
         self._count_nm = self._direction * per_ampere * self._model.current_unit_a
@@ -150,11 +155,11 @@ class EmulatedServo(LineServo):
         memory = self.memory
         drives = memory.get(table.TORQUE_ENABLE) and memory.get(table.OPERATING_MODE) == CURRENT_CONTROL
         goal = memory.get(table.GOAL_CURRENT) if drives else 0
-        self._plant.set_torque(self._joint, goal * self._count_nm)
+        self.shaft.exert(goal * self._count_nm)
 
     def _look(self) -> None:
         """Bring the present values up to date."""
-        state = self._plant.joint(self._joint)
+        state = self.shaft.state()
         if not isfinite(state.position_rad):
             return  # the plant has not sampled yet: it still shows what it had
         self._frozen = (self._frozen or state) if self.stuck else None

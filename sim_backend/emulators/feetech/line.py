@@ -9,9 +9,10 @@ from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.feetech import wire
 from sim_backend.emulators.feetech.servo import EmulatedSts, Mounting
 from sim_backend.emulators.plant import Plant
-from sim_backend.emulators.servo_wire import Frame, ServoWire
+from sim_backend.emulators.servo_wire import Frame, ServoWire, on_shafts
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
+_GOAL = 42
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
@@ -19,7 +20,7 @@ class FeetechLine(ServoWire):
     """Servos of one line; further arguments as for `ServoWire`.
 
     Args:
-        mountings: the servos; each turns the joint at its place in the list.
+        mountings: the servos; each turns the joint at its place in the list, with its second one.
         plant: the arm.
         hold: ids of servos that turn nothing.
 
@@ -37,10 +38,10 @@ class FeetechLine(ServoWire):
         baud_rate: int | None = 1_000_000,
         start_s: float = 0.0,
     ) -> None:
-        joints = {mounting: joint for joint, mounting in enumerate(mountings)}
-        everybody = [*mountings, *(Mounting(id=one, model=mountings[0].model) for one in hold)]
+        holding = [(Mounting(id=one, model=mountings[0].model), None) for one in hold]
         self.servos = {
-            mounting.id: EmulatedSts(mounting, plant, joints.get(mounting), start_s) for mounting in everybody
+            mounting.id: EmulatedSts(mounting, shaft, start_s)
+            for mounting, shaft in (*on_shafts(mountings, plant), *holding)
         }
         super().__init__(self.servos, faults, baud_rate, start_s)
         self._receiver = wire.Receiver()
@@ -79,7 +80,7 @@ class FeetechLine(ServoWire):
             address, size = parameters[:2]
             for start in range(2, len(parameters) - size, size + 1):
                 servo = awake.get(parameters[start])
-                if servo is not None:
+                if servo is not None and not (servo.deaf and address == _GOAL):
                     servo.write(address, parameters[start + 1 : start + 1 + size])
 
     def _answer(self, answers: Sequence[tuple[EmulatedSts, bytes]], now_s: float) -> None:

@@ -9,8 +9,9 @@ from collections.abc import Collection
 from math import isfinite, pi
 from typing import ClassVar
 
-from sim_backend.emulators.plant import JointState, Plant
+from sim_backend.emulators.plant import JointState
 from sim_backend.emulators.servo_wire import LineServo, ServoMounting
+from sim_backend.emulators.shaft import Shaft
 
 _KG_CM = 0.0980665
 MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
@@ -58,8 +59,7 @@ class EmulatedSts(LineServo):
 
     Args:
         mounting: which servo, and how it sits on its joint.
-        plant: the arm.
-        joint: which joint, from 0; None: it turns nothing here.
+        shaft: its end of a joint; None: it turns nothing here.
         now_s: when it gets power [s].
 
     Attributes:
@@ -70,9 +70,9 @@ class EmulatedSts(LineServo):
         return_delay_s: see `LineServo`.
     """
 
-    def __init__(self, mounting: Mounting, plant: Plant, joint: int | None, now_s: float) -> None:
+    def __init__(self, mounting: Mounting, shaft: Shaft | None, now_s: float) -> None:
         self.id = mounting.id
-        self._mounting, self._plant, self._joint = mounting, plant, joint
+        self._mounting, self.shaft = mounting, shaft
         self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
         self.duty_per_rad = 0.166
         self._direction = -1 if mounting.reversed else 1
@@ -154,18 +154,16 @@ class EmulatedSts(LineServo):
         self.put(65, self.error, 1)
 
     def _state(self) -> JointState:
-        if self._joint is None:
-            return _HELD
-        return self._plant.joint(self._joint)
+        return self.shaft.state() if self.shaft else _HELD
 
     def _drive(self) -> None:
         duty = self._duty() if self.get(40, 1) else 0.0
         self.put(60, _signed(round(1000 * duty), 10))
-        if self._joint is not None:
+        if self.shaft:
             state = self._state()
             drag = self._direction * state.velocity_rad_s / self.no_load_rad_s
             effort = duty - drag if self.get(40, 1) and isfinite(drag) else 0.0
-            self._plant.set_torque(self._joint, self._direction * effort * self.stall_nm)
+            self.shaft.exert(self._direction * effort * self.stall_nm)
 
     def _duty(self) -> float:
         goal = self.get(42)

@@ -83,8 +83,8 @@ class SerialSensor(ABC):
         self._silent_until_s = now_s + silent_s
 
 
-class PtyLine(EmulatedWire):
-    """A pseudo terminal and its sensor.
+class SensorWire(EmulatedWire):
+    """A line with one sensor at its end, and what goes wrong there.
 
     Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
     number; saturated; reversed.
@@ -93,45 +93,22 @@ class PtyLine(EmulatedWire):
         sensor: what is connected.
         plant: where its force comes from.
         faults: what goes wrong.
-        in_lock_step: whether what is sent is there for the driver before time goes on.
-        baud_rate: of the sensor [bit/s]; None understands any.
-
-    Attributes:
-        path: device file for the driver.
     """
 
-    def __init__(
-        self,
-        sensor: SerialSensor,
-        plant: Plant,
-        faults: Faults | None = None,
-        *,
-        in_lock_step: bool = False,
-        baud_rate: int | None = None,
-    ) -> None:
+    def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
         self._sensor, self._plant = sensor, plant
-        self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
         self.faults = faults or Faults()
-        self._master: int | None
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
         self._late: list[tuple[float, bytes]] = []
         self._held_back: bytes | None = None
         self._stuck_n: float | None = None
 
-    def receive(self, now_s: float) -> None:
-        if self._master is None:
-            return
-        try:
-            data = os.read(self._master, 65536)
-        except BlockingIOError:
-            return
-        except OSError:  # nobody has the other end open
-            return
-        if data and heard_at(self._master, self._baud_rate):
-            self._put(self._sensor.hear(data, now_s))
+    @abstractmethod
+    def _put(self, data: bytes) -> None:
+        """Send bytes to the host, if there are any and it is there."""
+
+    def _corrupted(self, data: bytes) -> bytes:
+        """What arrives of a reading that is damaged on its way."""
+        return self.faults.flip_a_bit(data)
 
     def send(self, now_s: float) -> None:
         strikes, name = self.faults.strikes, self._sensor.name
@@ -145,13 +122,6 @@ class PtyLine(EmulatedWire):
             self._put(late[1])
         if self._sensor.due(now_s):
             self._send_reading(self._sensor.reading(self._force_n(now_s)), now_s)
-
-    def close(self) -> None:
-        """See `EmulatedWire.close`: the host sees a port that has gone."""
-        if self._master is not None:
-            master, self._master = self._master, None
-            os.close(self._slave)
-            os.close(master)
 
     def _force_n(self, now_s: float) -> float:
         strikes, name, limit_n = self.faults.strikes, self._sensor.name, self._sensor.range_n
@@ -173,7 +143,7 @@ class PtyLine(EmulatedWire):
         if strikes(FaultKind.DROP, name, now_s):
             return
         if strikes(FaultKind.CORRUPT, name, now_s):
-            data = self.faults.flip_a_bit(data)
+            data = self._corrupted(data)
         if strikes(FaultKind.LOSE, name, now_s):
             data = self.faults.lose_a_byte(data)
         if strikes(FaultKind.REORDER, name, now_s) and self._held_back is None:
@@ -189,6 +159,54 @@ class PtyLine(EmulatedWire):
         if self._held_back is not None:
             self._put(self._held_back)
             self._held_back = None
+
+
+class PtyLine(SensorWire):
+    """A pseudo terminal and its sensor; further arguments as for `SensorWire`.
+
+    Args:
+        in_lock_step: whether what is sent is there for the driver before time goes on.
+        baud_rate: of the sensor [bit/s]; None understands any.
+
+    Attributes:
+        path: device file for the driver.
+    """
+
+    def __init__(
+        self,
+        sensor: SerialSensor,
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        in_lock_step: bool = False,
+        baud_rate: int | None = None,
+    ) -> None:
+        super().__init__(sensor, plant, faults)
+        self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
+        self._master: int | None
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+
+    def receive(self, now_s: float) -> None:
+        if self._master is None:
+            return
+        try:
+            data = os.read(self._master, 65536)
+        except BlockingIOError:
+            return
+        except OSError:  # nobody has the other end open
+            return
+        if data and heard_at(self._master, self._baud_rate):
+            self._put(self._sensor.hear(data, now_s))
+
+    def close(self) -> None:
+        """See `EmulatedWire.close`: the host sees a port that has gone."""
+        if self._master is not None:
+            master, self._master = self._master, None
+            os.close(self._slave)
+            os.close(master)
 
     def _put(self, data: bytes) -> None:
         if self._master is None or not data:

@@ -7,6 +7,7 @@ from pydantic import Field
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.serial.bota import EmulatedBota
 from sim_backend.emulators.serial.cell import EmulatedCell
 from sim_backend.emulators.serial.mark10 import EmulatedMark10
 from sim_backend.emulators.serial.pty_line import PtyLine, SerialSensor
@@ -27,6 +28,10 @@ class _Loadstar(FileModel, extra="ignore"):
 
 class _Gauge(_Loadstar, extra="ignore"):
     pass
+
+
+class _Bota(_Loadstar, extra="ignore"):
+    axis: Annotated[str, Field(pattern="^[xyz]$")]
 
 
 class _Cell(FileModel, extra="ignore"):
@@ -89,11 +94,16 @@ class SerialWires(WireMaker):
             case "mark10":
                 mark10 = validate(_Loadstar, settings)
                 return EmulatedMark10(mark10.capacity_n, sign=-1.0 if mark10.reversed else 1.0)
+            case "bota":
+                bota = validate(_Bota, settings)
+                return EmulatedBota(
+                    "xyz".index(bota.axis), bota.capacity_n, sign=-1.0 if bota.reversed else 1.0
+                )
             case "force_lines":
                 gauge = validate(_Gauge, settings)
                 return EmulatedGauge(gauge.capacity_n, sign=-1.0 if gauge.reversed else 1.0)
         raise InputError(
-            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: force_lines, "
+            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: bota, force_lines, "
             "loadstar, lorenz, mark10, microcontroller_cell; name one of them to try the rest of the arm, "
             "or do without --wire"
         )

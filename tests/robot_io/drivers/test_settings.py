@@ -5,25 +5,29 @@ from math import pi
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from robot_io.drivers.bota.sensor import BotaSettings
 from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
-from robot_io.drivers.dynamixel.settings import DynamixelSettings
+from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.feetech.lerobot import LerobotMotor
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
+from robot_io.drivers.net_ft.line import NetFtLineSettings
 from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.drivers.serial_force.force_lines import ForceLinesSettings
 from robot_io.drivers.serial_force.line import SerialLineSettings
 from robot_io.drivers.serial_force.loadstar import LoadstarSettings
 from robot_io.drivers.serial_force.lorenz import LorenzSettings
 from robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
-from robot_io.drivers.servo.joints import ServoMounting
+from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 
 EDGES = [  # first and last that is taken, just beyond them, and the value that may be left out
+    (BotaSettings, "rate_hz", (100, 800), (50, 801), 800),
     (CanLineSettings, "bitrate", (1, 1_000_000), (0, 1_000_001), None),
     (DynamixelSettings, "baud_rate", (57_600, 4_500_000), (9_600, 5_000_000), 4_000_000),
     (DynamixelSettings, "return_delay_s", (0.0, 0.000508), (-1e-6, 0.00051), 0.0),
     (DynamixelSettings, "watchdog_s", (0.02, 2.54), (0.0199, 2.55), 0.06),
+    (ServoSettings, "homing_offset", (-1_044_479, 1_044_479), (-1_044_480, 1_044_480), None),
     (FeetechServo, "homing_offset", (-2047, 2047), (-2048, 2048), None),
     (FeetechSettings, "baud_rate", (115_200, 1_000_000), (57_600, 2_000_000), 1_000_000),
     (FeetechSettings, "hold", ((0,), (252,)), ((-1,), (253,)), ()),
@@ -47,12 +51,16 @@ EDGES = [  # first and last that is taken, just beyond them, and the value that 
     (MitMotor, "answer_id", (1, 0x7FE), (0, 0x7FF), None),
     (MitMotor, "motor_id", (1, 255), (0, 256), ...),
     (MotorMounting, "gear_ratio", (1e-3, 1e4), (0.9e-3, 1.1e4, -1.0), 1.0),
+    (NetFtLineSettings, "host", ("x", "x" * 253), ("", "x" * 254), ...),
+    (NetFtLineSettings, "http_port", (1, 65_535), (0, 65_536), 80),
+    (NetFtLineSettings, "rdt_port", (1, 65_535), (0, 65_536), 49_152),
     (OdriveAxis, "node_id", (0, 63), (-1, 64), ...),
     (OdriveBusSettings, "heartbeat_s", (1e-3, 1.0), (0.0, 1.01), 0.1),
     (OdriveBusSettings, "watchdog_s", (1e-3, 1.0), (0.0, 1.01), 0.1),
     (SerialLineSettings, "baud_rate", (1, 12_000_000), (0, 12_000_001), ...),
     (SerialLineSettings, "delay_s", (0.0, 1.0), (-0.1, 1.01), 0.0),
     (SerialLineSettings, "port", ("x", "x" * 300), ("", "x" * 301), ...),
+    (ServoBusSettings, "pair_tolerance_rad", (1e-6, 0.5), (0.0, 0.51), 0.035),
     (ServoMounting, "id", (0, 252), (-1, 253), ...),
 ]
 

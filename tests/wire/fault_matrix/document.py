@@ -35,6 +35,8 @@ _REASONS = """
 _TAIL = """
 ## Not in the table
 
+- The arm with two Feetech servos on its shoulder goes on with one of them that exerts nothing: these servos
+  show a duty cycle and no torque, the other carries the joint, and the force comes from the load cell.
 - A serial force sensor has no id that could be another's, and no alert.
 - A force sensor that freezes while the arm stands, or whose steps are as coarse as its noise, looks like a
   sound one: `stuck_force_s` begins to count when the arm has moved, and joint torques contradict such a

@@ -11,7 +11,22 @@ from pathlib import Path
 
 from robot_io.guard import Limits
 from sim_backend.emulators import Fault, FaultKind
-from tests.wire.parts import CELL, CUBEMARS, DAMIAO, LINES, MARK10, MOTEUS, ODRIVE, ROBSTRIDE, ROOT, SO101
+from tests.wire.parts import (
+    BOTA,
+    CELL,
+    CUBEMARS,
+    DAMIAO,
+    DYNAMIXEL_PAIR,
+    FEETECH_PAIR,
+    LINES,
+    MARK10,
+    MOTEUS,
+    NET_FT,
+    ODRIVE,
+    ROBSTRIDE,
+    ROOT,
+    SO101,
+)
 
 TICK_S = 1e-3
 MOVING_S, FAST_S, PRESSING_S = 0.15, 0.5, 1.52  # where the probing run is then
@@ -42,10 +57,16 @@ FAMILIES = {
     "robstride": Family("MIT mode, Robstride, CAN", ROBSTRIDE, "motors", 5, late_s=0.15),
     "moteus": Family("moteus, CAN FD", MOTEUS, "motors", 5, late_s=0.16),
     "feetech": Family("Feetech", SO101, "motors", 13, tick_ms=4, speed_m_s=0.03),
+    "dynamixel_pair": Family("Dynamixel, two servos on a joint", DYNAMIXEL, "motors", 5, (DYNAMIXEL_PAIR,)),
+    "feetech_pair": Family(
+        "Feetech, two servos on a joint", SO101, "motors", 13, (FEETECH_PAIR,), tick_ms=4, speed_m_s=0.03
+    ),
     "loadstar": Family("Loadstar, serial", ODRIVE, "load_cell", 10),
     "lorenz": Family("Lorenz, serial", CUBEMARS, "load_cell", 5, late_s=0.16),
     "lines": Family("line parser, serial", ODRIVE, "load_cell", 10, (LINES,)),
     "mark10": Family("Mark-10, serial, asked", ODRIVE, "load_cell", 10, (MARK10,)),
+    "net_ft": Family("ATI Net F/T, UDP", ODRIVE, "load_cell", 10, NET_FT),
+    "bota": Family("Bota, serial", ODRIVE, "load_cell", 10, BOTA, late_s=0.02),
     "cell": Family("cell on a microcontroller, serial", ODRIVE, "load_cell", 10, (CELL,)),
 }
 
@@ -218,6 +239,41 @@ _MOTOR_ROWS = {
         (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
     ),
 }
+# One of the two servos of joint 1, beside what is the same with one: device, name, kind, when, ends.
+_APART, _PULL, _TOLERANCE = "(joint 1) stand 0.1", "(joint 1) exert", "0.035 rad"
+_TURNS = "the joint has to turn by the tolerance before its two encoders differ by it"
+_DUTY = (
+    "what these servos show is a duty cycle, no torque: a motor that makes something else of it is betrayed "
+    "by the arm, which does not follow"
+)
+_OLD_GOAL = "an answer may hold any of the last 32 goals: they are of 0.13 s"
+_PAIR_ROWS = {
+    "dynamixel_pair": (
+        (4, "second servo silent", K.DROP, MOVING_S, (OLD, OLD_OFF, "servo 4 did not answer in time")),
+        (4, "second servo overloaded", K.ALERT, MOVING_S, (2, 3, "servo 4 (joint 1, second): has switched")),
+        (1, "first servo's horn slips", K.SLIPPED, MOVING_S, (2, 3, _APART)),
+        (4, "second servo's horn slips", K.SLIPPED, MOVING_S, (2, 3, _APART)),
+        (4, "second servo's encoder stuck", K.STUCK, FAST_S, (60, 62, _APART[:-1], _TURNS, _TOLERANCE)),
+        (4, "second servo exerts nothing", K.LIMP, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
+        (4, "second servo fights", K.REVERSED, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
+    ),
+    "feetech_pair": (
+        (7, "second servo silent", K.DROP, MOVING_S, (4, BRAKED + 2, "servo 7 did not answer", LAST_SEEN)),
+        (
+            7,
+            "second servo overloaded",
+            K.ALERT,
+            MOVING_S,
+            (2, BRAKED + 2, "servo 7 (joint 1, second): error"),
+        ),
+        (2, "first servo's horn slips", K.SLIPPED, MOVING_S, (2, BRAKED + 2, _APART, LAST_SEEN)),
+        (7, "second servo's horn slips", K.SLIPPED, MOVING_S, (2, BRAKED + 2, _APART, LAST_SEEN)),
+        (7, "second servo's encoder stuck", K.STUCK, FAST_S, (86, 640, _APART[:-1], _TURNS, _TOLERANCE)),
+        (7, "second servo heeds no goals", K.DEAF, FAST_S, (37, 450, "servo 7: goal position is", _OLD_GOAL)),
+        (7, "second servo exerts nothing", K.LIMP, MOVING_S, GOES_ON),
+        (7, "second servo fights", K.REVERSED, MOVING_S, (49, 490, "joint 1 is 0.15", _DUTY, "0.15 rad")),
+    ),
+}
 _ASKED = ("mit", "damiao", "robstride", "moteus")
 _NUMBERS = {
     "dynamixel": (1, 2, 3),
@@ -275,6 +331,27 @@ _FORCE_ROWS = {
     ),
     "lines": _streamed(17, 22),
     "mark10": _streamed(17, 30, _SILENT),
+    "net_ft": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        *[(11, BRAKED + 5, "no reading for")] * 2,
+        (2, BRAKED + 2, "the sensor says 'broken gage (status 0x80000004)'"),
+        (2, BRAKED + 2, "force sensor: at the end of its range"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
+    ),
+    "bota": (
+        *[(11, BRAKED + 5, "no reading for")] * 3,
+        GOES_ON,
+        GOES_ON,
+        (11, BRAKED + 5, "no reading for"),
+        (2, BRAKED, "the port was unplugged"),
+        (3, BRAKED + 2, "the sensor says 'invalid measurements'"),
+        (3, BRAKED + 2, "force sensor: at the end of its range"),
+        (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
+        _STUCK,
+    ),
     "cell": (
         *[(11, BRAKED + 5, "no reading for")] * 3,
         GOES_ON,
@@ -334,6 +411,10 @@ def _rows() -> Iterator[Row]:
         killed, held_up = _WATCHDOG_ROWS[family]
         yield Row(family, Program.KILLED.value, Program.KILLED, MOVING_S, *killed)
         yield Row(family, Program.HELD_UP.value, Program.HELD_UP, MOVING_S, *held_up)
+    for family, pair_rows in _PAIR_ROWS.items():
+        for device, name, kind, at_s, ends in pair_rows:
+            times = {"times": 1} if kind is K.ALERT else {}
+            yield _wire_row(family, name, kind, at_s, ends, times | {"device": device})
     for family, expected in _FORCE_ROWS.items():
         for (name, kind, details), ends in zip(_FORCE, expected, strict=True):
             at_s = PRESSING_S if kind in (K.REVERSED, K.STUCK) else MOVING_S

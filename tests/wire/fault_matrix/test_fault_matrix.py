@@ -32,7 +32,10 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
         "feetech, reboot, back at once",
         "feetech, program killed",
         "cell, not a number",
+        "net_ft, not a number",
+        "bota, saturated",
     ),
+    *("dynamixel_pair, second servo's horn slips", "feetech_pair, second servo overloaded"),
     *("lorenz, unplugged", "lorenz, saturated", "lines, saturated"),
 }
 

@@ -1,0 +1,1 @@
+"""Bota Systems' force-torque sensors with a serial interface: protocol and sensor."""

@@ -1,0 +1,149 @@
+"""Bota Systems' serial protocol as bytes: commands in letters, and frames of 37 bytes.
+
+A frame is AA, 34 bytes of data and their CRC-16 (X.25), all little-endian: status, forces and torques along
+x, y and z as floats, the sensor's time in microseconds, its temperature. Commands are answered with `r,0,`,
+the letter and 0. Source: Bota Systems' own examples for the serial sensors, and their ROS driver.
+"""
+
+import struct
+from math import copysign, isfinite
+from typing import Final, NamedTuple
+
+from robot_io.drivers.servo.stream import PacketStream, bit_names
+from robot_io.errors import ProtocolError
+
+CONFIGURE, RUN = b"C", b"R"
+BAUD_RATE_CODES: Final = {9_600: 0, 57_600: 1, 115_200: 2, 230_400: 3, 460_800: 4}
+AXES: Final = {"x": 0, "y": 1, "z": 2}
+_CONVERSIONS_HZ: Final = 51_200  # of which the filter makes one sample of as many as it is long
+
+_HEADER: Final = 0xAA
+_DATA: Final = struct.Struct("<H6fIf")
+FRAME_SIZE: Final = 1 + _DATA.size + 2
+_SKIPPED, _OVERRANGE = 0x01, 0x02
+_STATUS: Final = {0x04: "invalid measurements", 0x08: "raw measurements"}
+_LONGEST_GAP_US: Final = 1_000_000
+_TIMES: Final = 1 << 32
+
+
+def communication_setup(baud_rate: int) -> bytes:
+    """Calibrated values without temperature compensation, in binary frames at this baud rate."""
+    return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
+
+
+def filter_setup(rate_hz: int) -> bytes:
+    """The filter for so many samples a second; chopping, the fast mode and the FIR filter are off."""
+    return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
+
+
+def answer_to(command: bytes) -> bytes:
+    """What says that a command was done."""
+    return b"r,0,%c,0" % command[0]
+
+
+def crc16(data: bytes) -> int:
+    """The CRC-16 of X.25, least significant bit first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
+    return crc ^ 0xFFFF
+
+
+def _remainder(byte: int) -> int:
+    for _ in range(8):
+        byte = byte >> 1 ^ (0x8408 if byte & 1 else 0)
+    return byte
+
+
+_CRC_TABLE: Final = tuple(map(_remainder, range(256)))
+
+
+class Sample(NamedTuple):
+    """What one frame says."""
+
+    status: int  # bits
+    forces_n: tuple[float, ...]  # forces along x, y, z [N], then torques [N m]
+    time_us: int  # the sensor's own time [us]
+    temperature_c: float  # [degrees Celsius]
+
+
+def decode_frame(frame: bytes) -> Sample:
+    """The sample in a frame. ProtocolError: another size or header, a wrong CRC, or a value is no number."""
+    if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
+        raise ProtocolError(f"no frame: {frame[:40]!r}")
+    if crc16(frame[1:-2]) != frame[-2] | frame[-1] << 8:
+        raise ProtocolError("CRC mismatch")
+    status, *forces, time_us, temperature_c = _DATA.unpack(frame[1:-2])
+    if not all(map(isfinite, forces)):
+        raise ProtocolError("a force is not a number")
+    return Sample(status, tuple(forces), time_us, temperature_c)
+
+
+class _Frames(PacketStream[Sample]):
+    header = bytes((_HEADER,))
+    head = 1
+
+    def _size(self, head: bytes) -> int:
+        return FRAME_SIZE
+
+    def _decode(self, packet: bytes) -> Sample:
+        return decode_frame(packet)
+
+
+class BotaStream:
+    """Forces of one axis from frames; see `Stream`.
+
+    The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
+    damaged frame in 65 536 through; another time counts once a second sample goes on with it.
+
+    Args:
+        axis: "x", "y" or "z".
+        capacity_n: what is shown at least where the sensor says that its range is exceeded [N].
+
+    Attributes:
+        complaint: see `Stream`.
+    """
+
+    def __init__(self, axis: str, capacity_n: float) -> None:
+        self._axis, self._capacity_n = AXES[axis], capacity_n
+        self._frames = _Frames(FRAME_SIZE)
+        self._time_us: int | None = None  # of the last sample, and of one whose time did not go on
+        self._odd_us: int | None = None
+        self._left_out = 0
+        self._restarted = ""
+        self.complaint = ""
+
+    @property
+    def rejected(self) -> int:
+        """Frames that were damaged, and samples that were not new or that the sensor had skipped."""
+        return self._frames.rejected + self._left_out
+
+    def feed(self, data: bytes) -> list[float]:
+        return [force for sample in self._frames.feed(data) for force in self._forces(sample)]
+
+    def _forces(self, sample: Sample) -> list[float]:
+        if not self._is_new(sample.time_us) or sample.status & _SKIPPED:
+            self._left_out += 1
+            return []
+        errors = sample.status & ~(_SKIPPED | _OVERRANGE)
+        problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
+        self.complaint = self._restarted or problem
+        force_n = sample.forces_n[self._axis]
+        if sample.status & _OVERRANGE:
+            force_n = copysign(max(abs(force_n), self._capacity_n), force_n)
+        return [] if errors else [force_n]
+
+    def _is_new(self, time_us: int) -> bool:
+        goes_on, odd_goes_on = _follows(time_us, self._time_us), _follows(time_us, self._odd_us)
+        if self._time_us is not None and not goes_on:
+            if not odd_goes_on:
+                self._odd_us = time_us
+                return False
+            if (time_us - self._time_us) % _TIMES >= _TIMES // 2:
+                self._restarted = "the sensor has restarted, with the settings that it keeps"
+        self._time_us, self._odd_us = time_us, None
+        return True
+
+
+def _follows(time_us: int, before_us: int | None) -> bool:
+    return before_us is not None and 0 < (time_us - before_us) % _TIMES <= _LONGEST_GAP_US

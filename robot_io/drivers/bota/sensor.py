@@ -1,0 +1,66 @@
+"""One axis of a Bota Systems sensor (Rokubi, SensONE, with a serial or USB interface) as the force sensor."""
+
+from typing import Literal
+
+from robot_io.drivers.bota import protocol
+from robot_io.drivers.bota.protocol import BAUD_RATE_CODES, FRAME_SIZE, BotaStream
+from robot_io.drivers.serial_force.line import SerialLine
+from robot_io.drivers.serial_force.sensor import AxisForceSettings, SerialForceSensor
+from robot_io.errors import DeviceError
+from robot_io.examination import Examinable
+
+_ANSWER_S = 0.5
+_ATTEMPTS = 3
+_BITS = 10  # of a byte on the line
+
+
+class BotaSettings(AxisForceSettings):
+    """What the robot file says."""
+
+    rate_hz: Literal[100, 200, 400, 800] = 800  # samples a second, by the length of the sensor's filter
+
+
+class Bota(SerialForceSensor, Examinable):
+    """One axis of the sensor, on a `serial_line`; it has no way to say which sensor it is."""
+
+    name = "bota"
+    Settings = BotaSettings
+    _own: BotaSettings
+    _bus: SerialLine
+
+    def configure(self) -> None:
+        """Set the sensor up, and let it run. DeviceError: it does not answer, or the line is too slow."""
+        own, baud_rate = self._own, self._bus.baud_rate
+        if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
+            needed = own.rate_hz * FRAME_SIZE * _BITS
+            valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
+            raise DeviceError(
+                f"{self._bus.label}: {own.rate_hz} samples/s do not go over a line of {baud_rate} bit/s. "
+                f"Valid: {valid}"
+            )
+        for command in (
+            protocol.CONFIGURE,
+            protocol.communication_setup(baud_rate),
+            protocol.filter_setup(own.rate_hz),
+            protocol.RUN,
+        ):
+            self._command(command)
+        self._found = (
+            f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
+        )
+        self._bus.listen(BotaStream(own.axis, own.capacity_n), own.capacity_n, has_checksums=True)
+
+    def _command(self, command: bytes) -> None:
+        """Have a command done; the sensor may still have been starting, or have lost a letter."""
+        received = bytearray()
+
+        def is_done(data: bytes) -> bool | None:
+            received.extend(data)
+            return protocol.answer_to(command) in received or None
+
+        for _ in range(_ATTEMPTS):
+            if self._bus.ask(command, is_done, _ANSWER_S):
+                return
+        raise DeviceError(
+            f"{self._bus.label}: no answer to '{command.decode()}'; check port, baud rate and supply"
+        )

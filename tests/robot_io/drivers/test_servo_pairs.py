@@ -1,0 +1,248 @@
+"""Two servos on a joint: their torques add, both must stand and pull alike, and each keeps its own limits."""
+
+import re
+from math import pi
+
+import numpy as np
+import pytest
+
+from robot_io.drivers.dynamixel.settings import DynamixelSettings
+from robot_io.drivers.feetech.settings import FeetechSettings
+from robot_io.errors import DeviceError, InputError
+from robot_io.examination import Level
+from robot_io.files.file_model import validate
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from sim_backend.emulators.dynamixel import control_table as table
+from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
+from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101, WireBench
+
+FAMILIES = {
+    "dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4),
+    "feetech": (SO101, FEETECH_PAIR, 7),
+}
+DYNAMIXEL_STEP_NM, LIMIT = 0.00269 * 10.6 / 4.4, 48
+
+
+@pytest.fixture(params=FAMILIES)
+def family(request):
+    return request.param
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def one(family, *changes):
+        path, pair, _ = FAMILIES[family]
+        made.append(WireBench(path, (pair, *changes)))
+        return made[-1]
+
+    yield one
+    for arm in made:
+        arm.faults["motors"].clear()
+        arm.close()
+
+
+def servos(arm):
+    return arm.arm.wires["motors"].servos
+
+
+def shafts(arm):
+    """Of the two on the first joint."""
+    shaft = min(servos(arm).values(), key=lambda servo: servo.id if servo.shaft else 99).shaft
+    return shaft, shaft.beside
+
+
+def hold(arm):
+    """From now on the arm stands, whatever drives it."""
+    arm.arm.plant.world._engine.step = lambda: None
+
+
+def test_each_exerts_half_and_both_are_one_joint(make, family):
+    arm = make(family).start()
+    hold(arm)
+    wanted_nm = np.array([1.0, -0.4, 0.1])
+    measurement = arm.ticks(3, wanted_nm)
+    np.testing.assert_allclose(measurement.joint_torque_nm, wanted_nm, atol=0.03)
+    assert [shaft.torque_nm for shaft in shafts(arm)] == pytest.approx([0.5, 0.5], abs=0.01)
+    truth = arm.arm.plant.world.truth()
+    np.testing.assert_allclose(measurement.joint_position_rad, truth.joint_position_rad, atol=0.01)
+    assert measurement.joint_velocity_rad_s.shape == (3,)
+
+
+def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, family):
+    arm = make(family).start()
+    hold(arm)
+    before_rad = arm.ticks(2).joint_position_rad[0]
+    arm.ticks(5, (0.0, 0.0, 0.0))
+    _, second = shafts(arm)
+    for servo in servos(arm).values():
+        if servo.shaft is second:
+            servo.shaft.slipped_rad, step_rad = 0.03, 2 * pi / 4096
+    arm.arm.wires["motors"]._befall = lambda *_: None  # which would set the horn right
+    measurement = arm.ticks(5)
+    assert measurement.encoder_status is Status.OK
+    assert measurement.joint_position_rad[0] - before_rad == pytest.approx(0.015, abs=step_rad)
+    assert np.abs([shaft.torque_nm for shaft in shafts(arm)]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        (FaultKind.SLIPPED, "stand 0.1.. rad apart, pair_tolerance_rad is 0.035: has a horn slipped"),
+        (FaultKind.DROP, "servo {second} did not answer in time"),
+        (FaultKind.ALERT, r"servo {second} \(joint 1, second\): .*error: overload"),
+        (
+            FaultKind.REBOOT,
+            r"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 in place",
+        ),
+    ],
+)
+def test_what_is_wrong_with_the_second_is_named(make, family, kind, said):
+    arm = make(family).start()
+    second = FAMILIES[family][2]
+    times = 1 if kind in (FaultKind.ALERT, FaultKind.REBOOT) else None
+    arm.strike("motors", kind, device=second, times=times, delay_s=0.001)
+    arm.ticks_until(lambda _: re.search(said.format(second=second), arm.problem), most=4)
+
+
+@pytest.mark.parametrize("kind", [FaultKind.LIMP, FaultKind.REVERSED])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_dynamixel_that_pulls_otherwise_is_named_while_positions_stay_sound(make, kind, sign):
+    arm = make("dynamixel").start()
+    torque_nm = (2.0 * sign, 0.0, 0.0)
+    arm.ticks(5, torque_nm)
+    arm.strike("motors", kind, device=4)
+    began_s = arm.clock.now_s()
+    arm.ticks_until(lambda _: arm.problem, 20, torque_nm)
+    assert 0.008 < arm.clock.now_s() - began_s < 0.013  # deaf_drive_s is 10 ms
+    assert "servos 1 and 4 (joint 1) exert " in arm.problem
+    assert "each was sent the same" in arm.problem
+    measurement = arm.tick(torque_nm)
+    assert (measurement.encoder_status, measurement.torque_status) == (Status.OK, Status.FAULT)
+
+
+def test_a_feetech_that_heeds_no_goals_is_named(make):
+    """The two are then springs about different goals."""
+    arm = make("feetech").start()
+    arm.strike("motors", FaultKind.DEAF, device=7)
+    arm.ticks_until(lambda _: arm.problem, 60, (1.0, 0.0, 0.0))
+    assert "servos 2 and 7 (joint 1) exert " in arm.problem
+
+
+def test_torques_that_are_small_beside_the_limit_are_no_fight(make):
+    """3 % of the joint's 8 N m between them, and half of the larger."""
+    arm = make("dynamixel").start()
+    arm.strike("motors", FaultKind.LIMP, device=4)
+    assert not arm.ticks(50, (0.9, 0.0, 0.0)).torque_status
+    arm.ticks_until(lambda _: arm.problem, 20, (1.05, 0.0, 0.0))
+
+
+def test_two_dynamixels_exert_what_the_weaker_may(make):
+    arm = make("dynamixel")
+    servos(arm)[4].memory.put(table.CURRENT_LIMIT, 100)
+    arm.start()
+    arm.robot.torque.stage_torque(np.full(3, 100.0))
+    sent = arm.robot.torque.stage_torque(np.full(3, 100.0))
+    assert sent[0] == pytest.approx(2 * 100 * DYNAMIXEL_STEP_NM)
+    arm.ticks(2, np.full(3, 100.0))
+    assert [shaft.torque_nm for shaft in shafts(arm)] == pytest.approx([100 * DYNAMIXEL_STEP_NM] * 2)
+
+
+def test_the_torque_limit_of_each_feetech_is_for_its_half(make):
+    slow = ("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [1.0, 1.0, 1.0]")
+    arm = make("feetech", slow).start()
+    stall_nm, no_load_rad_s = 30 * 0.0980665, pi / 3 / 0.222
+    limits = {servo_id: servo.get(LIMIT) for servo_id, servo in servos(arm).items()}
+    half = 1000 * (1.0 / stall_nm + 1.0 / no_load_rad_s)
+    assert limits[2] == limits[7] == np.ceil(half)
+    assert limits[3] == np.ceil(half + 1000 / stall_nm)
+
+
+@pytest.mark.parametrize("place", [1, 4], ids=["first", "second"])
+def test_another_homing_offset_is_refused(make, place):
+    stated = (
+        FAMILIES["dynamixel"][1][1],
+        FAMILIES["dynamixel"][1][1].replace("3.1}", "3.1, homing_offset: 7}"),
+    )
+    stated = (stated[0], stated[1].replace("{id: 1,", "{id: 1, homing_offset: -100000,"))
+    arm = make("dynamixel", stated)
+    arm.robot.configure()  # as they are bolted on
+    arm.robot.deactivate()
+    servos(arm)[place].memory.put(table.HOMING_OFFSET, 512)
+    with pytest.raises(DeviceError, match=f"servo {place}: has a homing offset of 512, the robot file says"):
+        arm.robot.buses["motors"].configure()
+    findings = {one.subject: one for one in arm.robot.buses["motors"].examine() if one.level is Level.FAIL}
+    (found,) = findings.values()
+    assert f"servo {place} (joint 1" in found.subject
+    assert "has a homing offset of 512" in found.text
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_the_second_is_in_the_turn_of_the_first(make, turns):
+    """Whichever turn its zero is stated in, and at the edge of where the first one's is chosen."""
+    zero = ("zero_rad: 3.1}", f"zero_rad: {3.1 + 2 * pi * turns:.6f}}}")
+    measurement = make("dynamixel", zero).start().tick()
+    assert measurement.encoder_status is Status.OK
+    assert measurement.joint_position_rad[0] == pytest.approx(1.1573, abs=0.01)
+
+
+def test_the_doctor_sees_both_and_says_which_zero_would_agree(make, family):
+    arm = make(family)
+    arm.robot.configure()
+    motors, number = arm.robot.buses["motors"], FAMILIES[family][2]
+    found = {one.subject: one for one in motors.examine()}
+    assert {one.level for one in found.values()} == {Level.OK}
+    first = min(servos(arm)) if family == "dynamixel" else 2
+    pair = f"servos {first} and {number} (joint 1)"
+    assert {f"servo {first} (joint 1)", f"servo {number} (joint 1, second)", pair} <= set(found)
+    arm.strike("motors", FaultKind.SLIPPED, device=number)
+    arm.ticks(2, None)
+    (slipped,) = (one for one in motors.examine() if one.level is Level.FAIL)
+    assert slipped.subject == pair
+    assert "stand 0.10" in slipped.text
+    zero_rad = {"dynamixel": 3.1, "feetech": 3.2}[family]
+    said_rad = float(slipped.remedy.rsplit(" ", 1)[1])
+    assert said_rad == pytest.approx(zero_rad - 0.1, abs=0.003)
+
+
+def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
+    servos = [
+        {"id": 1, "model": "XM540-W270", "second": {"id": 4, "reversed": True}},
+        {"id": 2, "model": "XM540-W270", "reversed": True},
+        {"id": 3, "model": "XM430-W350"},
+    ]
+    bolted = {1: {"second": {"id": 4}}}
+    with dynamixel_bench(servos=servos, bolted=bolted) as bench:
+        bench.bus.configure()
+        with pytest.raises(DeviceError, match=r"servos 1 and 4 \(joint 1\) stand .* reversed wrong"):
+            bench.read()
+        assert bench.bus.sample is None
+
+
+ONE = {"id": 1, "model": "XM540-W270"}
+STS = {"id": 1, "model": "STS3215-12V"}
+
+
+@pytest.mark.parametrize(
+    ("model", "servo", "said"),
+    [
+        (DynamixelSettings, ONE | {"second": {"id": 1}}, "id 1 is there twice"),
+        (DynamixelSettings, ONE | {"second": {}}, "servos entry 1.second.id: is missing"),
+        (DynamixelSettings, ONE | {"second": {"id": 4, "model": "XM430-W350"}}, "must be alike"),
+        (DynamixelSettings, ONE | {"second": {"id": 4, "mirrored": True}}, "mirrored: is not known"),
+        (DynamixelSettings, ONE | {"second": 4}, "servos entry 1.second"),
+        (
+            DynamixelSettings,
+            ONE | {"second": {"id": 4, "second": {"id": 5}}},
+            "two servos on a joint at most",
+        ),
+        (DynamixelSettings, ONE | {"homing_offset": 1_044_480}, "homing_offset"),
+        (FeetechSettings, STS | {"second": {"id": 4, "homing_offset": 2048}}, "second.homing_offset"),
+    ],
+)
+def test_what_no_pair_can_be_is_refused(model, servo, said):
+    with pytest.raises(InputError) as refused:
+        validate(model, {"port": "p", "servos": [servo]})
+    assert said in str(refused.value)

@@ -1,0 +1,147 @@
+"""Bota sensors: frames against the emulator's, what damage and times make of them, and what is refused."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.drivers.bota import protocol
+from robot_io.drivers.bota.protocol import BotaStream, crc16, decode_frame
+from robot_io.errors import DeviceError, ProtocolError
+from sim_backend.emulators.serial.bota import INVALID, OVERRANGE, RAW, SKIPPED, frame
+from tests.wire.parts import BOTA, ODRIVE, WireBench
+
+VALUES = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6)
+ONES = [1.0, -2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_the_crc_is_that_of_x25():
+    assert crc16(b"123456789") == 0x906E  # the check value of CRC-16/X-25
+
+
+@given(st.integers(0, 65_535), VALUES, st.integers(0, 2**32 - 1))
+def test_a_frame_is_what_the_sensor_sent(status, values, time_us):
+    found = decode_frame(frame(status, values, time_us))
+    assert found == (status, tuple(values), time_us, 31.5)
+
+
+@given(VALUES, st.data())
+def test_no_single_damaged_byte_goes_unnoticed(values, data):
+    whole = frame(0, values, 1000)
+    place, bit = data.draw(st.integers(0, len(whole) - 1)), 1 << data.draw(st.integers(0, 7))
+    for damaged in (
+        whole[:place] + whole[place + 1 :] + b"\xaa",
+        whole[:place] + bytes((whole[place] ^ bit,)) + whole[place + 1 :],
+    ):
+        with pytest.raises(ProtocolError):
+            decode_frame(damaged)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(ProtocolError, match="not a number"):
+        decode_frame(frame(0, [*ONES[:5], value], 0))
+
+
+def fed(*frames, axis="y"):
+    stream = BotaStream(axis, 100.0)
+    return stream, stream.feed(b"".join(frames))
+
+
+@pytest.mark.parametrize(("axis", "force_n"), [("x", 1.0), ("y", -2.0), ("z", 3.0)])
+def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
+    assert fed(frame(0, ONES, 0), axis=axis)[1] == [force_n]
+
+
+@pytest.mark.parametrize("cut", range(1, 37, 5))
+def test_after_a_lost_beginning_the_next_frame_is_found(cut):
+    _, forces = fed(frame(0, [0xAA] * 6, 0)[cut:], frame(0, ONES, 1250), frame(0, ONES, 2500))
+    assert forces == [-2.0, -2.0]
+
+
+def test_noise_is_not_kept():
+    stream, _ = fed(b"\x55" * 100_000)
+    assert len(stream._frames._buffer) == 0
+
+
+@pytest.mark.parametrize(
+    ("times_us", "taken"),
+    [
+        ([1250, 2500], 2),
+        ([1250, 1250], 1),
+        ([2500, 1250], 1),
+        ([2500, 1250, 3750], 2),
+        ([1250, 900_000], 2),
+        ([1250, 2_000_000], 1),  # a frame that was damaged beyond its CRC, or a long pause:
+        ([1250, 2_000_000, 2_001_250], 2),  # it was a pause
+        ([1250, 2_000_000, 2500], 2),  # it was not
+        ([2**32 - 1000, 250], 2),  # the time begins anew after 71 minutes
+    ],
+)
+def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
+    stream, forces = fed(*(frame(0, ONES, time_us) for time_us in times_us))
+    assert len(forces) == taken
+    assert stream.rejected == len(times_us) - taken
+    assert not stream.complaint
+
+
+def test_a_sensor_that_has_restarted_is_named():
+    stream, _ = fed(*(frame(0, ONES, time_us) for time_us in (500_000_000, 10_000, 20_000)))
+    assert "has restarted" in stream.complaint
+
+
+@pytest.mark.parametrize(
+    ("status", "forces", "said"),
+    [
+        (OVERRANGE, [-100.0], ""),
+        (SKIPPED, [], ""),
+        (INVALID, [], "the sensor says 'invalid measurements'"),
+        (RAW | OVERRANGE, [], "the sensor says 'raw measurements'"),
+        (1 << 9, [], "the sensor says 'unknown bits 0x200'"),
+    ],
+)
+def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, said):
+    stream, found = fed(frame(status, ONES, 0))
+    assert (found, stream.complaint) == (forces, said)
+    assert stream.feed(frame(0, ONES, 1250)) == [-2.0]
+    assert not stream.complaint
+
+
+@pytest.fixture
+def arm():
+    made = WireBench(ODRIVE, BOTA)
+    yield made
+    made.close()
+
+
+def sensor(arm):
+    return arm.arm.wires["load_cell"]._sensor
+
+
+def test_it_is_set_up_as_the_robot_file_says(arm):
+    heard, hear = [], sensor(arm).hear
+    sensor(arm).hear = lambda data, now_s: heard.append(data) or hear(data, now_s)
+    arm.robot.configure()
+    assert heard == [b"C", b"c,0,1,0,4", b"f,64,0,0,1", b"R"]
+    times_s = {arm.tick(None).force_at_s for _ in range(80)}
+    assert len(times_s) == pytest.approx(80 * arm.period_s * 800, rel=0.05)
+
+
+@pytest.mark.parametrize("refused", ["C", "c", "f", "R"])
+def test_a_command_that_is_not_done_is_named(arm, refused):
+    sensor(arm).refused = refused
+    with pytest.raises(DeviceError, match=f"no answer to '{refused}.*'; check port, baud rate and supply"):
+        arm.robot.configure()
+
+
+def test_a_line_that_is_too_slow_is_refused():
+    slow = (*BOTA[:1], ("baud_rate: 230400", "baud_rate: 115200"))
+    arm = WireBench(ODRIVE, slow)
+    with pytest.raises(DeviceError, match="do not go over a line of 115200 bit/s"):
+        arm.robot.configure()
+    arm.close()
+
+
+def test_commands_are_those_of_the_maker():
+    assert [protocol.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
+    assert protocol.communication_setup(9600) == b"c,0,1,0,0"
+    assert protocol.answer_to(b"f,512,0,0,1") == b"r,0,f,0"

@@ -1,0 +1,237 @@
+"""ATI Net F/T: records against the emulator's; what is old, damaged or out of range; its configuration."""
+
+import socket
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.driver import DriverCatalogue
+from robot_io.drivers.net_ft import protocol
+from robot_io.drivers.net_ft.configuration import parse_configuration
+from robot_io.drivers.net_ft.protocol import NetFtStream, decode_record
+from robot_io.errors import DeviceError, ProtocolError
+from robot_io.robot import build_robot
+from robot_io.robot_file import parse_robot_file
+from robot_io.types import Status
+from sim_backend.emulators import FaultKind
+from sim_backend.emulators.net_ft import EmulatedNetFt, record
+from tests.wire.parts import NET_FT, ODRIVE, WireBench
+
+COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), COUNTS)
+def test_a_record_is_what_the_sensor_sent(sequence, measurement, status, counts):
+    found = decode_record(record(sequence, measurement, status, counts))
+    assert found == (sequence, measurement, status, tuple(counts))
+
+
+@pytest.mark.parametrize("size", [0, 35, 37, 72])
+def test_a_datagram_of_another_size_is_none(size):
+    with pytest.raises(ProtocolError):
+        decode_record(bytes(size))
+
+
+def test_requests_are_those_of_the_manual():
+    assert protocol.START.hex() == "1234000200000000"
+    assert protocol.STOP.hex() == "1234000000000000"
+
+
+def fed(*records, axis="z"):
+    stream = NetFtStream(1e-6, axis, 100.0)
+    return stream, [force for one in records for force in stream.feed(record(*one))]
+
+
+@pytest.mark.parametrize(("axis", "force_n"), [("x", 1.0), ("y", -2.0), ("z", 3.0)])
+def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
+    counts = [1_000_000, -2_000_000, 3_000_000, 7, 8, 9]
+    assert fed((1, 7, 0, counts), axis=axis)[1] == [force_n]
+
+
+@pytest.mark.parametrize(
+    ("pairs", "taken"),
+    [
+        ([(1, 7), (2, 14)], 2),
+        ([(1, 7), (1, 7)], 1),  # twice
+        ([(2, 14), (1, 7)], 1),  # out of order
+        ([(1, 7), (9, 63)], 2),  # some are lost
+        ([(2**32 - 1, 7), (0, 14)], 2),  # the counter begins anew
+        ([(1, 7), (2, 7)], 1),  # nothing new was measured
+        ([(1, 7), (1 + 2**31, 14)], 1),  # so far ahead that it is behind
+    ],
+)
+def test_only_what_is_new_is_taken(pairs, taken):
+    stream, forces = fed(*((*pair, 0, [0] * 6) for pair in pairs))
+    assert len(forces) == taken
+    assert stream.rejected == len(pairs) - taken
+    assert not stream.complaint
+
+
+@pytest.mark.parametrize(
+    ("status", "said", "forces"),
+    [
+        (0, "", [1.0]),
+        (0x80010000, "", [1.0]),  # a monitor condition was latched: nothing is wrong with the force
+        (0xC0000000, "", [100.0]),
+        (0x88000000, "", [100.0]),
+        (0x80000002, "supply voltage (status 0x80000002)", []),
+        (0xC0000005, "temperature, broken gage (status 0xc0000005)", []),
+        (0x00000008, "busy (status 0x00000008)", []),
+        (0x80000000, "error (status 0x80000000)", []),
+        (0x80000400, "unknown bits 0x400 (status 0x80000400)", []),
+    ],
+)
+def test_a_status_is_an_end_of_range_an_error_or_nothing(status, said, forces):
+    stream, found = fed((1, 7, status, [0, 0, 1_000_000, 0, 0, 0]))
+    assert found == forces
+    assert stream.complaint == (f"the sensor says '{said}'" if said else "")
+    assert stream.feed(record(2, 14, 0, [0] * 6)) == [0.0]
+    assert not stream.complaint
+
+
+@pytest.mark.parametrize("counts", [2**31 - 1, -(2**31 - 1), -(2**31)])
+def test_counts_at_their_end_are_saturated(counts):
+    stream = NetFtStream(1e-12, "z", 100.0)
+    assert abs(stream.feed(record(1, 7, 0, [0, 0, counts, 0, 0, 0]))[0]) == 100.0
+
+
+def test_a_sensor_that_counts_anew_is_named():
+    stream, _ = fed((1000, 7000, 0, [0] * 6), *((k, 7 * k, 0, [0] * 6) for k in range(1, 60)))
+    assert "begun to count anew" in stream.complaint
+
+
+PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()
+
+
+def test_a_page_is_read():
+    assert parse_configuration(PAGE) == ("Ethernet F/T", 1e6, "N", 1000, True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (b"<cfgcpf>1000000</cfgcpf>", b"", "'cfgcpf' is missing"),
+        (b">1000000<", b">many<", "not a number"),
+        (b">1000000<", b">0<", "0 counts per N"),
+        (b">1000000<", b">inf<", "inf counts per N"),
+        (b">1000000<", b">nan<", "nan counts per N"),
+        (b">1000<", b">1e3<", "not a number"),
+        (b">N<", b">psi<", "'psi' is not a known unit"),
+        (PAGE, b"<html>login</html>", "is missing"),
+        (PAGE, b"\xff" * 100_000, "is missing"),
+    ],
+)
+def test_a_page_that_says_nothing_sensible_is_refused(old, new, said):
+    with pytest.raises(ProtocolError, match=said):
+        parse_configuration(PAGE.replace(old, new))
+
+
+@pytest.fixture
+def arm():
+    made = WireBench(ODRIVE, NET_FT)
+    yield made
+    made.close()
+
+
+def sensor(arm):
+    return arm.arm.wires["load_cell"]._sensor
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        ({"counts_per_force": 1000.0}, "counts 1000 for 1 N, the robot file says 1000000 for 1 N"),
+        ({"unit": "lbf"}, "counts 1000000 for 1 lbf, the robot file says"),
+        ({"enabled": False}, "RDT is disabled"),
+        ({"hear": lambda data, now_s: b""}, "sends no records"),
+        ({"page": lambda: b"no"}, "is no configuration of a Net F/T"),
+    ],
+)
+def test_a_sensor_that_is_set_up_otherwise_is_refused(arm, spoil, said):
+    vars(sensor(arm)).update(spoil)
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.configure()
+
+
+def test_nobody_there_is_named(arm):
+    arm.arm.wires["load_cell"].close()
+    with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize("host", ["..", "x" * 64, "no.such.host.invalid"])
+def test_what_is_no_host_is_named(arm, host):
+    text = arm.arm.robot_file.text.replace("host: 127.0.0.1", f"host: {host}")
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="cannot be reached"):
+        robot.buses["load_cell"].configure()
+
+
+@pytest.mark.parametrize("counts", [1e-320, 1e300])
+def test_a_scale_beyond_reason_is_another_one(arm, counts):
+    text = arm.arm.robot_file.text.replace("counts_per_force: 1000000", f"counts_per_force: {counts!r}")
+    text = text.replace("1e+300", "1.0e+300").replace("1e-320", "1.0e-320")
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="another configuration is active"):
+        robot.configure()
+    robot.close()
+
+
+def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
+    heard, hear = [], sensor(arm).hear
+    sensor(arm).hear = lambda data, now_s: (
+        heard.append(data) or (b"" if len(heard) < 3 else hear(data, now_s))
+    )
+    arm.robot.configure()
+    assert heard == [protocol.START] * 3
+    assert arm.ticks(5, None).force_status is not Status.FAULT
+    arm.robot.close()
+    arm.clock.sleep_until(arm.clock.now_s() + 0.01)
+    assert heard[-1] == protocol.STOP
+    assert not sensor(arm)._timer.running
+
+
+def test_a_sensor_that_repeats_its_measurement_goes_silent_and_is_named(arm):
+    arm.robot.configure()
+    arm.ticks(10, None)
+    sensor(arm).measures = False
+    before = arm.tick(None)
+    after = arm.ticks(20, None)
+    assert after.force_at_s <= before.force_at_s + 1.3e-3
+    assert "no reading for" in arm.problem
+    arm.ticks(60, None)
+    assert "measures nothing new" in arm.problem
+
+
+def test_what_waited_while_the_program_stood_still_is_as_old_as_that(arm):
+    """A network keeps hundreds of datagrams for a program that does not read."""
+    arm.robot.configure()
+    arm.ticks(10, None)
+    reader = arm.robot.buses["load_cell"]._reader
+    look, reader.look = reader.look, lambda wait_s=0.0: None
+    stood_s = arm.clock.now_s()
+    arm.clock.sleep_until(stood_s + 0.1)
+    reader.look = look
+    reader.look()
+    assert reader.newest.arrived_at_s <= stood_s + 0.5e-3
+
+
+def test_a_strangers_records_are_not_heard(arm):
+    arm.robot.configure()
+    arm.ticks(10, None)
+    ours = arm.robot.buses["load_cell"]._port._socket.getsockname()
+    before_n = arm.tick(None).force_n
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(record(10_000, 70_000, 0, [99_000_000] * 6), ours)
+    assert arm.ticks(3, None).force_n == pytest.approx(before_n, abs=1.0)
+
+
+def test_a_late_datagram_is_never_fresh(arm):
+    arm.robot.configure()
+    arm.ticks(10, None)
+    arm.strike("load_cell", FaultKind.DELAY, delay_s=0.005, probability=0.5)
+    times_s = [arm.tick(None).force_at_s for _ in range(100)]
+    assert all(later >= earlier for earlier, later in pairwise(times_s))
+    assert arm.robot.buses["load_cell"]._reader.rejected > 20  # those that others had overtaken
