@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.doubt import draws, place
+from estimation.diagnosis.doubt import SMALL, draws, place
 from estimation.fit.frame import Frame
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.readings import Readings
@@ -92,8 +92,13 @@ class Disagreement:
 
 
 def _swinging(end: Standing) -> Objection | None:
-    """An error that swings at one frequency, with another phase in each run."""
+    """An error that swings at one frequency, with another phase in each run, and is larger than in free air.
+
+    What a sensor picks up there too, such as the hum of the mains, is noise.
+    """
     frame, unit = end.plain.frame, end.data.kind.effort_unit
+    if end.rmse <= (1.0 + SMALL) * (free_air(end.data) or 0.0):
+        return None
     residual = frame.reduce(held_out_residual(frame, end.trial))
     step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
     found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, residual, step_s)

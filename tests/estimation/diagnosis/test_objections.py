@@ -296,9 +296,19 @@ def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chan
 def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, told, monkeypatch):
     found = share and (7.0, share, times)
     monkeypatch.setattr(objections, "strongest_swing", lambda *_: found)
+    monkeypatch.setattr(objections, "free_air", lambda _: None)
     end = stand(session(7), MODEL, {})
     swung = objections._swinging(end)
     assert (swung is not None) is told
     if told:  # the energy of a swing and of the rest add up
         assert f"7 Hz with {0.6 * end.rmse:.3g} N" in swung.reason
         assert swung.floor == pytest.approx(0.8 * end.rmse)
+
+
+@pytest.mark.parametrize(("air", "named"), [(None, True), (0.99, True), (1.0, False), (2.0, False)])
+def test_a_swing_that_is_in_free_air_too_is_noise(air, named, monkeypatch):
+    monkeypatch.setattr(objections, "strongest_swing", lambda *_: (50.0, 0.5, 100.0))
+    monkeypatch.setattr(objections, "free_air", lambda _: air)
+    end = stand(session(7), MODEL, {})
+    monkeypatch.setattr(type(end), "rmse", 1.045)
+    assert (objections._swinging(end) is not None) is named
