@@ -127,7 +127,8 @@ def disagreement(frame: Frame, trial: Trial) -> Disagreement | None:
     data = frame.data
     predicted = held_out_residual(frame, trial)
     slopes, effort = trial.model.linearise(data, trial.parameters)
-    slopes = np.column_stack([slopes, np.ones(len(data))])  # a run may have a zero of its own
+    free = [name not in trial.model.held for name in trial.model.gains]
+    slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # a run may have a zero of its own
     residual = data.effort - effort
     alone = np.full(len(data), np.nan)
     judged: list[IntArray] = []
