@@ -85,8 +85,6 @@ class Effect(ABC):
     # Effects that data often cannot tell from this one, with the experiment that can.
     confused_with: ClassVar[Mapping[str, str]] = {}
     parts: ClassVar[tuple[str, ...]] = ()  # effects that may together draw the same curve as this one
-    # Gains of a base model, such as "stiffness.k", of which its own law says the same where they are nothing.
-    instead_of: ClassVar[tuple[str, ...]] = ()
     form: int = 0  # which of its forms it is, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

@@ -51,11 +51,6 @@ class Model:
         """Linear parameters by "effect.parameter", in column order."""
         return {f"{e.name}.{p.name}": p for e in self.additive for p in e.gains}
 
-    @property
-    def spare(self) -> list[str]:
-        """Gains that another effect of the model takes the place of, see `Effect.instead_of`."""
-        return [name for effect in self.effects for name in effect.instead_of if name in self.gains]
-
     @cached_property
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""

@@ -28,7 +28,6 @@ class HuntCrossley(AdditiveEffect):
     )
     elastic = ("k",)
     essential = ("b",)
-    instead_of = ("stiffness.k",)
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with = {
         "power_law_stiffness": "press at two speeds: its damping grows with depth",
@@ -45,8 +44,6 @@ class HuntCrossley(AdditiveEffect):
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
         """See `Effect.is_misnamed`: the damper shows a power of the depth that the spring does not have."""
-        if not parameters.get("stiffness.k"):  # the whole spring is its own
-            return False
         k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
         depth = np.maximum(data.position, 0.0)
         spring, damper = (_bent(depth**n * by, depth * by) for by in (np.ones(len(data)), data.velocity))

@@ -1,7 +1,7 @@
 """Where a diagnosis stands: a model, its fit, the noise's colour, and what could still be explained."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,6 @@ from estimation.model import Model
 from robot_io.types import BoolArray, IntArray
 
 _OF_VELOCITY = frozenset({"velocity", "direction"})
-_AS_WELL = 0.02  # of the squared error in held-out runs
 
 
 @dataclass(frozen=True)
@@ -113,9 +112,6 @@ def fit(
 ) -> Fit:
     """Fit a model from these parameters on.
 
-    A spring of the base model beside a law with a spring of its own is held at nothing if runs held out are
-    described as well without it: the two draw nearly the same curve, and neither would be known.
-
     Args:
         data: the channel, without a `load` that was derived.
         model: what to fit.
@@ -124,17 +120,6 @@ def fit(
         memory: of other fits to this channel.
     """
     memory = memory or Memory()
-    whole = _fit(data, model, parameters, good, memory)
-    spare = {name: 0.0 for name in model.spare if name not in model.held}
-    if not spare:
-        return whole
-    less = _fit(data, replace(model, held={**model.held, **spare}), parameters, good, memory)
-    return min(whole, less, key=lambda one: one.held_out_mean_square * (1.0 + _AS_WELL * (one is whole)))
-
-
-def _fit(
-    data: ChannelData, model: Model, parameters: Mapping[str, float], good: BoolArray | None, memory: Memory
-) -> Fit:
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
     known |= {name: parameters[name] for name in known.keys() & parameters.keys()} | dict(model.held)
     first = attempt(bench_of(data, model, known, good, memory), model, known, rounds=3)

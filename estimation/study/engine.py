@@ -221,9 +221,7 @@ def _extended(data: ChannelData, standing: Standing, effect: Effect, good: BoolA
     that may lead to another, and one that makes no physical sense must leave far less than one that does.
     """
     search, memory = try_all(standing, [effect])[0].search, standing.plain.frame.memory
-    model = search.best.model
-    model = replace(model, held={n: v for n, v in model.held.items() if n not in model.spare})
-    found = [stand(data, model, start, good, memory) for start in _starts(standing, search)]
+    found = [stand(data, search.best.model, start, good, memory) for start in _starts(standing, search)]
     return min(found, key=lambda one: one.mean_square * (1.0 + SMALL * (not one.trial.is_physical)) ** 2)
 
 

@@ -363,28 +363,6 @@ def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offs
     assert found.unphysical == ()
 
 
-@pytest.mark.parametrize(
-    ("spring", "k", "b", "n", "held"),
-    [
-        (0.0, 2e4, 1e6, 1.4, {"stiffness.k": 0.0}),
-        (0.0, 900.0, 2e4, 1.05, {"stiffness.k": 0.0}),
-        (800.0, 2e5, 1e7, 2.2, {}),  # the data need both
-    ],
-)
-def test_a_spring_beside_hunt_and_crossleys_own_is_kept_where_it_is_needed(spring, k, b, n, held):
-    def law(t, x, v, run):
-        depth = np.maximum(x, 0.0)
-        return np.maximum(spring * depth + k * depth**n + b * depth**n * v, 0.0)
-
-    found = fit(session(3, law), with_effects(PRESS, "hunt_crossley"), {"hunt_crossley.n": 2.0}).trial
-    assert found.model.held == held
-    assert found.parameters["stiffness.k"] == pytest.approx(spring, rel=0.01)
-    own = {"k": k, "b": b, "n": n}
-    assert found.parameters == pytest.approx(
-        {**found.parameters, **{f"hunt_crossley.{name}": value for name, value in own.items()}}, rel=0.02
-    )
-
-
 @pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 1e7)])
 def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
     (k,) = EFFECTS["stiffness"].gains
