@@ -31,6 +31,11 @@ class Experiment:
         """Whether any rival, wherever it is wrong, is expected to fall behind by more than a small share."""
         return any(bool(np.any(one > SMALL)) for one in self.leads)
 
+    def along_with(self, other: "Experiment") -> "Experiment":
+        """Both, one after the other: what a wrong rival leaves in either adds up."""
+        leads = tuple(_together(*both) for both in zip(self.leads, other.leads, strict=True))
+        return Experiment(f"{self.words}, and {other.words}", self.duration_s + other.duration_s, leads)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -62,6 +67,12 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
         f"{100 * chosen.tells:.0f} % of what is not told apart"
     )
     return Choice(index, chosen, reason)
+
+
+def _together(leads: FloatArray, others: FloatArray) -> FloatArray:
+    """Leads (r, r) where squared errors, beside those of what is true, add up."""
+    left: FloatArray = (1.0 - leads) ** -2.0 + (1.0 - others) ** -2.0 - 1.0
+    return 1.0 - np.maximum(left, 1e-3) ** -0.5
 
 
 def _share_told(leads: FloatArray) -> float:

@@ -10,14 +10,16 @@ experiments for discriminating between two rival models, Biometrika 62 (1975) 57
 matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.data.joining import joined_channels
+from estimation.effect import Effect
 from estimation.fit.frame import coarse_copy, frame_of
+from estimation.fit.inner_search import look, refine
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.readings import shuffled
@@ -75,10 +77,15 @@ class Rivals:
         for true, rival in enumerate(self.fits):
             effort = _expected(rival, motion) + shuffled(noise, motion.run, rng)
             data, memory = joined_channels((self.data, replace(motion, effort=effort))), Memory()
-            again = (fit(data, f.trial.model, f.trial.parameters, kept, memory) for f in self.fits)
+            again = (_fitted_anywhere(data, one, self._own(one), kept, memory) for one in self.fits)
             left = np.array([one.trial.held_out for one in again])
             leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
         return leads
+
+    def _own(self, rival: Fit) -> list[Effect]:
+        """The effects that a rival does not share with all others."""
+        shared = set.intersection(*({e.name for e in one.trial.model.effects} for one in self.fits))
+        return [effect for effect in rival.trial.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
@@ -90,6 +97,25 @@ class Rivals:
 def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
     frame = frame_of(planned)
     return coarse_copy(frame), frame.trusted
+
+
+def _fitted_anywhere(
+    data: ChannelData, rival: Fit, own: Iterable[Effect], good: BoolArray, memory: Memory
+) -> Fit:
+    """A rival fitted again, from where it stands or from wherever its own effects may begin.
+
+    A diagnosis looks for inner parameters everywhere. A law that contains what is true is no worse then,
+    however far from that the data so far have put it.
+    """
+    model = rival.trial.model
+    best = fit(data, model, rival.trial.parameters, good, memory)
+    for effect in own:
+        if effect.inner:
+            looked = look(best.plain, model, effect, best.trial.parameters, effect.starts(data))
+            found = refine(best.plain, model, effect, looked).best
+            there = fit(data, model, found.parameters, good, memory)
+            best = min(best, there, key=lambda one: one.trial.sse)
+    return best
 
 
 def _expected(rival: Fit, motion: ChannelData) -> FloatArray:
