@@ -20,6 +20,7 @@ class Experiment:
     # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
     # `estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
+    evidence: float = 0.0  # what it weighs, where that is known; see `Rivals.evidence`
 
     @property
     def tells(self) -> float:
@@ -47,7 +48,10 @@ class Choice:
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
-    """The experiment that tells most; the shortest of those that tell nearly as much.
+    """The experiment that tells most; of those that tell nearly as much, the one that weighs most.
+
+    A rival of many parameters that little evidence speaks against gives way in one place, and comes back by
+    another. Where nothing is known of its weight, the shortest is chosen.
 
     Returns:
         None where no experiment is expected to separate anything.
@@ -57,11 +61,9 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
         return None
     most = max(offered[number].tells for number in useful)
     good = [number for number in useful if offered[number].tells >= NEARLY * most]
-    index = min(good, key=lambda number: offered[number].duration_s)
-    chosen, which = (
-        offered[index],
-        "tells most" if len(good) == 1 else f"shortest of {len(good)} that tell most",
-    )
+    index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
+    chosen, first = offered[index], "with most evidence" if offered[index].evidence else "shortest"
+    which = "tells most" if len(good) == 1 else f"{first} of {len(good)} that tell most"
     reason = (
         f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to set apart "
         f"{100 * chosen.tells:.0f} % of what is not told apart"

@@ -4,7 +4,8 @@
 
 with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
 and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
-(`estimation.diagnosis.doubt.gained`). With models that are linear around their parameters, and n s^2 for the
+(`estimation.diagnosis.doubt.gained`); what it is for the data so far is taken off. With models that are
+linear around their parameters, and n s^2 for the
 noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
 experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
 matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
@@ -65,8 +66,8 @@ class Rivals:
                 apart = measured - mine
                 left[true, other] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
         left += good.sum() * float(np.mean(self._noise**2))
-        leads: FloatArray = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
-        return leads
+        leads = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
+        return self._beyond_now(leads, [one.trial.sse for one in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
         """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`."""
@@ -80,7 +81,18 @@ class Rivals:
             again = (_fitted_anywhere(data, one, self._own(one), kept, memory) for one in self.fits)
             left = np.array([one.trial.held_out for one in again])
             leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
-        return leads
+        return self._beyond_now(leads, [one.trial.held_out for one in self.fits])
+
+    def _beyond_now(self, leads: FloatArray, left: Sequence[float]) -> FloatArray:
+        """Leads less those that there are already: for these alone, nothing need be done."""
+        now = 1.0 - np.sqrt(np.array(left)[:, None] / np.maximum(left, 1e-300))
+        beyond: FloatArray = leads - np.maximum(now, 0.0)
+        return beyond
+
+    def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
+        """What leads weigh, as a log likelihood ratio: they are ratios of errors, and data add up."""
+        count = len(self.data) + len(_coarse(planned)[0])
+        return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
 
     def _own(self, rival: Fit) -> list[Effect]:
         """The effects that a rival does not share with all others."""

@@ -135,7 +135,12 @@ class _Planned:
             one.rivals.expected(motion, rng) if motion is not None else one.nothing
             for one, motion in zip(left, self.motions, strict=True)
         )
-        return replace(self, experiment=replace(self.experiment, leads=leads))
+        evidence = sum(
+            one.rivals.evidence(lead, motion)
+            for one, lead, motion in zip(left, leads, self.motions, strict=True)
+            if motion is not None
+        )
+        return replace(self, experiment=replace(self.experiment, leads=leads, evidence=evidence))
 
 
 def _planned(
