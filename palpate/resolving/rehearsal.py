@@ -84,17 +84,18 @@ def rehearse_all(wanted: Sequence[Rehearsal], processes: int = 1) -> Iterator[Sa
 
     What was rehearsed before is remembered. The work of several processes comes out the same.
     """
-    new = [one for one in wanted if one not in _known]
+    known = {one: _known[one] for one in wanted if one in _known}
+    new = [one for one in wanted if one not in known]
     if processes == 1 or len(new) < 2:
         for one in wanted:
-            yield _remembered(one, _known[one] if one in _known else _tried(one))
+            yield _remembered(one, known[one] if one in known else _tried(one))
         return
     context = get_context("fork")
     with ProcessPoolExecutor(min(processes, len(new)), context, initializer=end_when_told) as pool:
         coming = {one: pool.submit(_tried, one) for one in new}
         try:
             for one in wanted:
-                yield _remembered(one, coming[one].result() if one in coming else _known[one])
+                yield _remembered(one, coming[one].result() if one in coming else known[one])
         except BaseException:  # whoever asked wants no more, or a signal came: nobody waits for the others
             end_workers(pool)
             raise
