@@ -8,9 +8,12 @@ import pytest
 import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
+from estimation.design import Choice, Experiment
+from estimation.diagnosis import Verdict
+from estimation.diagnosis.result import NextExperiment
 from palpate.next_plan import plan_text
 from palpate.resolving import rehearsal
-from palpate.resolving.designing import feasible, next_probe
+from palpate.resolving.designing import NextProbe, feasible, next_probe
 from palpate.resolving.experiments import candidates
 from palpate.resolving.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
 from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
@@ -177,6 +180,18 @@ def test_no_experiment_is_run_twice(resolved, diagnosed):
     assert following is None or following.plan not in [
         ProbingPlan(**yaml.safe_load(one.metadata.extra[PLAN])) for one in sessions
     ]
+
+
+def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_path, diagnosed, monkeypatch):
+    (shown,) = diagnosed.channels
+    gone = shown.model_copy(update={"verdict": Verdict.ADEQUATE, "accepted": []})
+    answers = iter([diagnosed, diagnosed.model_copy(update={"channels": [gone]})])
+    monkeypatch.setattr(Study, "diagnose", lambda *_, **__: next(answers))
+    proposal = NextExperiment(purpose="p", separates=[], instruction="i", probe={})
+    again = NextProbe(QUICK, proposal, Choice(0, Experiment("again", 1.0, ()), "why"), ("joint_1",))
+    job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
+    done = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: again)
+    assert [one.end for one in done.decisions] == [None, End.UNSEEN]
 
 
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):
