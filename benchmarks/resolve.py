@@ -114,10 +114,10 @@ def is_inseparable(done: dict[str, Any]) -> bool:
         return False
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(done, Path(folder) / "sessions" / "probe-00.mcap")
-        run_probing(job)
+        run_probing(job).raise_for_failure()
         for number, (candidate, _) in enumerate(feasible(Study(job.session, keep=False)), 1):
             session = job.session.with_name(f"probe-{number:02d}.mcap")
-            run_probing(replace(job, session=session, plan=candidate.plan, again=number))
+            run_probing(replace(job, session=session, plan=candidate.plan, again=number)).raise_for_failure()
         study = Study(job.session.parent, keep=False)
         channel = study.channel(done["channel"])
         parts = {one.name: one.parts for one in study.effects}
