@@ -10,14 +10,23 @@ that channel with at most three more probes (`--probes`). "grid" runs the experi
 the order in which they are listed, "random" in random order; both stop once one explanation is left.
 
 Separated: what was hidden, and nothing else, is named. Wrong: the answer is one explanation, and another.
+
+    python benchmarks/resolve.py --check FILE
+
+says of each case in FILE that ended with "inseparable" whether that is so. Every experiment that the arm can
+do is run in the world in which the effect is hidden, and all that is left is fitted to all of it together:
+inseparable are laws of which none leaves 5 % more than another, what was hidden among them.
 """
 
 import json
+import math
 import multiprocessing
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,6 +39,7 @@ from threadpoolctl import threadpool_limits
 from control.probing.plan import ProbingPlan
 from estimation.design import Choice, Experiment
 from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.doubt import SMALL
 from estimation.diagnosis.result import NextExperiment
 from estimation.study.rivals import is_undecided
 from palpate.resolving.designing import NextProbe, feasible, next_probe
@@ -97,6 +107,26 @@ def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def is_inseparable(done: dict[str, Any]) -> bool:
+    """Whether all experiments together leave what a case ended with, and what was hidden is among that."""
+    left = [[SAME.get(one, one) for one in group] for group in done["left"]]
+    if not left or not all(done["hidden"]["effect"] in group for group in left):
+        return False
+    with TemporaryDirectory() as folder, threadpool_limits(1):
+        job = _job(done, Path(folder) / "sessions" / "probe-00.mcap")
+        run_probing(job).raise_for_failure()
+        for number, (candidate, _) in enumerate(feasible(Study(job.session, keep=False)), 1):
+            session = job.session.with_name(f"probe-{number:02d}.mcap")
+            run_probing(replace(job, session=session, plan=candidate.plan, again=number)).raise_for_failure()
+        study = Study(job.session.parent, keep=False)
+        channel = study.channel(done["channel"])
+        parts = {one.name: one.parts for one in study.effects}
+        laws = {frozenset(law) for law in product(*done["left"])}
+        laws = {law.difference(*(parts[one] for one in law)) for law in laws}
+        errors = [study.fit(channel, sorted(law)).standing.trial.held_out for law in laws]
+        return 1.0 - math.sqrt(min(errors) / max(errors)) <= SMALL
+
+
 def _job(case: dict[str, Any], session: Path) -> ProbingJob:
     scenario = Scenario().with_hidden([parse_imperfection(case["hidden"])])
     return ProbingJob(find_robot(DEFAULT), session, SHORT, scenario=scenario, seed=case["seed"], online=None)
@@ -139,10 +169,19 @@ def report(way: str, done: Sequence[dict[str, Any]]) -> None:
     print(f"  seconds of probing, sum over all cases: {sum(one['seconds'] for one in tried):.0f}")
 
 
+def check(results: Path) -> None:
+    """Print what is inseparable in truth."""
+    for line in results.read_text(encoding="utf-8").splitlines():
+        done = json.loads(line)
+        if done["end"] == End.INSEPARABLE:
+            print(f"{done['hidden']} | {done['left']} | {is_inseparable(done)}", flush=True)
+
+
 def main() -> None:
     """Find cases, or resolve them."""
     parser = arguments(__doc__)
-    parser.add_argument("--cases", type=Path, required=True, help="JSON lines, one a case")
+    parser.add_argument("--cases", type=Path, help="JSON lines, one a case")
+    parser.add_argument("--check", type=Path, help="a file that --out wrote")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
     parser.add_argument("--way", choices=["designed", "grid", "random"], default="designed")
@@ -151,12 +190,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON lines, one a case")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
+    if options.check:
+        check(options.check)
+        return
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.processes, spawn, initializer=threadpool_limits, initargs=(1,)) as pool:
         if options.find:
             names = drawable()
             jobs = [(names[n % len(names)], options.seed + n) for n in range(options.find)]
-            with options.cases.open("w", encoding="utf-8") as out:
+            with options.cases.open("a", encoding="utf-8") as out:
                 for case in pool.map(screened, *zip(*jobs, strict=True)):
                     if case is not None:
                         out.write(json.dumps(case) + "\n")

@@ -20,6 +20,7 @@ class Experiment:
     # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
     # `estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
+    evidence: float = 0.0  # what it weighs, where that is known; see `Rivals.evidence`
 
     @property
     def tells(self) -> float:
@@ -30,6 +31,11 @@ class Experiment:
     def separates(self) -> bool:
         """Whether any rival, wherever it is wrong, is expected to fall behind by more than a small share."""
         return any(bool(np.any(one > SMALL)) for one in self.leads)
+
+    def along_with(self, other: "Experiment") -> "Experiment":
+        """Both, one after the other: what a wrong rival leaves in either adds up."""
+        leads = tuple(_together(*both) for both in zip(self.leads, other.leads, strict=True))
+        return Experiment(f"{self.words}, and {other.words}", self.duration_s + other.duration_s, leads)
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,10 @@ class Choice:
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
-    """The experiment that tells most; the shortest of those that tell nearly as much.
+    """The experiment that tells most; of those that tell nearly as much, the one that weighs most.
+
+    A rival of many parameters that little evidence speaks against gives way in one place, and comes back by
+    another. Where nothing is known of its weight, the shortest is chosen.
 
     Returns:
         None where no experiment is expected to separate anything.
@@ -52,16 +61,20 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
         return None
     most = max(offered[number].tells for number in useful)
     good = [number for number in useful if offered[number].tells >= NEARLY * most]
-    index = min(good, key=lambda number: offered[number].duration_s)
-    chosen, which = (
-        offered[index],
-        "tells most" if len(good) == 1 else f"shortest of {len(good)} that tell most",
-    )
+    index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
+    chosen, first = offered[index], "with most evidence" if offered[index].evidence else "shortest"
+    which = "tells most" if len(good) == 1 else f"{first} of {len(good)} that tell most"
     reason = (
         f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to set apart "
         f"{100 * chosen.tells:.0f} % of what is not told apart"
     )
     return Choice(index, chosen, reason)
+
+
+def _together(leads: FloatArray, others: FloatArray) -> FloatArray:
+    """Leads (r, r) where squared errors, beside those of what is true, add up."""
+    left: FloatArray = (1.0 - leads) ** -2.0 + (1.0 - others) ** -2.0 - 1.0
+    return 1.0 - np.maximum(left, 1e-3) ** -0.5
 
 
 def _share_told(leads: FloatArray) -> float:

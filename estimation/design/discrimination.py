@@ -4,20 +4,23 @@
 
 with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
 and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
-(`estimation.diagnosis.doubt.gained`). With models that are linear around their parameters, and n s^2 for the
+(`estimation.diagnosis.doubt.gained`); what it is for the data so far is taken off. With models that are
+linear around their parameters, and n s^2 for the
 noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
 experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
 matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.data.joining import joined_channels
+from estimation.effect import Effect
 from estimation.fit.frame import coarse_copy, frame_of
+from estimation.fit.inner_search import look, refine
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.readings import shuffled
@@ -63,8 +66,8 @@ class Rivals:
                 apart = measured - mine
                 left[true, other] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
         left += good.sum() * float(np.mean(self._noise**2))
-        leads: FloatArray = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
-        return leads
+        leads = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
+        return self._beyond_now(leads, [one.trial.sse for one in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
         """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`."""
@@ -75,10 +78,26 @@ class Rivals:
         for true, rival in enumerate(self.fits):
             effort = _expected(rival, motion) + shuffled(noise, motion.run, rng)
             data, memory = joined_channels((self.data, replace(motion, effort=effort))), Memory()
-            again = (fit(data, f.trial.model, f.trial.parameters, kept, memory) for f in self.fits)
+            again = (_fitted_anywhere(data, one, self._own(one), kept, memory) for one in self.fits)
             left = np.array([one.trial.held_out for one in again])
             leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
-        return leads
+        return self._beyond_now(leads, [one.trial.held_out for one in self.fits])
+
+    def _beyond_now(self, leads: FloatArray, left: Sequence[float]) -> FloatArray:
+        """Leads less those that there are already: for these alone, nothing need be done."""
+        now = 1.0 - np.sqrt(np.array(left)[:, None] / np.maximum(left, 1e-300))
+        beyond: FloatArray = leads - np.maximum(now, 0.0)
+        return beyond
+
+    def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
+        """What leads weigh, as a log likelihood ratio: they are ratios of errors, and data add up."""
+        count = len(self.data) + len(_coarse(planned)[0])
+        return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
+
+    def _own(self, rival: Fit) -> list[Effect]:
+        """The effects that a rival does not share with all others."""
+        shared = set.intersection(*({e.name for e in one.trial.model.effects} for one in self.fits))
+        return [effect for effect in rival.trial.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
@@ -90,6 +109,25 @@ class Rivals:
 def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
     frame = frame_of(planned)
     return coarse_copy(frame), frame.trusted
+
+
+def _fitted_anywhere(
+    data: ChannelData, rival: Fit, own: Iterable[Effect], good: BoolArray, memory: Memory
+) -> Fit:
+    """A rival fitted again, from where it stands or from wherever its own effects may begin.
+
+    A diagnosis looks for inner parameters everywhere. A law that contains what is true is no worse then,
+    however far from that the data so far have put it.
+    """
+    model = rival.trial.model
+    best = fit(data, model, rival.trial.parameters, good, memory)
+    for effect in own:
+        if effect.inner:
+            looked = look(best.plain, model, effect, best.trial.parameters, effect.starts(data))
+            found = refine(best.plain, model, effect, looked).best
+            there = fit(data, model, found.parameters, good, memory)
+            best = min(best, there, key=lambda one: one.trial.sse)
+    return best
 
 
 def _expected(rival: Fit, motion: ChannelData) -> FloatArray:

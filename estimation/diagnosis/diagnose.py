@@ -1,6 +1,5 @@
 """Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
 
-import signal
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -21,7 +20,7 @@ from estimation.diagnosis.of_runs import vary
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
-from estimation.end_workers import end_workers
+from estimation.end_workers import end_when_told, end_workers
 from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
@@ -68,7 +67,7 @@ def diagnose(
         found = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
     else:
         with ProcessPoolExecutor(
-            min(processes, len(jobs)), get_context("fork"), initializer=_end_when_told
+            min(processes, len(jobs)), get_context("fork"), initializer=end_when_told
         ) as pool:
             try:
                 found = list(_counted(pool.map(work, jobs), channels, progress))
@@ -77,12 +76,6 @@ def diagnose(
                 raise
     name = "+".join(dict.fromkeys(one.name for one in models))
     return Diagnosis(file=file, model=name, channels=found)
-
-
-def _end_when_told() -> None:
-    """Handlers of the process that forked are not a worker's: a signal ends it at once."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
 
 
 def _diagnose_job(

@@ -85,7 +85,7 @@ class NextExperiment(_Entry):
     separates: list[str]  # the effects that it would tell apart
     instruction: str  # in words
     # Settings for `palpate probe --experiment`, by name.
-    probe: dict[str, float | int | str | list[float] | dict[str, float | str]]
+    probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
 
 
 class Floor(_Entry):

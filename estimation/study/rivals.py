@@ -1,11 +1,13 @@
 """The models among which a diagnosis has not decided, and the simplest of those that nothing sets apart."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.candidates import candidates, try_all
+from estimation.diagnosis.candidates import candidates, is_misnamed, try_all
 from estimation.diagnosis.doubt import SMALL
+from estimation.diagnosis.result import Accepted
+from estimation.effect import Effect
 from estimation.fit.frame import coarse_copy
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
@@ -16,7 +18,8 @@ from estimation.study.fits import Fits
 from estimation.study.reconcile import reconcile
 from robot_io.errors import InputError
 
-MOST = 4  # rivals that are compared with each other
+MOST = 6  # rivals that are compared with each other
+_ALONE = 4  # the same where it is not known what is missing, the established model among them
 _CONTAINED = 1e-3  # of the energy of what a law adds, that is left where another contains it
 _UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # of the energy of the noise: it raises the error by what decides nothing
 
@@ -28,32 +31,54 @@ def is_undecided(found: ChannelDiagnosis) -> bool:
     return not found.complete or any(entry.confused_with for entry in found.accepted)
 
 
-def rival_effects(found: ChannelDiagnosis) -> list[list[str]]:
-    """Effects of each model that may be the right one, beside the base model's; the best first.
+def rival_effects(found: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
+    """The questions that are left, each as the effects of all models that may be right, the best first.
 
-    Where an effect is not told from others, each in its place. Where something is left: what is established
-    (the base model, where nothing is), and each of the best candidates alone.
+    Where an effect is not told from others, each in its place, which is a question of its own for each such
+    effect. Where something is left: what is established (the base model, where nothing is), and each of the
+    best candidates alone.
+
+    Args:
+        found: the diagnosis.
+        effects: the library; an effect that is what others are together stands in the place of all of them.
     """
     names = [entry.effect for entry in found.accepted]
-    for entry in found.accepted:
-        if entry.confused_with:
-            others = [name for name in names if name != entry.effect]
-            return [[*others, one] for one in (entry.effect, *entry.confused_with)][:MOST]
+    parts = {one.name: one.parts for one in effects}
+    asked = [
+        [_with(names, entry.effect, other, parts.get(other, ())) for other in _group(entry)]
+        for entry in found.accepted
+        if entry.confused_with
+    ]
     alone = [[one.effect] for one in found.ranking if one.score > 0.0 and one.effect not in names]
-    return [names, *alone][:MOST]
+    return [one[:MOST] for one in asked] or [[names, *alone][:_ALONE]]
 
 
-def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> dict[str, Standing]:
-    """These models by their effects in words, fitted; one that cannot be fitted is left out.
+def _group(entry: Accepted) -> list[str]:
+    return [entry.effect, *entry.confused_with]
 
-    Where something is left and no candidate is any good, those that take most away are compared, good or not:
-    an experiment that would show them is one in which there is more to see.
+
+def _with(names: Sequence[str], place: str, other: str, parts: Sequence[str]) -> list[str]:
+    """Effects, another in the place of one and of all its own parts, and last."""
+    return [*(name for name in names if name != place and name not in parts), other]
+
+
+def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, Standing]]:
+    """For each question, these models by their effects in words, fitted, and the best first.
+
+    One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
+    take most away are compared, good or not: an experiment that would show them is one in which there is more
+    to see.
     """
     if not is_undecided(found):
-        return {}
-    fitted, wanted = {}, rival_effects(found)
-    if len(wanted) == 1:
-        wanted += [[name] for name in _telling_most(study, channel)]
+        return []
+    asked = rival_effects(found, study.effects)
+    if len(asked[0]) == 1:
+        asked = [[*asked[0], *([name] for name in _telling_most(study, channel))]]
+    return [fitted for one in asked if len(fitted := _fitted(study, channel, one)) > 1]
+
+
+def _fitted(study: Fits, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, Standing]:
+    fitted = {}
     for effects in wanted:
         try:
             fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).standing
@@ -65,7 +90,7 @@ def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> di
 def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
     base = study.fit(channel)
     tried = try_all(base.standing, candidates(base.data, base.model, study.effects))  # the best first
-    return [one.effect.name for one in tried[: MOST - 1]]
+    return [one.effect.name for one in tried[: _ALONE - 1]]
 
 
 def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
@@ -73,28 +98,48 @@ def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosi
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
     then nothing that anybody could see. What remains undecided stays so. Of two laws the simpler has fewer
-    parameters, or as many and depends on less: friction, beside friction that remembers its path.
+    parameters, or as many and depends on less: friction, beside friction that remembers its path. An effect
+    and its parts are one law by two names, of which neither is simpler.
     """
-    place = next((n for n, entry in enumerate(found.accepted) if entry.confused_with), None)
-    if place is None:
-        return found
-    entry, accepted = found.accepted[place], list(found.accepted)
-    others = [one.effect for one in accepted if one is not entry]
-    names = [entry.effect, *entry.confused_with]
-    models = {name: study.fit(channel, [*others, name]).standing for name in names}
-    first, *rest = [name for name in names if not _contains_another(models[name], models)]
-    effect = next(one for one in study.effects if one.name == first)
+    for place, entry in enumerate(found.accepted):
+        if entry.confused_with:
+            found = _with_the_simplest_in(study, channel, found, place)
+    return found
+
+
+def _with_the_simplest_in(
+    study: Fits, channel: StudyChannel, found: ChannelDiagnosis, place: int
+) -> ChannelDiagnosis:
+    accepted, names = list(found.accepted), [one.effect for one in found.accepted]
+    entry, known = accepted[place], {one.name: one for one in study.effects}
+    models = {
+        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).standing
+        for other in _group(entry)
+    }
+    kept: list[str] = []
+    for name in sorted(models, key=lambda one: (_size(models[one].trial.model), len(known[one].signals))):
+        if not _contains_another(models[name], [models[one] for one in kept]):
+            kept.append(name)
+    first, *rest = [name for name in models if name in kept]
+    effect = known[first]
     about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
     accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
     return reconcile(study, channel, found.model_copy(update={"accepted": accepted}))
 
 
-def _contains_another(larger: Standing, models: Mapping[str, Standing]) -> bool:
-    return any(_is_simpler(one, larger) and _contains(larger, one) for one in models.values())
+def _contains_another(larger: Standing, others: Iterable[Standing]) -> bool:
+    """Whether a model draws what a simpler one does, or has become something else than its name says."""
+    simpler = [one for one in others if _is_simpler(one, larger)]
+    if simpler and is_misnamed(larger.trial.model.effects[-1], larger.trial, larger.plain):
+        return True
+    return any(_contains(larger, one) for one in simpler)
 
 
 def _is_simpler(one: Standing, other: Standing) -> bool:
     """Whether a model is simpler than another that differs from it in the last effect."""
+    last = other.trial.model.effects[-1]
+    if last.parts and {effect.name for effect in one.trial.model.effects} >= set(last.parts):
+        return False
     sizes = [_size(each.trial.model) for each in (one, other)]
     few, many = (set(each.trial.model.effects[-1].signals) for each in (one, other))
     return sizes[0] < sizes[1] or (sizes[0] == sizes[1] and few < many)

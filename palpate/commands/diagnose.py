@@ -1,5 +1,6 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
@@ -72,7 +73,8 @@ def command(
     folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None
     with diagnosis_progress([one.name for one in study.chosen(channel)]) as progress:
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
-        following = next_probe(study, diagnosis.channels, progress=progress)
+        processes = os.cpu_count() or 1
+        following = next_probe(study, diagnosis.channels, progress=progress, processes=processes)
     if following is not None:
         diagnosis = with_proposal(diagnosis, following)
     content = study.diagnosis_data(diagnosis)

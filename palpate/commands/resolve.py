@@ -1,8 +1,10 @@
 """`palpate resolve`: probe and diagnose, again and again, until one explanation is left."""
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +15,7 @@ from palpate import console
 from palpate.files import existing_file
 from palpate.option_sets import takes
 from palpate.render.progress import diagnosis_progress, probing_progress
+from palpate.resolving.designing import next_probe
 from palpate.resolving.resolve import DECISIONS, Budget, Decision, Resolved, resolve
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
 from palpate.runs.permission import ask_for_power, motion_in_words
@@ -70,7 +73,8 @@ def command(
         talk = console.stderr() if options.as_json else console.stdout()
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
-    resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress)
+    design = partial(next_probe, processes=os.cpu_count() or 1)
+    resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
     if options.as_json:
         console.print_json(resolved.as_data())
     else:

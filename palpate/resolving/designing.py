@@ -12,6 +12,7 @@ from control.probing.plan import ProbingPlan
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
 from estimation.design import Choice, Experiment, Rivals, choose
+from estimation.design.choice import NEARLY
 from estimation.design.discrimination import SMALL
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.next_experiment import FEW_READINGS
@@ -20,24 +21,24 @@ from estimation.study import StudyChannel, StudyDiagnosis
 from estimation.study.channels import channel_of
 from estimation.study.rivals import rivals_of
 from palpate.resolving.experiments import Candidate, both, candidates
-from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, rehearse
+from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.probing import PLAN
 from palpate.study import Study
-from robot_io.errors import InputError, PalpateError
+from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.files.safe_yaml import parse_yaml
 from robot_io.session import Samples, Session
 from robot_io.types import FloatArray
 
-FITTED = 4  # experiments that promise most, for which all models are fitted again
-PAIRED = 3  # that promise most by themselves, and are also considered two by two
+FITTED = 6  # experiments that promise most, for which all models are fitted again
+PAIRED = 3  # two of these as one experiment, those that tell most together
 _SEED = 1
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Undecided:
-    """A channel with the models among which the data do not decide, by their effects in words."""
+    """A question: a channel with models among which its data do not decide, by their effects in words."""
 
     channel: StudyChannel
     names: tuple[str, ...]
@@ -60,14 +61,13 @@ class NextProbe:
 
 
 def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided]:
-    """The channels in which several models are left, with these."""
-    left = []
-    for one in found:
-        channel = study.channel(one.channel)
-        models = rivals_of(study, channel, one)
-        if len(models) > 1:
-            left.append(Undecided(channel, tuple(models), Rivals.of(list(models.values()))))
-    return left
+    """All that is left to ask, of each channel what is there in the place of each effect that has rivals."""
+    return [
+        Undecided(channel, tuple(models), Rivals.of(list(models.values())))
+        for one in found
+        for channel in [study.channel(one.channel)]
+        for models in rivals_of(study, channel, one)
+    ]
 
 
 def next_probe(
@@ -75,6 +75,7 @@ def next_probe(
     found: Sequence[ChannelDiagnosis],
     longest_s: float = LONGEST_S,
     progress: Progress = lambda what, share: None,
+    processes: int = 1,
 ) -> NextProbe | None:
     """The plan that is expected to set apart what is left; None if none is, or the study is no probing.
 
@@ -87,6 +88,7 @@ def next_probe(
         found: what is known of its channels.
         longest_s: time that an experiment may take [s].
         progress: told what is considered, and the share of it that is done.
+        processes: that share the rehearsals.
 
     Raises:
         InputError: the session's own copies of robot file or plan are not valid.
@@ -95,43 +97,50 @@ def next_probe(
     if not open_questions:
         return _remedy(study, found, longest_s, progress)
     ran = _plans_run(study)
-    single = _planned(_new(feasible(study, progress), ran), study, open_questions, longest_s)
-    paired = feasible(study, progress, pairs_of=[one.candidate for one in single[:PAIRED]])
-    every = [*single, *_planned(_new(paired, ran), study, open_questions, longest_s)]
-    best = sorted(every, key=_promise, reverse=True)[:FITTED]
-    offered = [one.expected(open_questions) for one in best]
-    choice = choose(offered)
+    single = _planned(
+        _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
+    )
+    single = [one.expected(open_questions) for one in single[:FITTED]]
+    paired = feasible(study, progress, pairs=_pairs(single), processes=processes)
+    joint = _planned(_new(paired, ran), study, open_questions, longest_s)
+    every = [*single, *(one.expected(open_questions) for one in joint)]
+    choice = choose([one.experiment for one in every])
     if choice is None:
         return None
-    return _next_probe(best[choice.index].candidate, open_questions, choice)
+    return _next_probe(every[choice.index].candidate, open_questions, choice)
 
 
 @dataclass(frozen=True)
 class _Planned:
-    """A feasible experiment, with the motion of each undecided channel; None where that does not tell."""
+    """A feasible experiment, with its motion for each question; None where that does not tell."""
 
     candidate: Candidate
-    experiment: Experiment  # as it is promised
+    experiment: Experiment  # as it is promised, or as it is expected
     motions: tuple[ChannelData | None, ...]
 
     @classmethod
     def of(cls, candidate: Candidate, ticks: Samples, study: Study, left: Sequence[Undecided]) -> "_Planned":
-        turned = "press_direction_world" in candidate.settings
-        motions = tuple(_motion(one, study, ticks, turned=turned) for one in left)
+        elsewhere = candidate.is_elsewhere
+        motions = tuple(_motion(one, study, ticks, elsewhere=elsewhere) for one in left)
         leads = tuple(
             one.rivals.promised(motion) if motion is not None else one.nothing
             for one, motion in zip(left, motions, strict=True)
         )
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
-    def expected(self, left: Sequence[Undecided]) -> Experiment:
-        """The experiment with what is expected once all models are fitted again."""
+    def expected(self, left: Sequence[Undecided]) -> "_Planned":
+        """The same with what is expected once all models are fitted again."""
         rng = np.random.default_rng(_SEED)
         leads = tuple(
             one.rivals.expected(motion, rng) if motion is not None else one.nothing
             for one, motion in zip(left, self.motions, strict=True)
         )
-        return replace(self.experiment, leads=leads)
+        evidence = sum(
+            one.rivals.evidence(lead, motion)
+            for one, lead, motion in zip(left, leads, self.motions, strict=True)
+            if motion is not None
+        )
+        return replace(self, experiment=replace(self.experiment, leads=leads, evidence=evidence))
 
 
 def _planned(
@@ -150,6 +159,14 @@ def _new(
 ) -> Iterator[tuple[Candidate, Samples]]:
     """Those that were not run yet."""
     return (one for one in offered if one[0].plan not in ran)
+
+
+def _pairs(single: Sequence[_Planned]) -> list[tuple[Candidate, Candidate]]:
+    """Two of some experiments, where both tell more than any alone; those that tell most first."""
+    most = max((one.experiment.tells for one in single), default=0.0)
+    pairs = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
+    pairs.sort(key=lambda pair: pair[0], reverse=True)
+    return [(a.candidate, b.candidate) for tells, a, b in pairs if tells * NEARLY > most]
 
 
 def _plans_run(study: Study) -> list[ProbingPlan]:
@@ -206,14 +223,16 @@ def with_proposal(diagnosis: StudyDiagnosis, following: NextProbe) -> StudyDiagn
 def feasible(
     study: Study,
     progress: Progress = lambda what, share: None,
-    pairs_of: Sequence[Candidate] = (),
+    pairs: Sequence[tuple[Candidate, Candidate]] | None = None,
+    processes: int = 1,
 ) -> Iterator[tuple[Candidate, Samples]]:
     """The experiments that the arm of a study can do, each with the motion that it would make.
 
     Args:
         study: whose arm it is.
         progress: told what is considered.
-        pairs_of: combine these by two; else the whole catalogue.
+        pairs: as one experiment each, as many as `PAIRED`; None for the whole catalogue.
+        processes: that share the rehearsals.
 
     Raises:
         InputError: see `next_probe`.
@@ -222,22 +241,23 @@ def feasible(
     ground = _Ground.of(study, session) if session is not None and study.source.probed else None
     if ground is None:
         return
-    joint = (both(*pair, ground.before) for pair in combinations(pairs_of, 2))
-    considered = (
-        [one for one in joint if one] if pairs_of else candidates(ground.before, ground.arm.robot_file)
-    )
-    for number, candidate in enumerate(considered):
+    if pairs is None:
+        considered = candidates(ground.before, ground.arm.robot_file, ground.place_world_m)
+    else:
+        considered = [one for pair in pairs if (one := both(*pair, ground.before))][:PAIRED]
+    wanted = [ground.rehearsal(one.plan) for one in considered]
+    for number, (candidate, ticks) in enumerate(
+        zip(considered, rehearse_all(wanted, processes), strict=True)
+    ):
         progress(f"design: {candidate.words}", number / len(considered))
-        try:
-            yield candidate, ground.ticks(candidate.plan)
-        except PalpateError:  # the arm cannot do it
-            continue
+        if ticks is not None:
+            yield candidate, ticks
 
 
-def _motion(one: Undecided, study: Study, ticks: Samples, *, turned: bool) -> ChannelData | None:
-    """The channel as it would move; None where it does not, or is pressed in another direction."""
+def _motion(one: Undecided, study: Study, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
+    """The channel as it would move; None where it does not, or another place of the object is pressed."""
     planned = _channel_like(one.channel.data, ticks)
-    if planned is None or (turned and planned.kind is ChannelKind.CONTACT):
+    if planned is None or (elsewhere and planned.kind is ChannelKind.CONTACT):
         return None
     return channel_of(planned, one.channel.model.name, study.source.arm).data
 
@@ -259,7 +279,8 @@ def _next_probe(candidate: Candidate, left: Sequence[Undecided], choice: Choice)
         instruction=candidate.words,
         probe=candidate.settings,
     )
-    return NextProbe(candidate.plan, proposal, choice, tuple(one.channel.name for one in told))
+    channels = tuple(dict.fromkeys(one.channel.name for one in told))
+    return NextProbe(candidate.plan, proposal, choice, channels)
 
 
 @dataclass(frozen=True)
@@ -289,9 +310,18 @@ class _Ground:
         start_rad = session.samples(STREAM_NAME).vector("joint_position_rad")[0]
         return cls(before, arm, known, tuple(np.round(start_rad, 3).tolist()))
 
-    def ticks(self, plan: ProbingPlan) -> Samples:
-        """See `rehearse`."""
-        return rehearse(self.arm, plan.model_dump_json(), self.known, self.start_rad)
+    @property
+    def place_world_m(self) -> FloatArray:
+        """Where the first target's surface was touched, shape (3,) [m]."""
+        push = np.array(self.before.press_direction_world)
+        tip_m, _ = self.arm.body.tip_pose(np.array(self.start_rad))
+        before_m = np.array(self.before.targets_world_m[0]) if self.before.targets_world_m else tip_m
+        place: FloatArray = before_m + (self.known.surface_m - before_m @ push) * push
+        return place
+
+    def rehearsal(self, plan: ProbingPlan) -> Rehearsal:
+        """Of a plan, on this ground."""
+        return Rehearsal(self.arm, plan.model_dump_json(), self.known, self.start_rad)
 
 
 def _rounded(positive: float) -> float:

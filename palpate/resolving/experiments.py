@@ -5,14 +5,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from control.probing.plan import ProbingPlan
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.robot_file import RobotFile
+from robot_io.types import FloatArray
 
 _FORCE_MARGIN = 1.2  # of the guard's force, that a press stays below
 _TILT_RAD = 0.35  # of the tool in the arm's plane
+_BESIDE_M = 0.1  # to another place of the surface
+_ROOM_M = 0.03  # behind where the surface is expected at another place, within which it must be touched
 _SHARED = ("speeds_m_s", "hold_s")  # of which two experiments take what serves both
+_ELSEWHERE = frozenset({"press_direction_world", "targets_world_m"})
 Settings = dict[str, Any]
 
 
@@ -24,16 +30,22 @@ class Candidate:
     settings: Settings  # what differs from the plan before
     plan: ProbingPlan  # the whole plan
 
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether it presses another place of the object, or in another direction."""
+        return not _ELSEWHERE.isdisjoint(self.settings)
 
-def candidates(before: ProbingPlan, robot_file: RobotFile) -> list[Candidate]:
+
+def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray) -> list[Candidate]:
     """All experiments that make a valid plan; whether the arm can do them is for a rehearsal to say.
 
     Args:
         before: the plan that was run first: targets and what is not changed stay.
         robot_file: whose guard limits the force.
+        place_world_m: where the surface was touched, shape (3,) [m].
     """
     found = []
-    for words, settings in _changes(before, robot_file):
+    for words, settings in (*_changes(before, robot_file), *_elsewhere(before, place_world_m)):
         try:
             found.append(Candidate(words, settings, _plan(before, settings)))
         except InputError:  # such as an approach that is too short for the speed
@@ -87,11 +99,26 @@ def _changes(before: ProbingPlan, robot_file: RobotFile) -> Iterator[tuple[str, 
         swing = {"free_air_swing_m": swing_m, "free_air_swing_speeds_rad_s": rates}
         swing |= {"joint_acceleration_rad_s2": 8.0}
         yield words, {"speeds_m_s": [0.15, 0.06], **swing, "hold_s": 0.3}
+
+
+def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple[str, Settings]]:
+    """Light presses with the arm in another posture, which are of another place to the object."""
+    lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
+    lightly |= {"travel_speed_m_s": 0.08}
     for angle in (-2.0 * _TILT_RAD, -_TILT_RAD, _TILT_RAD, 2.0 * _TILT_RAD):
         tilted = {"press_direction_world": _tilted(before.press_direction_world, angle)}
-        lightly = {"speeds_m_s": [0.05], "force_limit_n": force_n / 3, "hold_s": 0.3, "repeats": 2}
-        lightly |= {"travel_speed_m_s": 0.08}
         yield f"press with the tool tilted by {math.degrees(angle):.0f} degrees", {**tilted, **lightly}
+    push = np.array(before.press_direction_world)
+    out = np.array([*place_world_m[:2], 0.0])  # the arm's base is the origin
+    out -= (out @ push) * push
+    if np.linalg.norm(out) < _BESIDE_M:  # there is no telling where out is
+        return
+    out /= np.linalg.norm(out)
+    for steps in (-2, -1, 1, 2):
+        target = np.round(place_world_m + steps * _BESIDE_M * out, 4).tolist()
+        words = f"press {100.0 * abs(steps) * _BESIDE_M:.0f} cm {'further out' if steps > 0 else 'nearer'}"
+        searched = {"search_depth_m": before.approach_clearance_m + _ROOM_M}
+        yield words, {"targets_world_m": [target], **searched, **lightly}
 
 
 def _tilted(direction: tuple[float, float, float], angle_rad: float) -> list[float]:

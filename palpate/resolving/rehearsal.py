@@ -1,12 +1,16 @@
-"""What a plan would make an arm do: the probing task on an arm that follows exactly, pressing a known object.
+"""What a plan would make an arm do: the probing task on an arm without faults, pressing a known object.
 
 It is the task that the robot runs, with its own checks and the force law that reacts to the object, so a plan
-that the arm cannot do is refused here as it would be there. No device is opened.
+that the arm cannot do is refused here as it would be there. The arm has the masses of its URDF and lags
+behind as under the robot's controller: one that turned round at once would promise to show what no arm
+shows. No device is opened.
 """
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import lru_cache
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -15,12 +19,14 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
-from robot_io.errors import InputError
+from estimation.end_workers import end_when_told, end_workers
+from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import RobotFile, parse_robot_file
 from robot_io.session import Samples
 from robot_io.types import FloatArray, Measurement, Status
 
 LONGEST_S = 120.0  # of an experiment that is considered
+_KEPT = 64  # rehearsals that are kept: those asked for longest ago would come out the same again
 
 
 @dataclass(frozen=True)
@@ -60,34 +66,78 @@ class KnownObject:
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * speed_m_s, 0.0) if depth_m > 0 else 0.0
 
 
-@lru_cache(maxsize=64)
-def rehearse(arm: ArmText, plan_json: str, known: KnownObject, start_rad: tuple[float, ...]) -> Samples:
-    """The ticks of a probing that follows its plan exactly, without noise: what channels are made of.
+@dataclass(frozen=True)
+class Rehearsal:
+    """What is rehearsed: two that are equal come out the same."""
 
-    Args:
-        arm: limits, gains, rate and masses.
-        plan_json: what is done.
-        known: what is pressed.
-        start_rad: joint positions at the start [rad].
+    arm: ArmText  # limits, gains, rate and masses
+    plan_json: str  # what is done
+    known: KnownObject  # what is pressed
+    start_rad: tuple[float, ...]  # joint positions at the start [rad]
+
+
+_known: OrderedDict[Rehearsal, Samples | None] = OrderedDict()
+
+
+def rehearse_all(wanted: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
+    """What `rehearse` says of each, in this order; None where the arm cannot do it.
+
+    What was rehearsed before is remembered. The work of several processes comes out the same.
+    """
+    known = {one: _known[one] for one in wanted if one in _known}
+    new = [one for one in wanted if one not in known]
+    if processes == 1 or len(new) < 2:
+        for one in wanted:
+            yield _remembered(one, known[one] if one in known else _tried(one))
+        return
+    context = get_context("fork")
+    with ProcessPoolExecutor(min(processes, len(new)), context, initializer=end_when_told) as pool:
+        coming = {one: pool.submit(_tried, one) for one in new}
+        try:
+            for one in wanted:
+                yield _remembered(one, coming[one].result() if one in coming else known[one])
+        except BaseException:  # whoever asked wants no more, or a signal came: nobody waits for the others
+            end_workers(pool)
+            raise
+
+
+def _remembered(one: Rehearsal, ticks: Samples | None) -> Samples | None:
+    _known[one] = ticks
+    _known.move_to_end(one)
+    if len(_known) > _KEPT:
+        _known.popitem(last=False)
+    return ticks
+
+
+def _tried(one: Rehearsal) -> Samples | None:
+    try:
+        return rehearse(one)
+    except PalpateError:
+        return None
+
+
+def rehearse(wanted: Rehearsal) -> Samples:
+    """The ticks of a probing of this arm, without noise: what channels are made of.
 
     Raises:
         InputError: the arm cannot do it within its limits.
         SafetyTripError: the task would stop.
     """
-    robot_file, body = arm.robot_file, arm.body
-    plan = ProbingPlan.model_validate_json(plan_json)
+    known, robot_file, body = wanted.known, wanted.arm.robot_file, wanted.arm.body
+    plan = ProbingPlan.model_validate_json(wanted.plan_json)
     task = ProbingTask.from_robot_file(robot_file, plan, body=body)
     push = np.array(plan.press_direction_world)
     normal = np.array(known.normal_world)
     dt_s, time_s = 1.0 / robot_file.control_rate_hz, 0.0
-    position = np.array(start_rad)
+    position = np.array(wanted.start_rad)
     velocity, torque = np.zeros_like(position), body.gravity(position)
     rows: list[tuple[object, ...]] = []
     output: TaskOutput | None = None
     while output is None or not output.done:
         tip = body.tip_motion(position, velocity)
         along_m, speed_m_s = float(tip.position_world_m @ normal), float(tip.velocity_world_m_s @ normal)
-        force_n = known.force_n(along_m, speed_m_s) * float(push @ normal)
+        pushed_n = known.force_n(along_m, speed_m_s)
+        force_n = pushed_n * float(push @ normal)
         measured = Measurement(time_s, position, velocity, torque, force_n, time_s, time_s, time_s)
         _check(measured, robot_file)
         if output is None:
@@ -97,7 +147,13 @@ def rehearse(arm: ArmText, plan_json: str, known: KnownObject, start_rad: tuple[
         rows.append(
             (time_s, output.run, output.phase, position, torque, force_n, output.tip_position_world_m)
         )
-        position, velocity = output.reference_position_rad, output.reference_velocity_rad_s
+        lever_m = tip.jacobian_world[:3].T @ normal
+        mass = body.mass_matrix(position)
+        if pushed_n:  # the damper pushes back within the step
+            mass = mass + known.damping_n_s_m * dt_s * np.outer(lever_m, lever_m)
+        free = torque - body.bias(position, velocity) - lever_m * pushed_n
+        velocity = velocity + dt_s * np.linalg.solve(mass, free)
+        position = position + dt_s * velocity
         time_s += dt_s
     if task.failures:
         raise InputError(task.failures[0])

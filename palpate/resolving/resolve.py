@@ -32,6 +32,7 @@ class End(StrEnum):
 
     SEPARATED = "separated"  # one explanation is left in each channel
     SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
+    UNSEEN = "unseen"  # what an earlier probe showed is too little to be seen in all of them together
     INSEPARABLE = "inseparable"  # nothing that the arm can do is expected to set apart what is left
     PROBES = "probes"  # the budget of probes is used up
     SECONDS = "seconds"  # all that would separate takes longer than the time that is left
@@ -114,6 +115,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     """
     folder = new_folder(job.session.parent)
     decisions: list[Decision] = []
+    shown: set[str] = set()  # channels in which something was missing so far
     while True:
         number = len(decisions)
         ran = replace(job, session=folder / f"probe-{number + 1:02d}.mcap", again=number)
@@ -126,6 +128,9 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
             diagnosis = study.diagnose(channel, progress=progress)
             found = diagnosis.channels
             end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
+            if end is End.SEPARATED and any(_is_adequate(one) and one.channel in shown for one in found):
+                end = End.UNSEEN
+            shown |= {one.channel for one in found if one.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}}
             if end is End.INSEPARABLE:
                 end, found = _simplest(study, found)
                 diagnosis = diagnosis.model_copy(update={"channels": found})
@@ -176,6 +181,10 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     return (End.SECONDS if separable else End.INSEPARABLE), None
 
 
+def _is_adequate(found: ChannelDiagnosis) -> bool:
+    return found.verdict is Verdict.ADEQUATE
+
+
 def _simplest(study: Study, found: Sequence[ChannelDiagnosis]) -> tuple[End, list[ChannelDiagnosis]]:
     """Where one of the laws that are left is contained in all others, that one is stated."""
     stated = [with_the_simplest(study, study.channel(one.channel), one) for one in found]
@@ -194,10 +203,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
     left = {
         one.channel: [[e.effect, *e.confused_with] for e in one.accepted] for one in found if one.accepted
     }
-    what = (
-        "; ".join(_in_words(one) for one in found if one.verdict is not Verdict.ADEQUATE)
-        or "nothing is missing"
-    )
+    what = "; ".join(_in_words(one) for one in found if not _is_adequate(one)) or "nothing is missing"
     if following is not None:
         then = f"next, to {following.proposal.purpose}: {following.choice.reason}"
     else:
@@ -216,6 +222,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
 _ENDS = {
     End.SEPARATED: "one explanation is left",
     End.SIMPLEST: "nothing that the arm can do is expected to show more than this, which the others contain",
+    End.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
     End.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
     End.PROBES: "the budget of probes is used up",
     End.SECONDS: "what would separate takes longer than the time that is left",

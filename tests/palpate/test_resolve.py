@@ -1,15 +1,21 @@
 """`palpate resolve`: the arm runs the experiment that separates what is left, and the study takes it in."""
 
 import json
+from collections import OrderedDict
 
 import numpy as np
 import pytest
 import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
+from estimation.design import Choice, Experiment
+from estimation.diagnosis import Verdict
+from estimation.diagnosis.result import NextExperiment
 from palpate.next_plan import plan_text
-from palpate.resolving.designing import feasible, next_probe
+from palpate.resolving import rehearsal
+from palpate.resolving.designing import NextProbe, feasible, next_probe
 from palpate.resolving.experiments import candidates
+from palpate.resolving.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
 from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
 from palpate.runs.hiding import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
@@ -22,6 +28,7 @@ from tests.palpate.cli import assert_refused, run
 pytestmark = pytest.mark.slow
 
 QUICK = ProbingPlan(hold_s=0.3)
+PLACE = np.array([0.4, 0.0, 0.1])  # of the surface, about
 SEED = 7206  # hides a dead band in joint 1, which a bias imitates as long as its torque keeps its sign
 
 
@@ -105,11 +112,48 @@ def test_a_rehearsed_plan_moves_the_arm_as_the_simulated_one_moved(probed):
             assert pick(ticks[name], axis=0) == pytest.approx(wanted, abs=tolerance)
 
 
+TILTED = QUICK.model_copy(update={"press_direction_world": (-0.64, 0.0, -0.77), "force_limit_n": 3.0})
+TOO_HARD = QUICK.model_copy(update={"force_limit_n": 900.0})
+
+
+@pytest.fixture(scope="module")
+def rehearsals(probed):
+    metadata = probed.source.session.metadata
+    arm = ArmText(metadata.robot_file, metadata.urdf, probed.source.arm.gravity_m_s2, "here")
+    known = KnownObject(500.0, 20.0, -0.05, (0.0, 0.0, -1.0))
+    start_rad = tuple(probed.source.session.samples("tick")["joint_position_rad"][0].tolist())
+    return [Rehearsal(arm, one.model_dump_json(), known, start_rad) for one in (QUICK, TOO_HARD, TILTED)]
+
+
+def test_rehearsals_come_out_alike_in_one_process_and_in_two(rehearsals, monkeypatch):
+    made = []
+    for processes in (2, 1):
+        monkeypatch.setattr(rehearsal, "_known", OrderedDict())
+        made.append(list(rehearse_all(rehearsals, processes)))
+    for there, here in zip(*made, strict=True):
+        assert (there is None) == (here is None)
+        assert here is None or all(np.array_equal(there[name], here[name]) for name in here.columns)
+    assert [one is None for one in made[0]] == [False, True, False]  # what the arm cannot do
+    assert list(rehearse_all(rehearsals)) == made[1]  # is remembered
+
+
+def test_a_rehearsed_arm_moves_as_its_torques_make_it(rehearsals):
+    """One that followed its task at once would turn round faster than any arm, and show what none shows."""
+    ticks, body = rehearse(rehearsals[2]), rehearsals[2].arm.body
+    dt_s, position = ticks["time_s"][1] - ticks["time_s"][0], ticks["joint_position_rad"]
+    velocity = np.diff(position, axis=0) / dt_s
+    acceleration = np.diff(velocity, axis=0) / dt_s
+    needed = body.inverse_dynamics_along(position[1:-1], velocity[:-1], acceleration)
+    in_air = ticks["force_n"][1:-1] == 0.0
+    assert in_air.sum() > 1000
+    assert needed[in_air] == pytest.approx(ticks["torque_measured_nm"][1:-1][in_air], abs=1e-6)
+
+
 def test_what_the_arm_cannot_do_is_not_offered(probed):
     robot = find_robot("follower")
     offered = {candidate.words for candidate, _ in feasible(probed)}
-    assert offered < {candidate.words for candidate in candidates(QUICK, robot)}
-    strongest = max(candidate.plan.force_limit_n for candidate in candidates(QUICK, robot))
+    assert offered < {candidate.words for candidate in candidates(QUICK, robot, PLACE)}
+    strongest = max(candidate.plan.force_limit_n for candidate in candidates(QUICK, robot, PLACE))
     assert strongest < robot.limits.force_n
 
 
@@ -136,6 +180,18 @@ def test_no_experiment_is_run_twice(resolved, diagnosed):
     assert following is None or following.plan not in [
         ProbingPlan(**yaml.safe_load(one.metadata.extra[PLAN])) for one in sessions
     ]
+
+
+def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_path, diagnosed, monkeypatch):
+    (shown,) = diagnosed.channels
+    gone = shown.model_copy(update={"verdict": Verdict.ADEQUATE, "accepted": []})
+    answers = iter([diagnosed, diagnosed.model_copy(update={"channels": [gone]})])
+    monkeypatch.setattr(Study, "diagnose", lambda *_, **__: next(answers))
+    proposal = NextExperiment(purpose="p", separates=[], instruction="i", probe={})
+    again = NextProbe(QUICK, proposal, Choice(0, Experiment("again", 1.0, ()), "why"), ("joint_1",))
+    job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
+    done = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: again)
+    assert [one.end for one in done.decisions] == [None, End.UNSEEN]
 
 
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):

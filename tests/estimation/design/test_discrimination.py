@@ -110,3 +110,12 @@ def test_a_recorded_motion_is_offered_faster_slower_and_further(shallow):
         assert moved.velocity[5:190] == pytest.approx(derived[5:190], abs=1e-3 * speed)
     assert further.position.max() > 1.4 * data.position.max() > 2.0 * nearer.position.max()
     assert "mm/s" in next(iter(changed_motions(data)))[0]
+
+
+def test_what_two_experiments_tell_of_one_pair_adds_up():
+    def experiment(lead):
+        return Experiment("e", 1.0, (np.array([[0.0, lead], [0.0, 0.0]]),))
+
+    both = experiment(0.1).along_with(experiment(0.1))
+    assert both.leads[0] == pytest.approx(np.array([[0.0, 1.0 - (2.0 / 0.9**2 - 1.0) ** -0.5], [0.0, 0.0]]))
+    assert both.duration_s == 2.0

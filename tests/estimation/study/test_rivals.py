@@ -1,4 +1,4 @@
-"""Which of the laws that nothing sets apart is stated."""
+"""What is left to ask, and which of the laws that nothing sets apart is stated."""
 
 from dataclasses import replace
 
@@ -7,9 +7,10 @@ import pytest
 
 from control.loop.phases import Phase
 from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.candidates import library
 from estimation.diagnosis.result import Accepted
 from estimation.study import Study
-from estimation.study.rivals import with_the_simplest
+from estimation.study.rivals import rival_effects, with_the_simplest
 from tests.estimation.study.joints import joints
 
 
@@ -42,11 +43,62 @@ def test_a_law_that_does_something_else_stays(study):
     ]
 
 
+TWO_GROUPS = (
+    ("coulomb_friction", ["presliding_friction", "asymmetric_friction"]),
+    ("bias", ["payload", "asymmetric_friction"]),
+)
+
+
+def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_parts():
+    friction, constant = rival_effects(_diagnosis_of(*TWO_GROUPS), library())
+    assert friction == [
+        ["bias", "coulomb_friction"],
+        ["bias", "presliding_friction"],
+        ["asymmetric_friction"],
+    ]
+    assert constant == [
+        ["coulomb_friction", "bias"],
+        ["coulomb_friction", "payload"],
+        ["asymmetric_friction"],
+    ]
+
+
+def test_in_each_group_the_simplest_is_stated_and_beside_all_its_parts_a_whole(study):
+    """Friction that differs between directions is plain friction and a bias: neither name says less."""
+    data = study.channel("joint_1").data
+    pulled = Study((replace(data, effort=data.effort + 0.03),), "inertia")
+    groups = (TWO_GROUPS[0], ("bias", ["asymmetric_friction"]))
+    found = with_the_simplest(pulled, pulled.channel("joint_1"), _diagnosis_of(*groups))
+    assert [(one.effect, one.confused_with) for one in found.accepted] == [
+        ("coulomb_friction", ["asymmetric_friction"]),
+        ("bias", ["asymmetric_friction"]),
+    ]
+
+
 def _diagnosis(named, others):
-    entry = Accepted(
-        effect=named, parameters={}, rmse_before=0.05, rmse_after=0.01, p_value=0.001, confused_with=others,
-        physics="", equation="", signature="",
-    )  # fmt: skip
+    return _diagnosis_of((named, others))
+
+
+def _diagnosis_of(*groups):
+    accepted = [
+        Accepted(
+            effect=named,
+            parameters={},
+            rmse_before=0.05,
+            rmse_after=0.01,
+            p_value=0.001,
+            confused_with=others,
+            physics="",
+            equation="",
+            signature="",
+        )
+        for named, others in groups
+    ]
     return ChannelDiagnosis(
-        channel="joint_1", verdict="missing", reason="why", effort_unit="N m", complete=True, accepted=[entry]
+        channel="joint_1",
+        verdict="missing",
+        reason="why",
+        effort_unit="N m",
+        complete=True,
+        accepted=accepted,
     )
