@@ -168,18 +168,19 @@ def attempt(
     names = list(model.gains)
     least = rounds or (2 if bent else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
-    expected, before = np.inf, np.empty(0)
+    expected, before = np.inf, np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, now)
     for number in range(most):
-        slopes, effort = model.linearise(data, now, parts)
-        if model.is_linear_in_gains and np.array_equal(slopes, before):
+        lifted = model.lifted(data, now, parts)
+        if number and model.is_linear_in_gains and np.array_equal(lifted, before):
             break  # where the object lets go is where it did: the same fit again
-        before = slopes
-        gains = np.array([now[name] for name in names])
-        wanted = data.effort - effort + slopes @ gains
+        before = lifted
+        slopes, effort = model.linearise(data, now, parts, lifted)
+        by_gain, gains = bench.frame.reduce(slopes), np.array([now[name] for name in names])
+        wanted = bench.frame.reduce(data.effort - effort) + by_gain @ gains
         if number and not np.abs(wanted).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
-        target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
+        target, columns = wanted, by_gain
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
             break
         scores = bench.fit(columns, target, names, model.held)
