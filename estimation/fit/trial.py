@@ -75,9 +75,9 @@ class Bench:
             names: of the gains of the first columns, by which others of the arm may know them.
         """
         order, folds = self._by_fold
-        white = np.take(self._white(np.column_stack([columns, target])), order, axis=0)
+        white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
         return Moments(
-            cross_products(white[rows] for rows in folds).products, self._known(names, columns.shape[1])
+            cross_products(white[:, rows].T for rows in folds).products, self._known(names, columns.shape[1])
         )
 
     def _known(self, names: Sequence[str], count: int) -> Information | None:
@@ -191,12 +191,12 @@ def attempt(
 
 def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
     """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
-    frame, blocks, known = bench.frame, [np.empty((len(bench.frame), 0))], np.zeros(len(bench.frame))
+    frame, blocks, known = bench.frame, [np.empty((0, len(bench.frame)))], np.zeros(len(bench.frame))
     inner = {name: parameters.get(name, 0.0) for name in model.inner}
     for effect in model.additive:
-        blocks.append(frame.columns(effect, own(effect, inner)))
+        blocks.append(frame.columns(effect, own(effect, inner)).T)
         known = known + frame.known(effect, own(effect, inner))
-    columns = np.hstack(blocks)
+    columns = np.concatenate(blocks).T
     for sensor in model.sensors:
         sensed = sensor.sense(np.column_stack([columns, known]), frame.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]

@@ -1,6 +1,6 @@
 """Signals that fade exponentially, each run afresh or as the runs before left it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,16 +62,15 @@ def faded(
     if signal.size == 0:
         return signal.astype(np.float64)
     runs = _runs(time_s, run)
-    pause_s = np.full(len(runs.start), np.inf) if alone else runs.pause_s
+    if alone:
+        runs = replace(runs, pause_s=np.full(len(runs.start), np.inf))
     strain = signal.reshape(len(signal), -1).T
-    change = np.empty(strain.shape)
-    np.subtract(strain[:, 1:], strain[:, :-1], out=change[:, 1:])
-    change[:, runs.start] = strain[:, runs.start]
+    step_s = sample_time(time_s, run)
     if is_even(time_s, run):
-        left = _evenly(change, strain[:, runs.end], runs, sample_time(time_s, run), pause_s, rates, weights)
-    else:
-        left = _unevenly(change, strain[:, runs.end], runs, time_s, pause_s, rates, weights)
-    return left.T.reshape(signal.shape)
+        return _evenly(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
+    steps_s = np.diff(time_s, prepend=time_s[:1])
+    steps_s[runs.start] = step_s
+    return _unevenly(strain, runs, steps_s, rates, weights).T.reshape(signal.shape)
 
 
 @dataclass(frozen=True)
@@ -97,15 +96,16 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
     begun = np.append(0, pieces[:-1]) * _LENGTH - start
     place = np.empty(len(run), dtype=np.int64)
     place[rows] = rows + np.repeat(begun, stop - start)
-    return _Runs(
-        rows,
-        start,
-        stop - 1,
-        np.where(pause_s < 0.0, np.inf, pause_s),
-        place,
-        pieces - 1,
-        (stop - start - 1) % _LENGTH + 1,
-    )
+    pause_s[pause_s < 0.0] = np.inf
+    return _Runs(rows, start, stop - 1, pause_s, place, pieces - 1, (stop - start - 1) % _LENGTH + 1)
+
+
+def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
+    """Change of strains (k, n) since the sample before, or since none at a run's first."""
+    change = np.empty(strain.shape)
+    np.subtract(strain[:, 1:], strain[:, :-1], out=change[:, 1:])
+    change[:, runs.start] = strain[:, runs.start]
+    return change
 
 
 def _taken(ratio: FloatArray) -> FloatArray:
@@ -113,32 +113,31 @@ def _taken(ratio: FloatArray) -> FloatArray:
     return np.asarray(-np.expm1(-ratio) / ratio)
 
 
-def _evenly(  # noqa: PLR0917
-    change: FloatArray,
-    ends: FloatArray,
-    runs: _Runs,
-    step_s: float,
-    pause_s: FloatArray,
-    rates: FloatArray,
-    weights: FloatArray,
+def _evenly(
+    strain: FloatArray, runs: _Runs, step_s: float, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """See `faded`; of changes (k, n) at one rate, and last strains of each run (k, runs)."""
+    """See `faded`; of strains (k, n), sampled evenly.
+
+    Within a piece of samples, what its own changes leave is one product of matrices for all rates together;
+    to it comes what is left of all before, which goes from piece to piece at each rate for itself.
+    """
     powers, taken = np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))), _taken(step_s * rates)
-    count, last, columns = runs.last[-1] + 1, runs.last, len(change)
+    count, last, columns = runs.last[-1] + 1, runs.last, len(strain)
     padded = np.zeros((columns, count * _LENGTH))
-    for one, values in zip(padded, change, strict=True):
+    for one, values in zip(padded, _changes(strain, runs), strict=True):
         one[runs.place] = values
     new = padded.reshape(-1, _LENGTH)
     gained = (new @ (powers[:, ::-1] * taken[:, None]).T).reshape(columns, count, -1)
     lags = runs.filled[:, None] - 1 - np.arange(_LENGTH)
     ways = np.where(lags >= 0, powers[:, lags], 0.0) * taken[:, None, None]
     of_last = new.reshape(columns, count, -1)[:, last]
-    gained[:, last] = np.einsum("kql,rql->kqr", of_last, ways) - ends[:, :, None]
-    wait_s = np.full(count, step_s)
-    wait_s[last] = pause_s
+    gained[:, last] = np.einsum("kql,rql->kqr", of_last, ways) - strain[:, runs.end, None]
+    wait_s = np.full(count, step_s)  # to the first sample of the next piece
+    wait_s[last] = runs.pause_s
     after = np.exp(-np.outer(wait_s, rates))
     over = after * powers[:, -1]
     over[last] = after[last] * powers[:, runs.filled - 1].T
+    # what is left of the pieces before at the first sample of each, and of that in all others
     begun = np.zeros((columns, count, len(rates)))
     begun[:, 1:] = recursion(over[:-1, None], (gained * after).swapaxes(0, 1)[:-1]).swapaxes(0, 1)
     left = new @ np.where(_LAGS >= 0, ((weights * taken) @ powers)[_LAGS], 0.0)
@@ -146,24 +145,16 @@ def _evenly(  # noqa: PLR0917
     return left.reshape(columns, -1).take(runs.place, axis=1)
 
 
-def _unevenly(  # noqa: PLR0917
-    change: FloatArray,
-    ends: FloatArray,
-    runs: _Runs,
-    time_s: FloatArray,
-    pause_s: FloatArray,
-    rates: FloatArray,
-    weights: FloatArray,
+def _unevenly(
+    strain: FloatArray, runs: _Runs, steps_s: FloatArray, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """See `_evenly`; at any times."""
-    later, steps_s = runs.start[1:], np.diff(time_s, prepend=time_s[:1])
-    steps_s[runs.start] = np.median(np.delete(steps_s, runs.start)) if len(steps_s) > len(runs.start) else 1.0
-    wait_s = steps_s.copy()
-    wait_s[runs.start[:1]], wait_s[later] = np.inf, pause_s[:-1]
-    left = np.zeros(change.shape)
+    """See `_evenly`; at any steps (n,), the first of each run the usual one."""
+    later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
+    wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
+    left = np.zeros(strain.shape)
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
         over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
-        added[:, later] -= over[later] * ends[:, :-1]
+        added[:, later] -= over[later] * strain[:, runs.end[:-1]]
         left[:, runs.rows] += weight * recursion(over[runs.rows, None], added.T[runs.rows]).T
     return left
 
