@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
+from estimation.signals.remembered import Itself
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
@@ -123,33 +124,42 @@ class Model:
             slopes.append(change / (ahead - behind))
         return slopes
 
+    def lifted(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
+        """Samples of a contact where the object would pull, which it cannot: there it lets go.
+
+        The sum of its one-sided effects is cut off at zero, unless the sample is known to press.
+        """
+        if data.kind is not ChannelKind.CONTACT:
+            return np.empty(0, dtype=np.int64)
+        pushing = [parameters[name] * one for name, one in zip(self.gains, self._one_sided, strict=True)]
+        lets_go = parts[0] @ np.array(pushing) < 0.0
+        return np.flatnonzero(lets_go if data.touching is None else lets_go & ~data.touching)
+
     def linearise(
-        self, data: ChannelData, parameters: Parameters, parts: Parts | None = None
+        self,
+        data: ChannelData,
+        parameters: Parameters,
+        parts: Parts | None = None,
+        lifted: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """What the model expects, and how that changes with its gains.
-
-        An object can only push: in a contact, the sum of its one-sided effects is cut off at zero, unless the
-        sample is known to press.
 
         Args:
             data: the channel; its effort is used only by effects that need it (tool compliance).
             parameters: a value for every gain and inner parameter.
             parts: from `parts` for the same data and inner parameters, where they are at hand.
+            lifted: from `lifted` for the same, where they are at hand.
 
         Returns:
             Slopes (n, p) of the effort by each gain, and the effort (n,).
         """
-        slopes, known = parts or self.parts(data, parameters)
-        gains = np.array([parameters[name] for name in self.gains])
-        effort: FloatArray = known + slopes @ gains
-        if data.kind is ChannelKind.CONTACT:
-            push = slopes[:, self._one_sided] @ gains[self._one_sided]
-            lets_go = push < 0.0 if data.touching is None else (push < 0.0) & ~data.touching
-            lifted = np.flatnonzero(lets_go)
-            if len(lifted):
-                slopes = slopes.copy()
-                slopes[lifted[:, None], self._one_sided] = 0.0
-                effort[lifted] -= push[lifted]
+        slopes, known = parts = parts or self.parts(data, parameters)
+        lifted = self.lifted(data, parameters, parts) if lifted is None else lifted
+        if len(lifted):
+            slopes = slopes.copy("K")
+            for column in np.flatnonzero(self._one_sided):
+                slopes[lifted, column] = 0.0
+        effort: FloatArray = known + slopes @ np.array([parameters[name] for name in self.gains])
         for sensor in self.sensors:
             slopes, effort = sensor.follow(effort, slopes, data, own(sensor, parameters))
         return slopes, effort
@@ -166,9 +176,9 @@ class Model:
         return [e for e in self.effects if isinstance(e, AdditiveEffect)]
 
     @cached_property
-    def _one_sided(self) -> IntArray:
-        """Columns of the effects that can only push."""
-        return np.flatnonzero([effect.one_sided for effect in self.additive for _ in effect.gains])
+    def _one_sided(self) -> list[bool]:
+        """Whether each column is of an effect that can only push."""
+        return [effect.one_sided for effect in self.additive for _ in effect.gains]
 
     @cached_property
     def sensors(self) -> list[SensorEffect]:
@@ -179,19 +189,19 @@ class Model:
         """The channel with the motion that really acts; as it is where no effect moves it."""
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
-                data = effect.move(data, own(effect, parameters))
+                data = _moved(Itself(effect), Itself(data), tuple(own(effect, parameters).items()))
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
         """Columns (n, p) and the known effort (n,) on the motion that really acts; gains do not count."""
         data = self.moved(data, parameters)
-        blocks = [np.zeros((len(data), 0))]
+        blocks = [np.zeros((0, len(data)))]
         known = np.zeros(len(data))
         for effect in self.additive:
             inner = own(effect, parameters)
-            blocks.append(self.faded(effect, effect.columns(data, inner), data, parameters))
+            blocks.append(self.faded(effect, effect.columns(data, inner), data, parameters).T)
             known = known + effect.known(data, inner)
-        return np.hstack(blocks), known
+        return np.concatenate(blocks).T, known  # each column in one piece: what comes is done by columns
 
     def faded(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
@@ -210,6 +220,13 @@ class Model:
 def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
     """Inner parameters of one effect by their own names."""
     return {p.name: parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
+
+
+@lru_cache(maxsize=8)
+def _moved(effect: Itself, data: Itself, inner: tuple[tuple[str, float], ...]) -> ChannelData:
+    """A channel moved by an effect: while others are searched, it is asked for again and again."""
+    moved: ChannelData = effect.thing.move(data.thing, dict(inner))
+    return moved
 
 
 def _unit(parameter: Parameter, data: ChannelData) -> str:

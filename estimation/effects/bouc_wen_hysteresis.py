@@ -47,9 +47,11 @@ class BoucWenHysteresis(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         way = steadied(data.position, data.time_s, data.run)
-        touch = stretches(data.engaged, data.run)
-        w = bouc_wen(way, touch, inner["path"], inner["sharpness"], inner["unloading"])
-        return np.where(data.engaged, w, 0.0)[:, None]
+        touch, pressed = stretches(data.engaged, data.run), np.flatnonzero(data.engaged)
+        column = np.zeros((len(data), 1))
+        shape = inner["path"], inner["sharpness"], inner["unloading"]
+        column[pressed, 0] = bouc_wen(way[pressed], touch[pressed], *shape)
+        return column
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a hundredth to half of the range of motion."""

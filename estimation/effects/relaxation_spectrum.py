@@ -6,7 +6,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
-from estimation.signals.runwise import finest_step, relax
+from estimation.signals.fading import faded
+from estimation.signals.runwise import finest_step
 from robot_io.types import FloatArray
 
 _SHARES = (0.15, 0.4)
@@ -40,10 +41,10 @@ class RelaxationSpectrum(MemoryEffect):
     }
 
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        left = (1.0 - inner["fast"] - inner["slow"]) * elastic
-        for branch in ("fast", "slow"):
-            left += inner[branch] * relax(elastic, data.time_s, data.run, inner[f"{branch}_time"])
-        return left
+        shares = np.array([inner["fast"], inner["slow"]])
+        rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
+        fading = faded(elastic, data.time_s, data.run, rates, shares)
+        return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a few samples to the length of the runs."""

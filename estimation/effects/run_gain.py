@@ -49,10 +49,12 @@ class RunGain(RunVariation):
         own = self.values(effort, data, inner)[places(data.run)[1], 0]
         return np.asarray(effort * (1.0 + inner["share"] * own))
 
-    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`; the runs' gains as they are."""
-        own = self.values(effort, data, inner)[places(data.run)[1]]
-        return np.asarray(columns * (1.0 + inner["share"] * own))
+    def follow(
+        self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `SensorEffect.follow`; the runs' gains as they are."""
+        times = 1.0 + inner["share"] * self.values(effort, data, inner)[places(data.run)[1]]
+        return columns * times, effort * times[:, 0]
 
     def first_part(self, data: ChannelData) -> BoolArray:
         starts, piece = places(data.run)

@@ -79,9 +79,16 @@ class RunVariation(SensorEffect):
         columns = effort.reshape(len(data), -1)
         return (columns + self._of_runs(data.effort[:, None] - columns, data, inner)).reshape(effort.shape)
 
+    def follow(
+        self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `SensorEffect.follow`: what the model explains of a run's first part is not the run's own."""
+        own = self._of_runs(np.column_stack([columns, data.effort - effort]), data, inner)
+        return columns - own[:, :-1], effort + own[:, -1]
+
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """See `SensorEffect.slope`: what the model explains of a run's first part is not the run's own."""
-        return columns - self._of_runs(columns, data, inner)
+        """See `SensorEffect.slope`."""
+        return self.follow(effort, columns, data, inner)[0]
 
     def _of_runs(self, left: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """What runs' own values make of what was left of their first parts, (n, m) both."""

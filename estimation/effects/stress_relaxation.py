@@ -4,14 +4,14 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.signals.runwise import relax
+from estimation.signals.fading import relax
 from robot_io.types import FloatArray
 
 
 class StressRelaxation(AdditiveEffect):
     """A Maxwell branch beside the spring: F = k1 z with z' = x' - z / tau, z = 0 before the first run.
 
-    A press soon after another meets an object that has not recovered yet: see `relax`.
+    A press soon after another meets an object that has not recovered yet: see `faded`.
     """
 
     name = "stress_relaxation"

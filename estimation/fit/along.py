@@ -41,6 +41,6 @@ def parts_along(data: ChannelData, model: Model, effect: Effect, parameters: Map
             moved,
             {**known, **{f"{effect.name}.{n}": v for n, v in inner.items()}},
         )
-        return np.hstack([columns, own_columns]), effort + effect.known(moved, inner)
+        return np.concatenate([columns.T, own_columns.T]).T, effort + effect.known(moved, inner)
 
     return parts

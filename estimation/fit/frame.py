@@ -63,8 +63,10 @@ class Frame:
     def reduce(self, signal: FloatArray) -> FloatArray:
         """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
         block = self.rows.shape[1]
-        mean: FloatArray = (self._sums @ signal) / block if block > 1 else signal[self.rows[:, 0]]
-        return mean
+        if block == 1:
+            return signal[self.rows[:, 0]]
+        sums = [self._sums @ column for column in np.atleast_2d(signal.T)]
+        return np.asarray(np.reshape(sums, (*signal.shape[1:], len(self))).T / block)
 
     @property
     def effort(self) -> FloatArray:

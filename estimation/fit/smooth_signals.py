@@ -5,7 +5,8 @@ import numpy as np
 from estimation.channel import ChannelKind
 from estimation.fit.frame import Frame
 from estimation.signals.blocks import since_their_start
-from estimation.signals.runwise import low_pass, play, rate, relax, running_max, sample_time, shift
+from estimation.signals.fading import low_pass, relax
+from estimation.signals.runwise import play, rate, running_max, sample_time, shift
 from robot_io.types import FloatArray, IntArray
 
 _KNOTS = 9  # at quantiles, where the samples are

@@ -75,9 +75,9 @@ class Bench:
             names: of the gains of the first columns, by which others of the arm may know them.
         """
         order, folds = self._by_fold
-        white = np.take(self._white(np.column_stack([columns, target])), order, axis=0)
+        white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
         return Moments(
-            cross_products(white[rows] for rows in folds).products, self._known(names, columns.shape[1])
+            cross_products(white[:, rows].T for rows in folds).products, self._known(names, columns.shape[1])
         )
 
     def _known(self, names: Sequence[str], count: int) -> Information | None:
@@ -168,18 +168,19 @@ def attempt(
     names = list(model.gains)
     least = rounds or (2 if bent else 1)
     most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
-    expected, before = np.inf, np.empty(0)
+    expected, before = np.inf, np.empty(0, dtype=np.int64)
     parts = parts or model.parts(data, now)
     for number in range(most):
-        slopes, effort = model.linearise(data, now, parts)
-        if model.is_linear_in_gains and np.array_equal(slopes, before):
+        lifted = model.lifted(data, now, parts)
+        if number and model.is_linear_in_gains and np.array_equal(lifted, before):
             break  # where the object lets go is where it did: the same fit again
-        before = slopes
-        gains = np.array([now[name] for name in names])
-        wanted = data.effort - effort + slopes @ gains
+        before = lifted
+        slopes, effort = model.linearise(data, now, parts, lifted)
+        by_gain, gains = bench.frame.reduce(slopes), np.array([now[name] for name in names])
+        wanted = bench.frame.reduce(data.effort - effort) + by_gain @ gains
         if number and not np.abs(wanted).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
-        target, columns = bench.frame.reduce(wanted), bench.frame.reduce(slopes)
+        target, columns = wanted, by_gain
         if number >= least and _energy(bench, target - columns @ gains) <= arrived * expected:
             break
         scores = bench.fit(columns, target, names, model.held)
@@ -190,12 +191,12 @@ def attempt(
 
 def _sum(bench: Bench, model: Model, parameters: Mapping[str, float]) -> Trial:
     """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
-    frame, blocks, known = bench.frame, [np.empty((len(bench.frame), 0))], np.zeros(len(bench.frame))
+    frame, blocks, known = bench.frame, [np.empty((0, len(bench.frame)))], np.zeros(len(bench.frame))
     inner = {name: parameters.get(name, 0.0) for name in model.inner}
     for effect in model.additive:
-        blocks.append(frame.columns(effect, own(effect, inner)))
+        blocks.append(frame.columns(effect, own(effect, inner)).T)
         known = known + frame.known(effect, own(effect, inner))
-    columns = np.hstack(blocks)
+    columns = np.concatenate(blocks).T
     for sensor in model.sensors:
         sensed = sensor.sense(np.column_stack([columns, known]), frame.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]

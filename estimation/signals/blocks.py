@@ -62,6 +62,17 @@ def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     return sorted_rows if apart else numbered
 
 
+def cut(signal: FloatArray, length: int) -> FloatArray:
+    """The signal (n,) or (n, k) cut into pieces of equal length, (length, pieces) or (..., k).
+
+    The last one is filled up with the last sample.
+    """
+    count = -(-len(signal) // length)
+    filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
+    cut: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
+    return np.ascontiguousarray(cut)
+
+
 def stretches(mask: BoolArray, number: IntArray) -> IntArray:
     """Numbers, shape (n,), that change wherever the mask or the number of the run changes."""
     changes = (np.diff(mask) != 0) | (np.diff(number) != 0)

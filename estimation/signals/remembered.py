@@ -21,7 +21,7 @@ class Itself:
     An effect of a user's own may be a dataclass, which is equal to others and has no hash.
     """
 
-    def __init__(self, thing: object) -> None:
+    def __init__(self, thing: Any) -> None:  # noqa: ANN401
         self.thing = thing
 
     def __eq__(self, other: object) -> bool:

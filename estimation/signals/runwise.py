@@ -6,7 +6,7 @@ from math import perm
 
 import numpy as np
 
-from estimation.signals.blocks import blocks, in_order_of_time, places
+from estimation.signals.blocks import blocks, cut, places
 from estimation.signals.remembered import of_arrays
 from robot_io.types import FloatArray, IntArray
 
@@ -42,111 +42,12 @@ def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, ru
     return result
 
 
-def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
-    """What is left of strains as they relax: z' = signal' - z / tau, from z = 0 before the first run.
-
-    Exact for strains (n,) or (n, k) that go straight from sample to sample, at any times.
-
-    Between a run and the next in time the strain is zero, and what has not faded by then is still there. A
-    run that begins before the last one's end was recorded by itself.
-    """
-    relaxed = low_pass(signal, time_s, run, tau_s, from_rest=True)
-    flowed, ended_s = np.zeros(signal.shape[1:]), np.inf
-    for rows in in_order_of_time(time_s, run):
-        begun_s, since_s = time_s[rows.start], time_s[rows] - time_s[rows.start]
-        if begun_s >= ended_s:
-            left = np.exp(-(begun_s - ended_s + since_s) / tau_s)
-            relaxed[rows] += np.multiply.outer(left, flowed)
-        flowed, ended_s = relaxed[rows.stop - 1], time_s[rows.stop - 1]
-    return signal - relaxed
-
-
-def low_pass(
-    signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float, *, from_rest: bool = False
-) -> FloatArray:
-    """First-order lag, exact for a signal that goes straight from sample to sample.
-
-    Args:
-        signal: shape (n,) or (n, k).
-        time_s: times [s].
-        run: run of each sample.
-        tau_s: time constant [s].
-        from_rest: start from zero; else from the run's first sample.
-    """
-    if signal.size == 0:
-        return signal.astype(np.float64)
-    step_s = sample_time(time_s, run)
-    starts, piece = places(run)
-    if not _is_even(time_s, run):
-        return _low_pass_uneven(signal, _steps(time_s, starts, step_s), starts, tau_s, from_rest=from_rest)
-    from scipy.signal import lfilter  # noqa: PLC0415, half of what it takes to import palpate
-
-    decay, newest, older = _first_order(np.array(step_s), tau_s)
-    filtered = np.asarray(lfilter([newest, older], [1.0, -decay], signal, axis=0), dtype=np.float64)
-    wanted = signal[starts] * (newest if from_rest else 1.0)
-    since = np.arange(len(run)) - starts[piece]
-    left = (decay ** np.arange(since.max() + 1))[since]  # of what the filter brought along from before
-    filtered += (wanted - filtered[starts])[piece] * left.reshape(-1, *([1] * (signal.ndim - 1)))
-    return filtered
-
-
-def _first_order(step_s: FloatArray, tau_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What is left of a first-order lag's state over a step, and how much it takes of its two ends."""
-    ratio = step_s / max(tau_s, 1e-300)
-    decay = np.exp(-ratio)
-    mean = -np.expm1(-ratio) / ratio
-    return decay, 1.0 - mean, mean - decay
-
-
 @of_arrays
-def _is_even(time_s: FloatArray, run: IntArray) -> bool:
+def is_even(time_s: FloatArray, run: IntArray) -> bool:
     """Whether samples come at one rate."""
     step_s = sample_time(time_s, run)
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     return bool((np.abs(steps - step_s) <= _EVEN * step_s).all())
-
-
-def _steps(time_s: FloatArray, starts: IntArray, step_s: float) -> FloatArray:
-    """Time since the sample before [s], shape (n,); for the first of a run, the usual one."""
-    steps = np.diff(time_s, prepend=time_s[:1])
-    steps[starts] = step_s
-    return steps
-
-
-def _low_pass_uneven(
-    signal: FloatArray, step_s: FloatArray, starts: IntArray, tau_s: float, *, from_rest: bool
-) -> FloatArray:
-    """See `low_pass`; steps (n,) of any length."""
-    decay, newest, older = _first_order(step_s, tau_s)
-    columns = [-1] + [1] * (signal.ndim - 1)
-    before = np.concatenate([signal[:1], signal[:-1]])
-    added = newest.reshape(columns) * signal + older.reshape(columns) * before
-    added[starts] = signal[starts] * (newest[starts].reshape(columns) if from_rest else 1.0)
-    decay[starts] = 0.0
-    return recursion(decay, added)
-
-
-def recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
-    """State y[i] = decay[i] y[i-1] + added[i] from nothing; (n,) or (n, k) as `added`.
-
-    Steps in a row are one step: stretches of samples are first condensed to one each, all side by side.
-    """
-    length = int(np.sqrt(len(decay))) + 1
-    kept = _stretches(decay, length)
-    kept = kept.reshape(*kept.shape, *([1] * (added.ndim - 1)))
-    new = _stretches(added, length)
-    over, gained = kept[0], new[0]
-    for kept_now, new_now in zip(kept[1:], new[1:], strict=True):
-        over, gained = over * kept_now, gained * kept_now + new_now
-    state = np.zeros_like(gained)
-    for number in range(1, len(state)):
-        state[number] = over[number - 1] * state[number - 1] + gained[number - 1]
-    found = np.empty_like(new)
-    for place in range(length):
-        state = kept[place] * state + new[place]
-        found[place] = state
-    together = found.swapaxes(0, 1).reshape(length * found.shape[1], *added.shape[1:])
-    return np.asarray(together[: len(decay)])
 
 
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
@@ -160,7 +61,7 @@ def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float)
     if len(starts) == len(signal):
         return signal.copy()
     step_s = sample_time(time_s, run)
-    if not _is_even(time_s, run):
+    if not is_even(time_s, run):
         return _between(signal, time_s, run, delay_s)
     newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
@@ -226,7 +127,7 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     start = signal[first] if start is None else np.clip(start, low[first], high[first])
     low[first] = high[first] = start
     length = int(np.sqrt(len(signal))) + 1
-    low, high = _stretches(low, length), _stretches(high, length)
+    low, high = cut(low, length), cut(high, length)
     least, most = low[0], high[0]
     for low_now, high_now in zip(low[1:], high[1:], strict=True):
         least = np.minimum(np.maximum(least, low_now), high_now)
@@ -242,17 +143,7 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     return np.asarray(together[: len(signal)])
 
 
-def _stretches(signal: FloatArray, length: int) -> FloatArray:
-    """The signal (n,) or (n, k) cut into stretches of equal length, (length, stretches) or (..., k).
-
-    The last one is filled up with the last sample.
-    """
-    count = -(-len(signal) // length)
-    filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
-    cut: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
-    return np.ascontiguousarray(cut)
-
-
+@of_arrays
 def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
     """Position (n,) without the encoder's jitter, whose way back and forth adds up: a cubic through 25 ms."""
     half = int(0.5 * _STEADY_S / sample_time(time_s, run))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import gamma
 
 from estimation.signals.blocks import places
-from estimation.signals.runwise import relax
+from estimation.signals.fading import faded
 from robot_io.types import FloatArray, IntArray
 
 _LADDER = 1.4  # between the logarithms of two rates: five in three decades miss by less than 1e-3
@@ -29,7 +29,4 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
     slower = weights[0] / np.expm1(alpha * _LADDER)
     faster = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LADDER)
     slopes = np.diff(signal, axis=0, prepend=signal[:1]) / steps.reshape(-1, *([1] * (signal.ndim - 1)))
-    left = slower * signal + faster * slopes
-    for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
-        left += weight * relax(signal, time_s, run, 1.0 / rate)
-    return np.asarray(left)
+    return np.asarray(slower * signal + faster * slopes + faded(signal, time_s, run, rates, weights))

@@ -12,7 +12,8 @@ from estimation.fit.frame import frame_of
 from estimation.fit.smooth_signals import _hats, features
 from estimation.fit.standing import fit
 from estimation.model import Model
-from estimation.signals.runwise import low_pass, play, rate, shift
+from estimation.signals.fading import low_pass
+from estimation.signals.runwise import play, rate, shift
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, smoothed, swings, within
 
