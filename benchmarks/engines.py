@@ -1,10 +1,11 @@
 """The same probing runs in PyBullet and in MuJoCo: parameters and diagnosis, side by side.
 
-    python benchmarks/engines.py [--every N] [--hidden EFFECT ...] [--seeds N] [--results FOLDER]
+    python benchmarks/engines.py [--every N] [--fine-sensors] [--hidden [EFFECT ...]] [--all-channels]
 
 The paper's grid, each object at its three speeds without noise; then the default object with each hidden
-effect of the simulator in turn, and the diagnosis of all channels. Effects that no probing run shows are
-hidden as well. World, noise and what is hidden are the same in both engines: a difference is a finding.
+effect of the simulator in turn, and the diagnosis of the channels that it is in. Effects that no probing run
+shows are hidden as well. World, noise and what is hidden are the same in both engines: a difference is a
+finding about one.
 """
 
 import argparse
@@ -31,6 +32,12 @@ from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import Scenario
 
 ENGINES = ("pybullet", "mujoco")
+FINE = {
+    "encoder": {"counts_per_revolution": 1e10},
+    "force": {"resolution_n": 1e-7},
+    "torque": {"noise_std_nm": 0.0, "resolution_nm": 1e-9, "command_resolution_nm": 1e-9},
+}
+"""Sensors without noise, whose steps are too small to count."""
 UNSEEN = 20.0  # strength of an effect that no probing run shows, over the noise
 Row = Mapping[str, Any]
 
@@ -51,21 +58,22 @@ def hidden_at(effect: str, seed: int) -> Imperfection:
     return kind.at_strength(UNSEEN, place, noise_scale(world), np.random.default_rng(seed))
 
 
-def diagnosis_case(effect: str, seed: int) -> Case:
+def diagnosis_case(effect: str, seed: int, *, all_channels: bool) -> Case:
     """The default object and plan, with one effect hidden, or nothing."""
     world, plan = Scenario(), ProbingPlan()
-    hidden = NOTHING if effect == NOTHING else [describe_imperfection(hidden_at(effect, seed))]
-    parameters = {
+    hidden = [] if effect == NOTHING else [hidden_at(effect, seed)]
+    judged = [] if all_channels else [channel for entry in hidden for channel in entry.channels]
+    parameters: dict[str, Any] = {
         "robot": "follower",
         "scenario": "default",
         "law": world.model_dump()["object"]["law"],
         "plan": {"speeds_m_s": list(plan.speeds_m_s)},
         "noise_std_n": world.sensors.force.noise_std_n,
         "noise_percent": 0,
-        "hidden": hidden,
+        "hidden": [describe_imperfection(entry) for entry in hidden],
         "model": "kelvin_voigt",
     }
-    return Case(DIAGNOSE, parameters, seed)
+    return Case(DIAGNOSE, parameters | ({"channels": judged} if judged else {}), seed)
 
 
 def worked_out(
@@ -86,6 +94,9 @@ def worked_out(
 def compare_grid(console: Console, options: argparse.Namespace) -> None:
     """Largest differences of k and c between the engines, and from the truth, for each estimator."""
     cases = list(shipped_grid("paper_clean").cases())[:: options.every]
+    if options.fine_sensors:
+        fine = {"scenario": {"sensors": FINE}}
+        cases = [replace(case, parameters={**case.parameters, **fine}) for case in cases]
     apart: dict[str, list[dict[str, float]]] = {}
     for rows in worked_out([in_both(case) for case in cases], options):
         for bullet, mujoco in zip(*rows, strict=True):
@@ -122,16 +133,18 @@ def differences(bullet: Row, mujoco: Row) -> dict[str, float]:
 
 def compare_diagnoses(console: Console, options: argparse.Namespace) -> None:
     """What the diagnosis says of the same world in both engines."""
-    wanted = [(effect, options.seed + number) for number in range(options.seeds) for effect in options.hidden]
-    pairs = [in_both(diagnosis_case(*one)) for one in wanted]
-    table, same, channels, alike = Table("hidden", "seed", *ENGINES, "same"), 0, 0, 0
-    for (effect, seed), rows in zip(wanted, worked_out(pairs, options), strict=True):
+    pairs = [
+        in_both(diagnosis_case(effect, options.seed, all_channels=options.all_channels))
+        for effect in options.hidden
+    ]
+    table, same, channels, alike = Table("hidden", *ENGINES, "same"), 0, 0, 0
+    for effect, rows in zip(options.hidden, worked_out(pairs, options), strict=True):
         bullet, mujoco = ({row["channel"]: in_words(row) for row in of_engine} for of_engine in rows)
         agreed = bullet == mujoco
         same += agreed
         channels += len(bullet)
         alike += sum(mujoco.get(channel) == text for channel, text in bullet.items())
-        table.add_row(effect, str(seed), told(bullet), told(mujoco), "yes" if agreed else "NO")
+        table.add_row(effect, told(bullet), told(mujoco), "yes" if agreed else "NO")
     console.print(table)
     console.print(f"Same verdict and names: {same} of {len(pairs)} sessions, {alike} of {channels} channels")
 
@@ -153,9 +166,10 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--every", type=int, default=1, help="every Nth object of the grid")
     effects = [NOTHING, *IMPERFECTIONS]
+    parser.add_argument("--fine-sensors", action="store_true", help="the grid with sensors without steps")
     parser.add_argument("--hidden", nargs="*", default=effects, help="effects to hide, one at a time")
-    parser.add_argument("--seed", type=int, default=1, help="first seed of noise, place and strength")
-    parser.add_argument("--seeds", type=int, default=1, help="so many of each effect")
+    parser.add_argument("--all-channels", action="store_true", help="diagnose the other channels as well")
+    parser.add_argument("--seed", type=int, default=1, help="of noise, place and strength")
     parser.add_argument("--results", type=Path, help="folder of results, to go on from; default: a new one")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()

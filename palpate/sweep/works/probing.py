@@ -64,10 +64,14 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges."""
+    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges.
+
+    These are all, or those named in `channels` of the parameters.
+    """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
     channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
+    channels = [one for one in channels if one.name in parameters.get("channels", (one.name,))]
     usual = parameters["model"] == CONTACT_MODEL  # then the joints are judged as well, each by its own model
     study = Study(
         channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
