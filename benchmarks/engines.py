@@ -1,110 +1,182 @@
-"""The same probing runs in PyBullet and in MuJoCo: parameters, diagnosis and speed, side by side.
+"""The same probing runs in PyBullet and in MuJoCo: parameters and diagnosis, side by side.
 
-    python benchmarks/engines.py [--every N] [--hidden EFFECT ...]
+    python benchmarks/engines.py [--every N] [--fine-sensors] [--hidden [EFFECT ...]] [--all-channels]
 
-The paper's grid without noise (every Nth object of it), then one hidden effect at a time with the diagnosis.
-Whatever differs is a finding about an engine.
+The paper's grid, each object at its three speeds without noise; then the default object with each hidden
+effect of the simulator in turn, and the diagnosis of the channels that it is in. Effects that no probing run
+shows are hidden as well. World, noise and what is hidden are the same in both engines: a difference is a
+finding about one.
 """
 
-import time
-from collections.abc import Mapping
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
-from palpate.sweep.grid import shipped_grid
-from palpate.sweep.works.probing import diagnosed, estimate, probed
+from control.probing.plan import ProbingPlan
+from palpate.render.progress import sweep_progress
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
+from palpate.sweep.grid import DIAGNOSE, shipped_grid
+from palpate.sweep.works.probing import NOTHING
+from sim_backend.hidden import draw_hidden, noise_scale
+from sim_backend.imperfection import IMPERFECTIONS, Imperfection, describe_imperfection
+from sim_backend.noise_scale import CONTACT
+from sim_backend.scenario import Scenario
 
 ENGINES = ("pybullet", "mujoco")
-HIDDEN = (
-    *("none", "coulomb_friction", "stribeck_friction", "payload", "joint_elasticity", "backlash"),
-    *("stress_relaxation", "cubic_stiffness", "dry_friction", "tool_compliance", "lag"),
-)
+FINE = {
+    "encoder": {"counts_per_revolution": 1e10},
+    "force": {"resolution_n": 1e-7},
+    "torque": {"noise_std_nm": 0.0, "resolution_nm": 1e-9, "command_resolution_nm": 1e-9},
+}
+"""Sensors without noise, whose steps are too small to count."""
+UNSEEN = 20.0  # strength of an effect that no probing run shows, over the noise
+Row = Mapping[str, Any]
 
 
-def in_engine(parameters: Mapping[str, Any], engine: str) -> dict[str, Any]:
-    """The same case in that engine."""
-    return dict(parameters) | {"scenario": {"physics": {"engine": engine}}}
+def in_both(case: Case) -> tuple[Case, Case]:
+    """The same case in either engine."""
+    first, second = (replace(case, parameters={**case.parameters, "engine": name}) for name in ENGINES)
+    return first, second
 
 
-def compare_grid(console: Console, every: int) -> None:
+def hidden_at(effect: str, seed: int) -> Imperfection:
+    """An effect whose place and strength the seed decides; one that no probing run shows is put somewhere."""
+    kind, world = IMPERFECTIONS[effect], Scenario()
+    if kind.shows_in:
+        (drawn,) = draw_hidden(seed, effect=effect, scenario=world)
+        return drawn
+    place = "joint_1" if "joint" in kind.model_fields else CONTACT
+    return kind.at_strength(UNSEEN, place, noise_scale(world), np.random.default_rng(seed))
+
+
+def diagnosis_case(effect: str, seed: int, *, all_channels: bool) -> Case:
+    """The default object and plan, with one effect hidden, or nothing."""
+    world, plan = Scenario(), ProbingPlan()
+    hidden = [] if effect == NOTHING else [hidden_at(effect, seed)]
+    judged = [] if all_channels else [channel for entry in hidden for channel in entry.channels]
+    parameters: dict[str, Any] = {
+        "robot": "follower",
+        "scenario": "default",
+        "law": world.model_dump()["object"]["law"],
+        "plan": {"speeds_m_s": list(plan.speeds_m_s)},
+        "noise_std_n": world.sensors.force.noise_std_n,
+        "noise_percent": 0,
+        "hidden": [describe_imperfection(entry) for entry in hidden],
+        "model": "kelvin_voigt",
+    }
+    return Case(DIAGNOSE, parameters | ({"channels": judged} if judged else {}), seed)
+
+
+def worked_out(
+    pairs: Sequence[tuple[Case, Case]], options: argparse.Namespace
+) -> Iterator[tuple[list[Row], list[Row]]]:
+    """Rows of each pair of cases; those that are in the folder of results already are not repeated."""
+    cases = [case for pair in pairs for case in pair]
+    with ExitStack() as stack:
+        folder = options.results or Path(stack.enter_context(TemporaryDirectory()))
+        store = ResultStore(folder)
+        run_cases(cases, store, Cluster(workers=options.processes), stack.enter_context(sweep_progress()))
+        rows = [store.rows([case.address]) for case in cases]
+    for row in (row for of_case in rows for row in of_case if row["error"]):
+        raise SystemExit(row["error"])
+    yield from zip(rows[::2], rows[1::2], strict=True)
+
+
+def compare_grid(console: Console, options: argparse.Namespace) -> None:
     """Largest differences of k and c between the engines, and from the truth, for each estimator."""
-    cases = list(shipped_grid("paper_clean").cases())[::every]
-    worst: dict[str, dict[str, float]] = {}
-    seconds, simulated = dict.fromkeys(ENGINES, 0.0), dict.fromkeys(ENGINES, 0.0)
-    for case in cases:
-        rows = {}
-        for engine in ENGINES:
-            parameters = in_engine(case.parameters, engine)
-            start = time.process_time()
-            ticks, _ = probed(parameters, case.seed)
-            seconds[engine] += time.process_time() - start
-            simulated[engine] += len(ticks) / 1000.0
-            rows[engine] = {row["estimator"]: row for row in estimate(parameters, case.seed)}
-        for estimator in rows["pybullet"]:
-            bullet, mujoco = (rows[engine][estimator] for engine in ENGINES)
-            if bullet["problem"] or mujoco["problem"]:
-                continue
-            found = worst.setdefault(estimator, dict.fromkeys(("k", "k bullet", "k mujoco", "c"), 0.0))
-            for short, name in (("k", "stiffness.k"), ("c", "damping.c")):
-                truth = bullet[f"true {name}"]
-                if truth:
-                    found[short] = max(found[short], abs(bullet[name] - mujoco[name]) / truth)
-            truth = bullet["true stiffness.k"]
-            for engine, row in (("k bullet", bullet), ("k mujoco", mujoco)):
-                found[engine] = max(found[engine], abs(row["stiffness.k"] - truth) / truth)
+    cases = list(shipped_grid("paper_clean").cases())[:: options.every]
+    if options.fine_sensors:
+        fine = {"scenario": {"sensors": FINE}}
+        cases = [replace(case, parameters={**case.parameters, **fine}) for case in cases]
+    apart: dict[str, list[dict[str, float]]] = {}
+    for rows in worked_out([in_both(case) for case in cases], options):
+        for bullet, mujoco in zip(*rows, strict=True):
+            found = apart.setdefault(bullet["estimator"], [])
+            if not (bullet["problem"] or mujoco["problem"]):
+                found.append(differences(bullet, mujoco))
+    headers = ("k apart", "c apart", "k off", "c off", "c apart at c = 0", "objects")
     table = Table(
         "estimator",
-        *(
-            Column(text, justify="right")
-            for text in ("k apart", "c apart", "PyBullet's k off", "MuJoCo's k off")
-        ),
-        title=f"Largest differences over {len(cases)} objects, no noise [%]",
+        *(Column(text, justify="right") for text in headers),
+        title=f"Largest of {len(cases)} objects without noise [% of the truth; at c = 0 N s/m]",
     )
-    for estimator, found in worst.items():
-        table.add_row(estimator, *(f"{100 * value:.3f}" for value in found.values()))
+    for estimator, found in apart.items():
+        worst = {key: max(one[key] for one in found) for key in found[0]} if found else {}
+        table.add_row(estimator, *(f"{value:.3f}" for value in worst.values()), f"{len(found)}")
     console.print(table)
-    speeds = ", ".join(f"{engine} {simulated[engine] / seconds[engine]:.1f}" for engine in ENGINES)
-    console.print(f"Probing, times faster than real time: {speeds}")
 
 
-def compare_diagnoses(console: Console, hidden: list[str], seed: int) -> None:
+def differences(bullet: Row, mujoco: Row) -> dict[str, float]:
+    """How far k and c are apart, and at most off the truth [%]; c of an object without damping [N s/m]."""
+    k, c = ("stiffness.k", "damping.c")
+
+    def share(name: str) -> tuple[float, float]:
+        truth, values = bullet[f"true {name}"], (bullet[name], mujoco[name])
+        if not truth:
+            return 0.0, 0.0
+        off = max(abs(value - truth) for value in values)
+        return 100.0 * abs(values[0] - values[1]) / truth, 100.0 * off / truth
+
+    undamped = 0.0 if bullet[f"true {c}"] else abs(bullet[c] - mujoco[c])
+    (k_apart, k_off), (c_apart, c_off) = share(k), share(c)
+    return {"k apart": k_apart, "c apart": c_apart, "k off": k_off, "c off": c_off, "undamped": undamped}
+
+
+def compare_diagnoses(console: Console, options: argparse.Namespace) -> None:
     """What the diagnosis says of the same world in both engines."""
-    table = Table("hidden", "channel", *ENGINES, "same")
-    (case, *_) = shipped_grid("paper_clean").cases()
-    for effect in hidden:
-        parameters = dict(case.parameters) | {
-            "law": {"name": "kelvin_voigt", "stiffness_n_m": 500.0, "damping_n_s_m": 20.0},
-            "noise_std_n": 0.02,
-            "hidden": effect,
-            "plan": {"speeds_m_s": [0.15, 0.09, 0.06], "repeats": 2},
-        }
-        said = [
-            {
-                row["channel"]: f"{row['verdict']} {row['accepted']}"
-                for row in diagnosed(in_engine(parameters, e), seed)
-            }
-            for e in ENGINES
-        ]
-        for channel in said[0]:
-            texts = [one.get(channel, "-") for one in said]
-            table.add_row(effect, channel, *texts, "yes" if texts[0] == texts[1] else "NO")
+    pairs = [
+        in_both(diagnosis_case(effect, options.seed, all_channels=options.all_channels))
+        for effect in options.hidden
+    ]
+    table, same, channels, alike = Table("hidden", *ENGINES, "same"), 0, 0, 0
+    for effect, rows in zip(options.hidden, worked_out(pairs, options), strict=True):
+        bullet, mujoco = ({row["channel"]: in_words(row) for row in of_engine} for of_engine in rows)
+        agreed = bullet == mujoco
+        same += agreed
+        channels += len(bullet)
+        alike += sum(mujoco.get(channel) == text for channel, text in bullet.items())
+        table.add_row(effect, told(bullet), told(mujoco), "yes" if agreed else "NO")
     console.print(table)
+    console.print(f"Same verdict and names: {same} of {len(pairs)} sessions, {alike} of {channels} channels")
+
+
+def in_words(row: Row) -> str:
+    """Verdict and names of a channel."""
+    rest = "" if row["complete"] or row["verdict"] != "missing" else ", and more"
+    return f"{row['verdict']} {row['accepted']}{rest}".strip()
+
+
+def told(of_channels: Mapping[str, str]) -> str:
+    """What was said, without the channels in which all is well."""
+    said = [f"{channel}: {text}" for channel, text in of_channels.items() if text != "adequate"]
+    return "; ".join(said) or "all adequate"
 
 
 def main() -> None:
     """Parse the command line, and compare."""
     parser = arguments(__doc__)
     parser.add_argument("--every", type=int, default=1, help="every Nth object of the grid")
-    parser.add_argument("--hidden", nargs="*", default=list(HIDDEN), help="effects to hide, one at a time")
-    parser.add_argument("--seed", type=int, default=1)
+    effects = [NOTHING, *IMPERFECTIONS]
+    parser.add_argument("--fine-sensors", action="store_true", help="the grid with sensors without steps")
+    parser.add_argument("--hidden", nargs="*", default=effects, help="effects to hide, one at a time")
+    parser.add_argument("--all-channels", action="store_true", help="diagnose the other channels as well")
+    parser.add_argument("--seed", type=int, default=1, help="of noise, place and strength")
+    parser.add_argument("--results", type=Path, help="folder of results, to go on from; default: a new one")
+    parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     console = Console(width=150)
-    compare_grid(console, options.every)
+    compare_grid(console, options)
     if options.hidden:
-        compare_diagnoses(console, options.hidden, options.seed)
+        compare_diagnoses(console, options)
 
 
 if __name__ == "__main__":

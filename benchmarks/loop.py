@@ -1,19 +1,32 @@
-"""What a tick costs: a probing run of the simulated follower on simulated time, with a session."""
+"""What a tick costs: a probing run of the simulated follower on simulated time.
+
+First with a session and online estimation; then in memory, as a study runs it, in each engine. Without other
+load the shortest of several runs counts.
+"""
 
 import tempfile
+import time
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
+from control.loop.timing import TickDurations
 from control.probing.plan import ProbingPlan
+from palpate.runs.in_memory import probe_in_memory
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
+from robot_io.session import Samples
+from sim_backend.engines import EngineName, installed_engines
+from sim_backend.scenario import Scenario
+
+SECTIONS = [name for name in TickDurations._fields if name not in ("observer_s", "lateness_s")]
+REPEATS = 7
 
 
-def main() -> None:
+def with_session(console: Console) -> None:
     """Probe the default object at three speeds, with online estimation, as fast as the machine can."""
-    console = Console()
     with tempfile.TemporaryDirectory() as folder:
         job = ProbingJob(find_robot("follower"), Path(folder) / "probing.mcap", ProbingPlan())
         run = run_probing(job).loop
@@ -25,6 +38,32 @@ def main() -> None:
     console.print("Probing on simulated time; the engine steps between the ticks \\[us]", table)
     ratio = run.duration_s / run.wall_s
     console.print(f"{run.one_line()}; {run.duration_s:.1f} s simulated, {ratio:.1f} times real time")
+
+
+def in_memory(engine: EngineName) -> tuple[float, Samples]:
+    """Processor time of a tick [s] in the quickest of some short probing runs, and its ticks."""
+    robot, scenario = find_robot("follower"), Scenario().with_engine(engine)
+    plan = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.0)
+    runs = []
+    for _ in range(REPEATS):
+        begun_s = time.process_time()
+        ticks = probe_in_memory(robot, scenario, plan)
+        runs.append(((time.process_time() - begun_s) / len(ticks), ticks))
+    return min(runs, key=lambda run: run[0])
+
+
+def main() -> None:
+    """Print all figures."""
+    console = Console()
+    with_session(console)
+    headers = (*(name.removesuffix("_s") for name in SECTIONS), "physics and rest", "tick", "times real time")
+    table = Table("engine", *(Column(name, justify="right") for name in headers))
+    for engine in installed_engines():
+        tick_s, ticks = in_memory(engine)
+        sections_s = [float(np.median(ticks[name])) for name in SECTIONS]
+        times_s = (*sections_s, tick_s - sum(sections_s), tick_s)
+        table.add_row(engine, *(f"{1e6 * time_s:.1f}" for time_s in times_s), f"{1e-3 / tick_s:.1f}")
+    console.print(f"In memory, the quickest of {REPEATS} runs \\[us of processor time]", table)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,9 @@ class ComplianceObject:
 
     Raises:
         InputError: the law is an engine's own contact, and this engine has none.
+
+    Attributes:
+        is_engine_contact: whether the engine itself exerts the force.
     """
 
     def __init__(self, engine: Engine, law: ContactLaw, surface_height_m: float) -> None:
@@ -36,15 +39,11 @@ class ComplianceObject:
         """World height of the undeformed surface [m]."""
         return self._surface_height_m
 
-    @property
-    def is_engine_contact(self) -> bool:
-        """Whether the engine itself exerts the force."""
-        return isinstance(self._law, EngineContact)
-
     def set_law(self, law: ContactLaw) -> None:
         """Change the law, from the next physics step on. InputError: the engine has no such contact."""
         self._tell_engine(law, self._surface_height_m)
         self._law = law
+        self.is_engine_contact = isinstance(law, EngineContact)  # takes long: asked here, not at each step
 
     def move_surface(self, height_m: float) -> None:
         """Change the world height of the undeformed surface [m], from the next physics step on."""

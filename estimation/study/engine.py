@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from multiprocessing import current_process
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -251,8 +252,13 @@ def diagnose(
             rng=np.random.default_rng(SEED),
             progress=progress,
             file=file,
-            processes=os.cpu_count() or 1 if _importable(effects) else 1,
+            processes=_processes() if _importable(effects) else 1,
         )
+
+
+def _processes() -> int:
+    """How many may share a diagnosis; a worker of a sweep is one of many, and may start none."""
+    return 1 if current_process().daemon else os.cpu_count() or 1
 
 
 def _importable(effects: Sequence[Effect]) -> bool:

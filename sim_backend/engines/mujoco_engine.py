@@ -12,6 +12,7 @@ from sim_backend.engines.engine import Engine, Quaternion, check_serial
 # Friction and stops are soft constraints here. This is as hard as they get: within 2 steps, to 1 part in 1e4.
 _STEPS_TO_STOP = 2.0
 _HARD = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+_FRAME = mujoco.mjtObj.mjOBJ_XBODY
 
 mujoco.set_mju_user_warning(lambda text: None)  # it would write MUJOCO_LOG.TXT where the user happens to be
 
@@ -36,12 +37,15 @@ class MujocoEngine(Engine):
         check_serial([model.joint(i).name for i in range(model.njnt)], self._joints_towards_tip())
         effort = zip(model.jnt_actfrclimited, model.jnt_actfrcrange[:, 1], strict=True)
         self.torque_limit_nm = [float(limit) if limited else np.inf for limited, limit in effort]
-        self._data = mujoco.MjData(model)
+        self._data = data = mujoco.MjData(model)
         self._aside = mujoco.MjData(model)  # for questions about other states
+        # Views of the engine's own memory; to ask for one takes as long as to read it.
+        self._position, self._velocity, self._applied = data.qpos, data.qvel, data.qfrc_applied
+        self._tip_position, self._tip_quaternion = data.xpos[self._tip], data.xquat[self._tip]
         self._tip_velocity = np.zeros(6)
         self._force_world_n = np.zeros(3)
         self._no_torque = np.zeros(3)
-        self._update_links()
+        self._look()
 
     def _joints_towards_tip(self) -> list[str]:
         body, names = self._tip, []
@@ -55,46 +59,48 @@ class MujocoEngine(Engine):
         self._data.qpos[:] = position_rad
         self._data.qvel[:] = velocity_rad_s
         self._data.qacc_warmstart[:] = 0.0
-        self._update_links()
+        self._look()
 
     def joint_state(self) -> list[float]:
-        positions: list[float] = self._data.qpos.tolist()
-        velocities: list[float] = self._data.qvel.tolist()
+        positions: list[float] = self._position.tolist()
+        velocities: list[float] = self._velocity.tolist()
         return positions + velocities
 
     def tip_state(self) -> tuple[Sequence[float], Sequence[float], Quaternion]:
-        data, tip, velocity = self._data, self._tip, self._tip_velocity
-        mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, tip, velocity, 0)
-        w, x, y, z = data.xquat[tip].tolist()
-        return data.xpos[tip].tolist(), velocity[3:].tolist(), (x, y, z, w)
+        velocity = self._tip_velocity
+        mujoco.mj_objectVelocity(self._model, self._data, _FRAME, self._tip, velocity, 0)
+        w, x, y, z = self._tip_quaternion.tolist()
+        return self._tip_position.tolist(), velocity.tolist()[3:], (x, y, z, w)
 
     def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
-        data = self._data
-        data.qfrc_applied[:] = torque_nm
+        self._applied[:] = torque_nm
         if tip_force_z_n:
             self._force_world_n[2] = tip_force_z_n
             mujoco.mj_applyFT(
                 self._model,
-                data,
+                self._data,
                 self._force_world_n,
                 self._no_torque,
-                data.xpos[self._tip],
+                self._tip_position,
                 self._tip,
-                data.qfrc_applied,
+                self._applied,
             )
 
     def brake(self, friction_nm: Sequence[float]) -> None:
         self._model.dof_frictionloss[:] = friction_nm
+        self._look()  # friction is a constraint, which the next step takes as it is found there
 
     def step(self) -> None:
-        mujoco.mj_step(self._model, self._data)
-        self._update_links()
+        mujoco.mj_step2(self._model, self._data)
+        self._look()
 
-    def _update_links(self) -> None:
-        """A step leaves positions and velocities of links as they were before it."""
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_comVel(self._model, self._data)
+    def _look(self) -> None:
+        """Work out all that the present positions and velocities say: links, inertia, constraints.
+
+        It is the first half of MuJoCo's step, after the second instead of before it: its own step would leave
+        the links as they were before it.
+        """
+        mujoco.mj_step1(self._model, self._data)
 
     def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
         self._aside.qpos[:] = position_rad

@@ -35,6 +35,7 @@ from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.session import Samples
 from robot_io.types import FloatArray
+from sim_backend.engines import EngineName
 from sim_backend.scenario import Scenario, load_scenario
 
 NOTHING = "none"  # hidden
@@ -63,10 +64,14 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges."""
+    """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges.
+
+    These are all, or those named in `channels` of the parameters.
+    """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
     channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
+    channels = [one for one in channels if one.name in parameters.get("channels", (one.name,))]
     usual = parameters["model"] == CONTACT_MODEL  # then the joints are judged as well, each by its own model
     study = Study(
         channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
@@ -101,15 +106,19 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]:
     """The ticks of a probing run, and the world in which it was made.
 
+    With an `engine` among the parameters that one moves the arm in place of the scenario's, in the same world
+    with the same noise.
+
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
     """
     keys = ("robot", "scenario", "law", "plan", "hidden", "noise_std_n")
-    return _probed(json.dumps({key: parameters[key] for key in keys}, sort_keys=True), seed)
+    text = json.dumps({key: parameters[key] for key in keys}, sort_keys=True)
+    return _probed(text, seed, parameters.get("engine"))
 
 
 @lru_cache(maxsize=2)
-def _probed(text: str, seed: int) -> tuple[Samples, Scenario]:
+def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, Scenario]:
     """A worker gets many cases that look at one and the same run in other ways.
 
     The world's seed comes from all parameters: with one seed for all objects their noise would be the same,
@@ -117,6 +126,8 @@ def _probed(text: str, seed: int) -> tuple[Samples, Scenario]:
     """
     parameters = json.loads(text)
     scenario = world(parameters, int(sha256(f"{seed} {text}".encode()).hexdigest()[:12], 16))
+    if engine is not None:
+        scenario = scenario.with_engine(engine)
     plan = validate(ProbingPlan, parameters["plan"])
     return probe_in_memory(find_robot(parameters["robot"]), scenario, plan), scenario
 

@@ -1,10 +1,12 @@
 """What the cases of a sweep work out: the arm's ticks, estimates, bounds, and what RANSAC's settings do."""
 
 from collections import Counter
+from multiprocessing import current_process
 
 import numpy as np
 import pytest
 
+from control.loop.phases import Phase
 from control.probing.plan import ProbingPlan
 from palpate.runs.in_memory import probe_in_memory
 from palpate.runs.probing import ProbingJob, run_probing
@@ -89,7 +91,24 @@ def test_the_peak_is_that_of_the_dashpot_where_it_alone_is_beyond_the_limit():
     assert row["over_limit_ms"][0] > 0 == row["over_limit_ms"][1]
 
 
-def test_hidden_effects_are_found_by_the_diagnosis(few_effects):
+def test_another_engine_has_the_same_world_noise_and_ways_and_says_the_same_of_the_object():
+    pytest.importorskip("pybullet")
+    one, other = (probing.probed(PARAMETERS | {"engine": name}, 1) for name in ("pybullet", "mujoco"))
+    assert [scenario.physics.engine for _, scenario in (one, other)] == ["pybullet", "mujoco"]
+    assert one[1].seed == other[1].seed == probing.probed(PARAMETERS, 1)[1].seed
+    runs = [samples["force_n"][samples["phase"] == Phase.FREE_AIR] for samples, _ in (one, other)]
+    np.testing.assert_array_equal(*(force_n[:100] for force_n in runs))  # nothing but noise in free air
+    (lsq, *_), (its_lsq, *_) = (
+        probing.estimate(PARAMETERS | {"engine": name}, 1) for name in ("pybullet", "mujoco")
+    )
+    assert lsq["stiffness.k"] == pytest.approx(its_lsq["stiffness.k"], rel=1e-3)
+    assert lsq["damping.c"] == pytest.approx(its_lsq["damping.c"], rel=1e-2)
+
+
+def test_hidden_effects_are_found_by_the_diagnosis_in_a_worker_which_may_start_no_processes(
+    few_effects, monkeypatch
+):
+    monkeypatch.setitem(current_process()._config, "daemon", True)
     hidden = [{"effect": "cubic_stiffness", "cubic_n_m3": 2e6}]
     plan = {"speeds_m_s": [0.12, 0.08], "hold_s": 0.0}
     rows = probing.diagnosed(PARAMETERS | {"hidden": hidden, "plan": plan}, 1)
