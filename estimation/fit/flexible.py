@@ -13,7 +13,7 @@ from scipy.ndimage import convolve1d
 
 from estimation.fit.colour import WHITE
 from estimation.fit.frame import Frame
-from estimation.fit.moments import Moments, held_out_energy
+from estimation.fit.moments import Moments, held_out_energy, score
 from estimation.fit.smooth_signals import features
 from estimation.fit.trial import Bench, Trial
 from estimation.signals.blocks import of_equal_length
@@ -22,6 +22,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # that are taken one by one
 _WORTH = 0.005  # of the energy, that one more signal must take away
+_MOST_TIMES = 3.0  # what a window is expected to take off an effort
 _POWERS = 3  # of what a window takes off the effort, by which the unsmoothed one is approached
 # Half windows [samples] that velocity and acceleration went through, as far as a model depends on these.
 Windows = tuple[tuple[int, ...], tuple[int, ...]]
@@ -72,10 +73,7 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
     owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
     columns = np.column_stack(parts)
     moments = bench.moments(columns, target, names)
-    if (
-        _shrunken(moments, owner, ()).energy
-        > _shrunken(moments.only(owner != -1), owner[owner != -1], ()).energy
-    ):
+    if not _is_smoothing(moments, owner, columns):
         moments, columns, owner = moments.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
     plainly = _shrunken(moments, owner, ())
     alone = [_shrunken(moments, owner, (number,)) for number in range(len(blocks))]
@@ -87,6 +85,24 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
     plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target, names)
     residual, before = (_held_out_residual(columns, target, frame, plain, one) for one in (best, plainly))
     return Flexible(plainly.held_out, best.held_out, residual, before, by_signal)
+
+
+def _is_smoothing(moments: Moments, owner: IntArray, columns: FloatArray) -> bool:
+    """Whether a model is better with what windows took off, and that is about as large as it should be."""
+    taken = columns[:, owner == -1]
+    beside, alone = (score(moments.only(which)) for which in (owner < 0, owner == -2))
+    if not taken.size or beside.held_out.sum() > alone.held_out.sum():
+        return False
+    return is_of_size(taken, beside.gains[-taken.shape[1] :])
+
+
+def is_of_size(taken: FloatArray, gains: FloatArray) -> bool:
+    """Whether what windows took off, (m, k) with gains (k,), is no more than some times what they take off.
+
+    With any gains it could stand for a missing law: waves of two frequencies leave room for a spring.
+    """
+    expected = taken[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
+    return bool(np.sum((taken @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def taken_off(frame: Frame, effort: FloatArray, windows: Windows) -> FloatArray:

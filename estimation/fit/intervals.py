@@ -12,7 +12,7 @@ from estimation.channel import ChannelKind
 from estimation.effect import Parameter
 from estimation.estimate import ParameterEstimate
 from estimation.fit.acceleration_doubt import doubted
-from estimation.fit.flexible import Windows, taken_off
+from estimation.fit.flexible import Windows, is_of_size, taken_off
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
 from estimation.fit.readings import Readings, readings_of
@@ -166,7 +166,8 @@ def _beside_smoothing(bench: Bench, trial: Trial, windows: Windows) -> Trial:
     names = list(trial.model.gains)
     every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
     fitted = bench.fit(np.hstack([trial.columns, taken]), trial.target, every, trial.model.held)
-    if fitted.held_out.sum() > _BETTER * trial.held_out:
+    own = len(names)
+    if fitted.held_out.sum() > _BETTER * trial.held_out or not is_of_size(taken, fitted.gains[own:]):
         return trial
     gains = dict(zip(names, fitted.gains.tolist(), strict=False))
     return replace(trial, parameters={**trial.parameters, **gains})
