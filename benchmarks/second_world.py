@@ -1,7 +1,7 @@
 """Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
 
     python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
-                                      [--case NUMBER] [--out FILE [--resume]]
+                                      [--case NUMBER] [--one-recording] [--out FILE [--resume]]
     python benchmarks/second_world.py --table FILE | --compare BEFORE AFTER
 
 Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
@@ -13,6 +13,7 @@ which `--table` makes the tables again, and by which `--compare` holds two engin
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from command_line import arguments
@@ -47,6 +48,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", choices=["contact", "revolute"])
     parser.add_argument("--case", type=int, help="this one only")
+    parser.add_argument("--one-recording", action="store_true", help="no column says where runs begin")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, help="JSON lines")
     parser.add_argument("--resume", action="store_true", help="leave out what --out holds already")
@@ -60,9 +62,10 @@ def main() -> None:
     if options.compare:
         compare_engines(*options.compare)
         return
-    jobs = [job for job in grid() if options.kind in (None, job.kind)][: options.sample]
+    every = [replace(job, one_recording=options.one_recording) for job in grid()]
+    jobs = [job for job in every if options.kind in (None, job.kind)][: options.sample]
     if options.case is not None:
-        jobs = [job for job in grid() if job.number == options.case]
+        jobs = [job for job in every if job.number == options.case]
     outcomes = read(options.out) if options.resume and options.out.exists() else []
     done = {(outcome.seed, outcome.job.number) for outcome in outcomes}
     tasked = [job for job in jobs if (options.seed, job.number) not in done]

@@ -37,6 +37,7 @@ class Job:
     sort: str  # "nothing", "one", "two" or "outside"
     hidden: tuple[str, ...]  # names
     strength: float  # RMS of what the simple law cannot mimic, in floors, of each effect alone
+    one_recording: bool = False  # without a column of runs
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def make(job: Job, seed: int) -> Case | None:
 def _try(job: Job, strength: float, rng: Generator) -> Case | None:
     reading = readings.draw_reading(rng, job.kind)
     runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
-    drawn = _contact(rng, reading, runs) if job.kind == "contact" else _joint(rng, job.hidden, runs)
+    drawn = _contact(rng, reading, runs, job) if job.kind == "contact" else _joint(rng, runs, job)
     world, shape = drawn
     seconds = len(world.motion.t) / motion.FINE_HZ
     allowed = [rate for rate in RATES_HZ if rate * seconds <= MOST_SAMPLES]
@@ -120,19 +121,25 @@ def _chain(reading: readings.Reading) -> str:
     return "/".join(f"{n}" for n in reading.steps) + " a turn"
 
 
-def _contact(rng: Generator, reading: readings.Reading, runs: int) -> tuple[World, str]:
+def _contact(rng: Generator, reading: readings.Reading, runs: int, job: Job) -> tuple[World, str]:
     """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
     probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
     steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
     size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
     k = rng.uniform(3.0, 30.0) / size
-    moved, shape = motion.draw(rng, size, rng.uniform(0.5, 3.0), runs, below=-0.15, rounding_s=(0.01, 0.02))
+    speed = rng.uniform(0.5, 3.0)
+    one = job.one_recording
+    moved, shape = motion.draw(
+        rng, size, speed, runs, below=-0.15, rounding_s=(0.01, 0.02), one_recording=one
+    )
     c = k * size * rng.uniform(0.02, 0.2) / float(np.quantile(np.abs(moved.v), 0.95))
-    return World("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, bool(rng.random() < 0.5)), shape
+    fresh = bool(rng.random() < 0.5) and not one
+    return World("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, fresh), shape
 
 
-def _joint(rng: Generator, hidden: tuple[str, ...], runs: int) -> tuple[World, str]:
+def _joint(rng: Generator, runs: int, job: Job) -> tuple[World, str]:
     """An inertia, a pendulum, or an arm of one link with its URDF."""
+    hidden = job.hidden
     base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
     if NEEDS_GRAVITY & set(hidden) and base == "inertia":
         base = "pendulum"
@@ -140,7 +147,10 @@ def _joint(rng: Generator, hidden: tuple[str, ...], runs: int) -> tuple[World, s
         base = "rigid_body"
     mass, arm = rng.uniform(0.3, 4.0), rng.uniform(0.1, 0.4)
     size = rng.uniform(0.4, 1.6)
-    moved, shape = motion.draw(rng, size, rng.uniform(0.6, 2.5), runs, below=-0.5, rounding_s=(0.03, 0.07))
+    speed = rng.uniform(0.6, 2.5)
+    moved, shape = motion.draw(
+        rng, size, speed, runs, below=-0.5, rounding_s=(0.03, 0.07), one_recording=job.one_recording
+    )
     law = {"m": mass, "l": arm, "I": 0.3 * mass * arm**2, "J": 1.3 * mass * arm**2, "tip": 1.6 * arm}
     law |= {"g": mass * GRAVITY * arm if base != "inertia" else 0.0, "d": 0.0}
     if base != "rigid_body":
@@ -209,8 +219,9 @@ class _Reader:
             "time_s": (self.times, "%.6f"),
             x_name: (read, "%.9g"),
             "force_N" if contact else f"torque{joint}_Nm": (sensed, "%.7g"),
-            "run": (self.run, "%d"),
         }
+        if self.run.any():
+            columns["run"] = (self.run, "%d")
         if self.reading.velocity != "none":
             v_name = "velocity_m_s" if contact else f"velocity{joint}_rad_s"
             columns[v_name] = (self.velocity(read, position), "%.7g")
