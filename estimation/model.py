@@ -42,10 +42,10 @@ class Model:
         """The model with one more effect ahead of all others, such as a sensor's fault before its filter."""
         return Model(self.name, (effect, *self.effects), self.held)
 
-    def without(self, name: str) -> "Model":
-        """The model less the effect of this name."""
-        kept = tuple(effect for effect in self.effects if effect.name != name)
-        return Model(self.name, kept, {n: v for n, v in self.held.items() if n.split(".")[0] != name})
+    def without(self, *names: str) -> "Model":
+        """The model less the effects of these names."""
+        kept = tuple(effect for effect in self.effects if effect.name not in names)
+        return Model(self.name, kept, {n: v for n, v in self.held.items() if n.split(".")[0] not in names})
 
     @cached_property
     def gains(self) -> dict[str, Parameter]:

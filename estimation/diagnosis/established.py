@@ -27,9 +27,8 @@ MOST = 0.9  # of the squared error that can be explained at all, that names must
 _FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
-# Times the noise, and share of what an effect takes away, that its own signals may still explain: no law of
-# a real thing is exact.
-_OWN, _OWN_SHARE = 2.0, 0.01
+_SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
+_OWN = 2.0  # times the noise, that an effect's own signals may still explain, or the small share
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -44,8 +43,12 @@ class Standards:
 
     @property
     def is_outdone(self) -> bool:
-        """Whether a law without a name does better beside the base model than beside the names."""
-        return self.nameless < AS_GOOD * self.both
+        """Whether a law without a name does better beside the base model than beside the names.
+
+        By less than a small share of what the names take away says nothing: no law of a real thing is exact.
+        """
+        by = self.both - self.nameless
+        return self.nameless < AS_GOOD * self.both and by > _SMALL_SHARE * (self.base - self.named)
 
     @property
     def explains_most(self) -> bool:
@@ -222,7 +225,7 @@ def _is_same_curve(one: Standing, other: Standing, without: Standing) -> bool:
 
 def _follows_its_law(search: Search, end: Standing, name: str, noise: float) -> bool:
     """Whether an effect leaves less in its own signals than counts beside the noise or what it takes away."""
-    small = _OWN_SHARE * _taken_away(search, end, name)
+    small = _SMALL_SHARE * _taken_away(search, end, name)
     return _left_of_its_own(end, name) <= max(_OWN * noise, small)
 
 
@@ -271,10 +274,10 @@ def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
     """Whether the interval of each parameter that says how large an effect is holds zero, or is not known.
 
     These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
-    effect that takes away more of the squared error than is left, this says no more than that its parameters
-    make up for each other.
+    effect that takes away more of the squared error than is left, beside what windows took off the motion,
+    this says no more than that its parameters make up for each other.
     """
-    if end.trial.held_out <= 0.5 * before.trial.held_out:
+    if end.flexible.before.sum() <= 0.5 * before.flexible.before.sum():
         return False
     (effect,) = (one for one in end.trial.model.effects if one.name == name)
     found = values(*final(end))

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.doubt import SMALL, draws, place
-from estimation.fit.frame import Frame
+from estimation.fit.frame import Frame, moves
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
@@ -29,7 +29,7 @@ _ROWS = 30  # samples for each gain, with which a run can be fitted by itself
 _ABOVE_AIR = 3.0  # times what draws show
 _LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
 _FEW_DRAWS = 4  # whose largest is compared
-_BLOCKS = 40  # in contact and in free air, with fewer of which nothing is said
+_BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
 _PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
@@ -71,9 +71,11 @@ def objection_to(
     if not excess:
         return _swinging(end)
     swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
+    is_contact = end.data.kind is ChannelKind.CONTACT
+    where, elsewhere = ("in contact", "in free air") if is_contact else ("in motion", "at rest")
     return Objection(
-        f"what is left in contact, {excess.contact:.3g} {unit}, is {excess.contact / excess.expected:.0f} "
-        f"times the noise in free air, does not look like noise{swings}; no signal of the data explains it",
+        f"what is left {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
+        f"times the noise {elsewhere}, does not look like noise{swings}; no signal of the data explains it",
         "time",
         free_air(end.data) or excess.expected,
     )
@@ -153,38 +155,41 @@ def disagreement(frame: Frame, trial: Trial) -> Disagreement | None:
 
 @dataclass(frozen=True)
 class Excess:
-    """What is left in contact and is no noise."""
+    """What is left in contact, or while a joint moves, and is no noise."""
 
-    contact: float  # root mean square of the residual in contact, on blocks, in the unit of the effort
-    expected: float  # the same of draws from the model, with noise as in free air
+    acting: float  # root mean square of the residual there, on blocks, in the unit of the effort
+    expected: float  # the same of draws from the model, with noise as in free air, or at rest
     frequency_hz: float | None  # at which much of it swings; None if it does at none
 
 
 def unlike_noise(standing: Standing, readings: Readings, rng: np.random.Generator) -> Excess | None:
     """What a model leaves in contact beyond noise as in free air and errors of the readings; None if nothing.
 
-    The noise may be larger in contact, of which only what neighbouring blocks share is held against the
-    model. Draws show what the readings' errors, such as the steps of encoders, make of that.
+    Of a joint, what it leaves in motion beyond noise as at rest. The noise may be larger there, of which only
+    what neighbouring blocks share is held against the model. Draws show what the readings' errors, such as
+    the steps of encoders, make of that.
     """
     frame = standing.plain.frame
-    if frame.data.kind is not ChannelKind.CONTACT:
-        return None
     residual = frame.reduce(held_out_residual(frame, standing.trial))
     usable = frame.trusted & np.isfinite(residual)
-    pressed = frame.data.engaged[frame.rows]
-    contact, air = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
-    if min(contact.sum(), air.sum()) < _BLOCKS:
+    if frame.data.kind is ChannelKind.CONTACT:
+        pressed = frame.data.engaged[frame.rows]
+        acting, still = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
+    else:
+        moving = moves(frame.data, frame.rows)
+        acting, still = usable & moving, usable & ~moving
+    if min(acting.sum(), still.sum()) < _BLOCKS:
         return None
-    slow = _shared_by_neighbours(residual, frame.run, contact)
-    if slow**2 < _LIKE_NEIGHBOUR * _rms(residual[contact]) ** 2:
+    slow = _shared_by_neighbours(residual, frame.run, acting)
+    if slow**2 < _LIKE_NEIGHBOUR * _rms(residual[acting]) ** 2:
         return None
-    noise = _about_run_means(residual, frame.run, air)
+    noise = _about_run_means(residual, frame.run, still)
     drawn = islice(draws(standing, readings, rng, own=np.resize(noise, len(frame))), _FEW_DRAWS)
-    left = [_rms(one.frame.reduce(held_out_residual(one.frame, trial))[contact]) for one, trial in drawn]
+    left = [_rms(one.frame.reduce(held_out_residual(one.frame, trial))[acting]) for one, trial in drawn]
     if slow < _ABOVE_AIR * max(left):
         return None
     expected = float(np.median(left))
-    return Excess(_rms(residual[contact]), expected, _frequency(standing, residual, contact))
+    return Excess(_rms(residual[acting]), expected, _frequency(standing, residual, acting))
 
 
 def _rms(values: FloatArray) -> float:
@@ -205,11 +210,11 @@ def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray
     return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))
 
 
-def _frequency(standing: Standing, residual: FloatArray, contact: BoolArray) -> float | None:
-    """At which what is left in contact swings most, if it does much [Hz]."""
+def _frequency(standing: Standing, residual: FloatArray, acting: BoolArray) -> float | None:
+    """At which what is left there swings most, if it does much [Hz]."""
     frame = standing.plain.frame
     step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
-    left = np.where(contact, residual, np.nan)
+    left = np.where(acting, residual, np.nan)
     found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, left, step_s)
     return found[0] if found and found[1] > _PEAK else None
 

@@ -53,9 +53,18 @@ class Flexible:
 
 
 def signals_of(bench: Bench, trial: Trial) -> dict[str, FloatArray]:
-    """Columns (m, k) by signal, as of a model that was tried."""
-    frame = bench.frame
-    return features(frame, frame.reduce(frame.data.effort) - trial.residual)
+    """Columns (m, k) by signal, as of a model that was tried.
+
+    What acts before a sensor changes it is a signal, too: of what was cut off or came late, the reading says
+    less than what a law beside the model without that sensor would know.
+    """
+    frame, model = bench.frame, trial.model
+    efforts = [frame.effort - trial.residual]
+    sensors = [sensor for sensor in model.sensors if not sensor.pointwise]
+    if sensors:
+        before = model.without(*(sensor.name for sensor in sensors))
+        efforts.append(frame.reduce(before.predict(frame.data, trial.parameters)))
+    return features(frame, efforts)
 
 
 def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[str] = ()) -> Flexible:

@@ -21,7 +21,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 # that was derived twice from an encoder: what of it is noise lies above this rate.
 CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
 FOLDS = 6
-_PIECES = 5  # that a single run is cut into
+PIECES, _PIECE_FOLDS = 15, 5  # that a single run is cut into, each fold from all over it
 _CORNER = 0.06  # of a run's range of velocities, that no velocity changes by from reading to reading
 _SLOW_S = 0.011  # between samples
 _CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
@@ -134,12 +134,12 @@ def frame_of(data: ChannelData, good: BoolArray | None = None, memory: Memory | 
     block = block_length(data)
     rows, folds = [], []
     runs = rows_of_runs(data.run)
-    pieces = 1 if len(runs) > 1 else _PIECES
+    pieces, most = (1, FOLDS) if len(runs) > 1 else (PIECES, _PIECE_FOLDS)
     for number, of_run in enumerate(runs):
         blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
         piece = np.arange(len(blocks)) * pieces // max(len(blocks), 1)
         rows.append(blocks)
-        folds.append((number * pieces + piece) % FOLDS)
+        folds.append((number * pieces + piece) % most)
     grid = np.concatenate(rows)
     fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
     trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
@@ -238,6 +238,11 @@ def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
     """
     if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
         return np.zeros(len(rows), dtype=np.bool_)
-    speed = np.abs(data.velocity[rows].mean(axis=1))
     settling = data.time_s[rows[:, 0]] < data.time_s[0] + _SETTLING_S
-    return np.asarray(settling | (speed < _REST * float(np.quantile(np.abs(data.velocity), 0.95))))
+    return np.asarray(settling | ~moves(data, rows))
+
+
+def moves(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Whether a joint moves in blocks of samples, shape (m,), or as good as rests."""
+    speed = np.abs(data.velocity[rows].mean(axis=1))
+    return np.asarray(speed >= _REST * float(np.quantile(np.abs(data.velocity), 0.95)))

@@ -1,5 +1,7 @@
 """Signals that a smooth law may depend on, each as columns that bend where the samples are."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from estimation.channel import ChannelKind
@@ -19,28 +21,27 @@ _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is reme
 _CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
 
 
-def features(frame: Frame, effort: FloatArray) -> dict[str, FloatArray]:
+def features(frame: Frame, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """Columns (m, k) by the signal that they are functions of.
 
     Args:
         frame: the channel on its blocks.
-        effort: what the model expects, on blocks, shape (m,).
+        efforts: what the model expects, on blocks, shape (m,); and before its sensors, if these change it.
     """
-    data, run = frame.data, frame.run
+    data, run, effort = frame.data, frame.run, efforts[0]
     x, time_s = frame.reduce(data.position), frame.reduce(data.time_s)
     v, a = (frame.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
-    curves_v, curves_e = _curves(v), _curves(effort)
     coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
     found = {
         "offset": np.ones((len(x), 1)),
         "time": _ageing(time_s, run, v, effort, turn),
         "position": frame.memory.recall("position", lambda: _position(frame)),
-        "velocity": np.column_stack([curves_v, v[:, None] * coarse_x]),
+        "velocity": np.column_stack([_curves(v), v[:, None] * coarse_x]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
         "acceleration": _hats(a),
         "past motion": frame.memory.recall("past motion", lambda: _past(frame)),
-        "effort": np.hstack([curves_e, _past_effort(effort, time_s, run)]),
+        "effort": np.hstack([p for e in efforts for p in (_curves(e), _past_effort(e, time_s, run))]),
     }
     for name in sorted(_CONTEXT & data.context.keys()):
         columns = frame.reduce(data.context[name]).reshape(len(x), -1)

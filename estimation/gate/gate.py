@@ -7,7 +7,7 @@ from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import ORDER, Colour
-from estimation.fit.frame import block_length, frame_of
+from estimation.fit.frame import PIECES, block_length, frame_of
 from estimation.gate.motion_and_effort import (
     angle_in_degrees,
     misaligned,
@@ -27,7 +27,7 @@ _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
-_COVERED = 0.3  # of the range of positions, that each fifth of a single recording goes through to be held out
+_TRAVELLED = 3.0  # ranges of positions, that a single recording goes through for parts of it to be held out
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
 _DEEP, _RELEASED = 0.5, 0.1  # of the deepest indentation: a press goes from the one to the other
 
@@ -121,8 +121,8 @@ def _runs(data: ChannelData) -> str | None:
         if presses > 1:
             return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
         return f"{SINGLE_RUN}, so there is no other to judge by; record at least three runs"
-    ranges = [np.ptp(part) for part in np.array_split(data.position, 5)]
-    if min(ranges) < _COVERED * np.ptp(data.position):
+    travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
+    if travelled < _TRAVELLED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
     return None
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
@@ -225,13 +226,31 @@ def test_what_is_left_in_contact_is_held_against_free_air():
     standing = stand(hum, MODEL, {})
     found = unlike_noise(standing, readings_of(hum), np.random.default_rng(0))
     assert found.frequency_hz == pytest.approx(7.3, abs=0.05)
-    assert found.contact == pytest.approx(0.4 / np.sqrt(2.0), rel=0.15)
+    assert found.acting == pytest.approx(0.4 / np.sqrt(2.0), rel=0.15)
     block = standing.plain.frame.rows.shape[1]
     assert found.expected == pytest.approx(NOISE_N / np.sqrt(block), rel=0.3)
     told = objection_to(standing, readings_of(hum), np.random.default_rng(0), complete=True)
-    assert f"{found.contact:.3g} N, is {found.contact / found.expected:.0f} times" in told.reason
+    assert f"{found.acting:.3g} N, is {found.acting / found.expected:.0f} times" in told.reason
     assert told.floor == pytest.approx(NOISE_N, rel=0.15)  # of single samples
     assert unlike_noise(stand(session(2), MODEL, {}), readings_of(hum), np.random.default_rng(0)) is None
+
+
+@pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
+def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
+    rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)
+    speed = np.repeat(np.tile([0.0, 2.0 * np.pi], 6), 1000)  # every other five seconds
+    phase = np.cumsum(0.005 * gaussian_filter1d(speed, 40.0))
+    q, v, a = np.sin(phase), np.gradient(np.sin(phase), t), np.gradient(np.gradient(np.sin(phase), t), t)
+    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0 * (speed > 0.0)
+    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
+    run = np.zeros(len(t), dtype=np.int64)
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
+    standing = stand(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
+    found = unlike_noise(standing, readings_of(data), np.random.default_rng(0))
+    assert (found is None) is is_noise
+    told = objection_to(standing, readings_of(data), np.random.default_rng(0), complete=True)
+    assert (told is None) is is_noise
+    assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
 
 
 APART = Disagreement(2, 1.0, 0.4, np.zeros(3), 2.0, 0.4)
@@ -265,7 +284,7 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
         assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2 N m when")
         assert found.floor == 0.4
     if depends_on == "time":
-        assert "1 N m, is 10 times the noise in free air, does not look like noise; no signal" in found.reason
+        assert "1 N m, is 10 times the noise at rest, does not look like noise; no signal" in found.reason
         assert found.floor == 0.1  # there is no free air
 
 

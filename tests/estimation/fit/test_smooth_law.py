@@ -122,7 +122,7 @@ def left(columns, law):
 @pytest.fixture(scope="module")
 def swung():
     frame, own = signals(SWUNG)
-    return own, features(frame, own["e"])
+    return own, features(frame, [own["e"]])
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -155,7 +155,7 @@ PRESS_LAWS = {
 @pytest.mark.parametrize("name", PRESS_LAWS)
 def test_a_law_of_a_contact_is_drawn_where_it_was_touched(name):
     frame, own = signals(PRESSED)
-    columns = features(frame, own["e"])
+    columns = features(frame, [own["e"]])
     own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])
     own["touched"] = own["furthest"] > 0
     signal, law = PRESS_LAWS[name]
