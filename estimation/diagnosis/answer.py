@@ -8,7 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.diagnosis.established import in_order, rivals
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.objections import Objection, free_air
+from estimation.diagnosis.objections import Objection, free_air, swinging
 from estimation.diagnosis.of_runs import spread
 from estimation.diagnosis.result import (
     Accepted,
@@ -149,15 +149,26 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
     if verdict is Verdict.ADEQUATE:
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
-            "law explains no more of it than of draws from the model"
+            f"law explains no more of it than of draws from the model{_hum(end)}"
         )
     left = _left(found)
     if verdict is Verdict.MISSING:
         names = " and ".join(_or_rivals(entry) for entry in accepted)
         before = f"{found.search.start.rmse:.3g} {unit}"
         fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
-        return f"{fall}, and no more than noise is left" if found.complete else f"{fall}; {left}"
+        return f"{fall}, and no more than noise is left{_hum(end)}" if found.complete else f"{fall}; {left}"
     return f"the error is {end.rmse:.3g} {unit}; {left}"
+
+
+def _hum(end: Standing) -> str:
+    """What of the noise swings, in words: mains, a fan or a drive that the sensor picks up."""
+    found = swinging(end)
+    if found is None:
+        return ""
+    size = np.sqrt(found[1]) * end.rmse
+    return (
+        f"; {size:.3g} {end.data.kind.effort_unit} of the noise swings at {found[0]:.3g} Hz, in free air too"
+    )
 
 
 def _left(found: Judgement) -> str:

@@ -69,7 +69,7 @@ def objection_to(
         )
     excess = unlike_noise(end, readings, rng)
     if not excess:
-        return _swinging(end)
+        return _swings(end)
     swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     is_contact = end.data.kind is ChannelKind.CONTACT
     where, elsewhere = ("in contact", "in free air") if is_contact else ("in motion", "at rest")
@@ -93,18 +93,21 @@ class Disagreement:
     run_alone: float  # the same, fitted by itself
 
 
-def _swinging(end: Standing) -> Objection | None:
-    """An error that swings at one frequency, with another phase in each run, and is larger than in free air.
-
-    What a sensor picks up there too, such as the hum of the mains, is noise.
-    """
-    frame, unit = end.plain.frame, end.data.kind.effort_unit
-    if end.rmse <= (1.0 + SMALL) * (free_air(end.data) or 0.0):
-        return None
+def swinging(end: Standing) -> tuple[float, float] | None:
+    """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
+    frame = end.plain.frame
     residual = frame.reduce(held_out_residual(frame, end.trial))
     step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
     found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, residual, step_s)
-    if found is None or found[1] < _PEAK or found[2] < _PROMINENT:
+    return None if found is None or found[1] < _PEAK or found[2] < _PROMINENT else found[:2]
+
+
+def _swings(end: Standing) -> Objection | None:
+    """An error that swings and is larger than in free air: what a sensor picks up there too is noise."""
+    if end.rmse <= (1.0 + SMALL) * (free_air(end.data) or 0.0):
+        return None
+    found, unit = swinging(end), end.data.kind.effort_unit
+    if found is None:
         return None
     size, floor = np.sqrt(found[1]) * end.rmse, np.sqrt(1.0 - found[1]) * end.rmse
     return Objection(

@@ -1,5 +1,6 @@
 """What is said of a search: the verdict, each effect with its evidence, what is left, what to record next."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -74,6 +75,17 @@ def test_where_nothing_is_left_the_error_is_the_floor_and_nothing_is_to_be_recor
     assert (found.floor.free_air, found.floor.share_left) == (None, end.left_of_blocks())
     assert found.reason.endswith("with joint_spring and coulomb_friction, and no more than noise is left")
     assert found.effort_unit == "N m"
+
+
+@pytest.mark.parametrize("hum_n", [0.3, 0.0])
+def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
+    hum = np.sqrt(2.0) * hum_n
+    data = session(2, lambda t, x, v, run: kelvin_voigt(x, v) + hum * np.sin(2.0 * np.pi * 7.3 * t))
+    search = searched(data, "cubic_stiffness")
+    told = answer(Judgement(search, readings_of(data), search.start, True, None))
+    assert told.verdict is Verdict.ADEQUATE
+    found = re.search(r"; 0.3 N of the noise swings at (\S+) Hz, in free air too", told.reason)
+    assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 
 def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(swung):

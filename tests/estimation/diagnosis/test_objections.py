@@ -276,7 +276,7 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
     monkeypatch.setattr(objections, "disagreement", lambda *_: apart)
     monkeypatch.setattr(objections, "_is_no_chance", lambda *_: not chance)
     monkeypatch.setattr(objections, "unlike_noise", lambda *_: excess)
-    monkeypatch.setattr(objections, "_swinging", lambda *_: None)
+    monkeypatch.setattr(objections, "_swings", lambda *_: None)
     end = SimpleNamespace(data=swings(1), plain=SimpleNamespace(frame=None), trial=None, floor=lambda: floor)
     found = objection_to(end, None, None, complete=complete)
     assert (found and found.depends_on) == depends_on
@@ -317,7 +317,7 @@ def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, t
     monkeypatch.setattr(objections, "strongest_swing", lambda *_: found)
     monkeypatch.setattr(objections, "free_air", lambda _: None)
     end = stand(session(7), MODEL, {})
-    swung = objections._swinging(end)
+    swung = objections._swings(end)
     assert (swung is not None) is told
     if told:  # the energy of a swing and of the rest add up
         assert f"7 Hz with {0.6 * end.rmse:.3g} N" in swung.reason
@@ -330,4 +330,4 @@ def test_a_swing_that_is_in_free_air_too_is_noise(air, named, monkeypatch):
     monkeypatch.setattr(objections, "free_air", lambda _: air)
     end = stand(session(7), MODEL, {})
     monkeypatch.setattr(type(end), "rmse", 1.045)
-    assert (objections._swinging(end) is not None) is named
+    assert (objections._swings(end) is not None) is named
