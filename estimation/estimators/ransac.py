@@ -16,6 +16,7 @@ from estimation.statistics.uncertainty import Covariance, sandwich
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
+_FAR_ABOVE = 100.0  # times the noise: no sample is beyond
 _FAR_BELOW = 0.45  # threshold over noise under which refining ends too far from where it converges
 _BLOCK = 1 << 16  # residuals held at once: they stay in the processor's cache
 
@@ -103,7 +104,7 @@ class Ransac(Estimator):
         best, show how far that one may lie.
         """
         inside = np.abs(residuals) < self.threshold
-        ratio = self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny)
+        ratio = min(self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
         slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
         score = np.where(inside, residuals, 0.0)
         refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
