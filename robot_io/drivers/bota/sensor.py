@@ -48,7 +48,8 @@ class Bota(SerialForceSensor, Examinable):
         self._found = (
             f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
         )
-        self._bus.listen(BotaStream(own.axis, own.capacity_n), own.capacity_n, has_checksums=True)
+        stream = BotaStream(own.axis, own.capacity_n)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _command(self, command: bytes) -> None:
         """Have a command done; the sensor may still have been starting, or have lost a letter."""

@@ -11,6 +11,7 @@ from robot_io.drivers.net_ft.configuration import Configuration, read_configurat
 from robot_io.drivers.serial_force.line import ForceLine, ForceLineSettings
 from robot_io.drivers.serial_force.reader import SerialReader
 from robot_io.errors import DeviceError
+from robot_io.files.file_model import matching
 
 _LARGEST_DATAGRAM = 2048  # bytes
 _AT_ONCE = 1000  # datagrams in one look, at most
@@ -21,7 +22,8 @@ _Port = Annotated[int, Field(ge=1, le=65_535, strict=True)]
 class NetFtLineSettings(ForceLineSettings):
     """What the robot file says."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]  # address; 192.168.1.1 as delivered
+    # As delivered, 192.168.1.1.
+    host: Annotated[str, matching("[A-Za-z0-9._-]{1,253}", "its address alone, such as 192.168.1.1")]
     rdt_port: _Port = 49_152
     http_port: _Port = 80
 

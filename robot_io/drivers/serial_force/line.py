@@ -9,6 +9,7 @@ import serial
 from pydantic import Field
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.serial_force.poll import Poll
 from robot_io.drivers.serial_force.reader import ForceSample, SerialReader
 from robot_io.drivers.serial_force.text import Stream
@@ -117,12 +118,13 @@ class ForceLine(Bus):
         held_back_s: float = 0.0,
         *,
         has_checksums: bool = False,
+        own_time: OwnTime | None = None,
         question: bytes = b"",
     ) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
 
-        `held_back_s` and `has_checksums` are as for `SerialReader`; each reading is asked for by `question`,
-        if there is one.
+        `held_back_s`, `has_checksums` and `own_time` are as for `SerialReader`; each reading is asked for by
+        `question`, if there is one.
 
         DeviceError: the port is not open.
         """
@@ -134,6 +136,7 @@ class ForceLine(Bus):
             capacity_n,
             held_back_s,
             has_checksums=has_checksums,
+            own_time=own_time,
             poll=Poll(question) if question else None,
         )
         self._reader.start()

@@ -72,7 +72,7 @@ class EmulatedBota(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         """See `SerialSensor.reading`; without a value it is invalid."""
-        self._time_us += _STEP_US * self._length
+        self._time_us += self._timer.passed * _STEP_US * self._length
         status, values = self.status, [1.5, -2.5, 3.5, 0.25, -0.5, 0.75]
         if math.isnan(force_n):
             status, force_n = status | INVALID, 0.0

@@ -221,6 +221,13 @@ def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
         assert bench.bus.sample is None
 
 
+def test_the_second_has_the_torque_constant_of_the_first():
+    given = ONE | {"torque_constant_nm_a": 2.0, "reversed": True, "zero_rad": 1.0, "homing_offset": 5}
+    (servo,) = validate(DynamixelSettings, {"port": "p", "servos": [given | {"second": {"id": 4}}]}).servos
+    assert servo.second.torque_constant_nm_a == 2.0
+    assert (servo.second.reversed, servo.second.zero_rad, servo.second.homing_offset) == (False, pi, None)
+
+
 ONE = {"id": 1, "model": "XM540-W270"}
 STS = {"id": 1, "model": "STS3215-12V"}
 

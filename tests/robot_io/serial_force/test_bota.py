@@ -106,6 +106,13 @@ def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, s
     assert not stream.complaint
 
 
+def test_a_sensor_that_skips_on_and_on_says_so_itself():
+    stream, forces = fed(*(frame(SKIPPED, ONES, 1250 * k) for k in range(5)))
+    assert (forces, stream.complaint) == ([], "the sensor says 'skips measurements, lower rate_hz'")
+    assert stream.feed(frame(0, ONES, 6250)) == [-2.0]
+    assert not stream.complaint
+
+
 @pytest.fixture
 def arm():
     made = WireBench(ODRIVE, BOTA)
