@@ -100,7 +100,7 @@ class BotaStream:
     """Forces of one axis from frames; see `Stream`.
 
     The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
-    damaged frame in 65 536 through; another time counts once a second sample goes on with it.
+    damaged frame in 65 536 through; another time, such as the first, counts once the next goes on with it.
 
     Args:
         axis: "x", "y" or "z".
@@ -144,10 +144,10 @@ class BotaStream:
 
     def _is_new(self, time_us: int) -> bool:
         goes_on, odd_goes_on = _follows(time_us, self._time_us), _follows(time_us, self._odd_us)
+        if not (goes_on or odd_goes_on):
+            self._odd_us = time_us
+            return False
         if self._time_us is not None:
-            if not (goes_on or odd_goes_on):
-                self._odd_us = time_us
-                return False
             by_us = (time_us - self._time_us) % _TIMES
             if by_us >= _TIMES // 2:
                 self._restarted = "the sensor has restarted, with the settings that it keeps"
