@@ -2,9 +2,10 @@
 
 A frame is AA, 34 bytes of data and their CRC-16 (X.25), all little-endian: status, forces and torques along
 x, y and z as floats, the sensor's time in microseconds, its temperature. Commands are answered with `r,0,`,
-the letter and 0. Source: Bota Systems' own examples for the serial sensors, and their ROS driver.
+the letter and a code: 0 is done. Source: Bota Systems' own examples and ROS driver for the serial sensors.
 """
 
+import re
 import struct
 from math import copysign, isfinite
 from typing import Final, NamedTuple
@@ -42,9 +43,10 @@ def filter_setup(rate_hz: int) -> bytes:
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 
-def answer_to(command: bytes) -> bytes:
-    """What says that a command was done."""
-    return b"r,0,%c,0" % command[0]
+def code_of(command: bytes, received: bytes | bytearray) -> int | None:
+    """The code of the answer to a command in what was received, or None where there is none; 0 is done."""
+    found = re.search(rb"r,\d,%c,(\d)" % command[0], received)
+    return int(found[1]) if found else None
 
 
 def crc16(data: bytes) -> int:

@@ -1,5 +1,7 @@
 """Bota sensors: frames against the emulator's, what damage and times make of them, and what is refused."""
 
+from contextlib import nullcontext
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -151,7 +153,14 @@ def test_it_is_set_up_as_the_robot_file_says(arm):
 @pytest.mark.parametrize("refused", ["C", "c", "f", "R"])
 def test_a_command_that_is_not_done_is_named(arm, refused):
     sensor(arm).refused = refused
-    with pytest.raises(DeviceError, match=f"no answer to '{refused}.*'; check port, baud rate and supply"):
+    with pytest.raises(DeviceError, match=f"the sensor refuses '{refused}.*', code 1"):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(("starts_s", "said"), [(3.0, None), (5.0, "no answer to 'C'; check port")])
+def test_a_sensor_that_still_starts_is_waited_for(arm, starts_s, said):
+    sensor(arm).starts_until_s = arm.clock.now_s() + starts_s
+    with pytest.raises(DeviceError, match=said) if said else nullcontext():
         arm.robot.configure()
 
 
@@ -166,4 +175,5 @@ def test_a_line_that_is_too_slow_is_refused():
 def test_commands_are_those_of_the_maker():
     assert [protocol.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
     assert protocol.communication_setup(9600) == b"c,0,1,0,0"
-    assert protocol.answer_to(b"f,512,0,0,1") == b"r,0,f,0"
+    assert protocol.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
+    assert protocol.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0
