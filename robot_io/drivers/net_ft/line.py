@@ -50,14 +50,18 @@ class _Socket:
         except (OSError, UnicodeError):
             self._socket.close()
             raise
-        self.fileno, self.write, self.close = self._socket.fileno, self._socket.send, self._socket.close
+        self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """One datagram, or nothing."""
-        try:
+        """One datagram, or nothing; also where a host says that nobody hears what was sent."""
+        with suppress(BlockingIOError, ConnectionRefusedError):
             return self._socket.recv(size)
-        except BlockingIOError:
-            return b""
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; a host that says that nobody hears there means what was sent before."""
+        with suppress(ConnectionRefusedError):
+            self._socket.send(data)
 
 
 class NetFtLine(ForceLine):

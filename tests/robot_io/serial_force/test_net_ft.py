@@ -1,5 +1,6 @@
 """ATI Net F/T: records against the emulator's; what is old, damaged or out of range; its configuration."""
 
+import re
 import socket
 from itertools import pairwise
 
@@ -164,6 +165,17 @@ def test_nobody_there_is_named(arm):
     arm.arm.wires["load_cell"].close()
     with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
         arm.robot.configure()
+
+
+def test_another_port_than_the_sensors_is_named(arm):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        port = nobody.getsockname()[1]
+    text = re.sub(r"rdt_port: \d+", f"rdt_port: {port}", arm.arm.robot_file.text)
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="sends no records; check rdt_port"):
+        robot.configure()
+    robot.close()
 
 
 def test_a_web_server_of_something_else_is_named(arm):
