@@ -25,6 +25,7 @@ class ForceSample(NamedTuple):
 
     force_n: float
     arrived_at_s: float
+    late_s: float = 0.0  # by how much it arrived later than it should have
 
 
 class SerialReader:
@@ -153,11 +154,13 @@ class SerialReader:
         is_damaged = self._stream.rejected != rejected
         if self._poll and (samples or is_damaged):
             arrived_s = self._poll.answered()
+        late_s = 0.0
         if self._own_time and samples and arrived_s is not None:
-            arrived_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
+            dated_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
+            arrived_s, late_s = dated_s, arrived_s - dated_s
         for force_n in self._undamaged(samples, is_damaged=is_damaged):
             if arrived_s is not None and (self._has_checksums or self._is_plausible(force_n)):
-                self.newest = ForceSample(force_n, arrived_s)
+                self.newest = ForceSample(force_n, arrived_s, late_s)
 
     def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
         """The readings that have come, without those beside damaged ones or soon after them."""
