@@ -72,20 +72,6 @@ class DriverCatalogue:
         self.torque = Registry("torque driver", JointTorque, *names)  # type: ignore[type-abstract]
         self.force = Registry("force sensor driver", ForceSensor, *names)  # type: ignore[type-abstract]
 
-    def check_names(self, robot_file: RobotFile) -> None:
-        """Refuse a robot file that names a driver which is not here.
-
-        InputError: with file, line, key, value and the valid choices.
-        """
-        named: list[tuple[KeyPath, Registry[Any], str]] = [
-            *((("buses", name), self.bus, bus.driver) for name, bus in robot_file.buses.items()),
-            (("encoder",), self.encoder, robot_file.encoder.driver),
-            (("torque",), self.torque, robot_file.torque.driver),
-            (("force",), self.force, robot_file.force.driver),
-        ]
-        for section, registry, driver in named:
-            _check_name(registry, driver, robot_file, section)
-
 
 def make_driver(
     registry: Registry[ComponentType], driver: str, settings: Mapping[str, object], context: DriverContext

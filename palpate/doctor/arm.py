@@ -59,10 +59,10 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
     """
     with ExitStack() as stack:
         drivers = DriverCatalogue(SIMULATED_DRIVERS, *check.drivers)
-        drivers.check_names(check.robot_file)
         gains_of(check.robot_file)  # nothing here needs them, and every run does
-        clock, robot_file, hand = _set_up(check, stack)
         calibrations = load_calibrations(check.robot_file, emulated=check.wired)
+        build_robot(check.robot_file, drivers, SimulatedClock(), calibrations)  # what is replaced is valid
+        clock, robot_file, hand = _set_up(check, stack)
         body = RigidBody.of_robot(check.robot_file, calibrations)
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
         doubt = doubtful(calibrations.encoder) if calibrations.encoder else None

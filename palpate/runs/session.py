@@ -189,13 +189,12 @@ def _set_up(
 ) -> tuple[Robot, Scenario | None, Callable[[], World] | None]:
     """The robot, and what is simulated for it, which ends with `stack`; None with hardware."""
     drivers = DriverCatalogue(SIMULATED_DRIVERS, *job.drivers)
-    drivers.check_names(job.robot_file)
+    robot = build_robot(job.robot_file, drivers, clock, calibrations)  # wired, too: what is replaced is valid
     if job.wired:
         scenario = _altered(job.scenario or load_scenario(DEFAULT_SCENARIO), job)
         arm = emulate(job.robot_file, scenario, clock)
         stack.callback(arm.bench.close)
         return build_robot(arm.robot_file, drivers, clock, calibrations), scenario, lambda: arm.plant.world
-    robot = build_robot(job.robot_file, drivers, clock, calibrations)
     bus = next((bus for bus in robot.buses.values() if isinstance(bus, SimulatedBus)), None)
     if bus is None:
         if any(option is not None for option in (job.scenario, job.engine, job.seed, job.hidden)):

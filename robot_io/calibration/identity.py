@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from robot_io.errors import InputError
 from robot_io.robot_file import DeviceSection, RobotFile
 
-# Settings that change when a sample comes and not what it says; a calibration outlives a change of them.
+# Settings that say when a sample comes or is refused, not what it is; a calibration outlives their change.
 _PASSING = frozenset(
     {
         *("scenario", "baud_rate", "delay_s", "return_delay_s", "watchdog_s"),
-        *("heartbeat_s", "fast_sync_read", "velocity", "bandwidth_hz"),
+        *("heartbeat_s", "fast_sync_read", "velocity", "bandwidth_hz", "pair_tolerance_rad"),
     }
 )
 

@@ -566,6 +566,7 @@ def test_a_failure_is_exit_code_1_also_as_json():
         (("--robot", "follower", "--wire"), "without wires"),
         (("--robot", DYNAMIXEL, "--as-built", DYNAMIXEL), "--wire"),
         (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire", "--move"), "--yes"),
+        (("--robot", DYNAMIXEL, "--as-built", ODRIVE, "--wire"), "{'motors': 'odrive_bus'"),
         (("--robot", DYNAMIXEL, "--move"), "terminal"),
         (("--robot", DYNAMIXEL, "--move", "--yes"), "real arm"),
         (("--robot", "nobody.yaml"), "nobody.yaml"),

@@ -51,6 +51,15 @@ def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
             assert found[key] == pytest.approx(truth[key], rel=share), estimate.estimator
 
 
+@pytest.mark.parametrize("command", ["probe", "doctor"])
+def test_what_emulated_devices_take_the_place_of_must_be_valid(tmp_path, command):
+    text = SERVOS.read_text(encoding="utf-8").replace("/dev/serial/by-id/usb-Loadstar_DI-1000", "''")
+    path = tmp_path / "arm.yaml"
+    path.write_text(text.replace("dynamixel_3dof.", f"{SERVOS.parent}/dynamixel_3dof."), encoding="utf-8")
+    refused = run(command, "--robot", path, "--wire")
+    assert_refused(refused, "buses.load_cell.port: string should have at least 1 character")
+
+
 @pytest.mark.slow
 def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
     """SO-101, as docs/so101.md has it."""

@@ -55,6 +55,8 @@ def put(address, value):
         (put(table.HARDWARE_ERROR, 0x24), Level.FAIL, "hardware error: overheating, overload"),
         (put(table.DRIVE_MODE, 0x04), Level.OK, "firmware"),
         (put(table.DRIVE_MODE, 0x01), Level.FAIL, "drive mode: reversed"),
+        (put(table.SECONDARY_ID, 252), Level.FAIL, "secondary id 252: it obeys what that servo is told"),
+        (put(table.SECONDARY_ID, 253), Level.OK, "firmware"),
         (put(6, 38), Level.OK, "firmware 38"),
         (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog"),
         (lambda bench: bench.line.servos.pop(2), Level.FAIL, "does not answer"),

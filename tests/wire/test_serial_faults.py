@@ -181,20 +181,20 @@ def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
         clock.sleep_until((i + 1) * 1e-3)
         send(reading(i))
         reader.look()
-        assert reader.newest == ((float(i), clock.now_s()) if i else None)  # the first waits for another
+        assert reader.newest == ((float(i), clock.now_s(), 0.0) if i else None)  # the first waits for another
     for i in range(100):
         send(reading(i))
     clock.sleep_until(1.0)
     reader.look()
-    assert reader.newest == (99.0, pytest.approx(5e-3))
+    assert reader.newest == (99.0, pytest.approx(5e-3), 0.0)
     clock.sleep_until(1.001)
     send(reading(7.0))
     reader.look()
-    assert reader.newest == (7.0, pytest.approx(1.001))
+    assert reader.newest == (7.0, pytest.approx(1.001), 0.0)
     reader.stop()
     send(reading(8.0))
     reader.look()  # its port may be somebody else's by now
-    assert reader.newest == (7.0, pytest.approx(1.001))
+    assert reader.newest == (7.0, pytest.approx(1.001), 0.0)
 
 
 def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):

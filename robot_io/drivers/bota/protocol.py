@@ -2,13 +2,15 @@
 
 A frame is AA, 34 bytes of data and their CRC-16 (X.25), all little-endian: status, forces and torques along
 x, y and z as floats, the sensor's time in microseconds, its temperature. Commands are answered with `r,0,`,
-the letter and 0. Source: Bota Systems' own examples for the serial sensors, and their ROS driver.
+the letter and a code: 0 is done. Source: Bota Systems' own examples and ROS driver for the serial sensors.
 """
 
+import re
 import struct
 from math import copysign, isfinite
 from typing import Final, NamedTuple
 
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.servo.stream import PacketStream, bit_names
 from robot_io.errors import ProtocolError
 
@@ -21,7 +23,12 @@ _HEADER: Final = 0xAA
 _DATA: Final = struct.Struct("<H6fIf")
 FRAME_SIZE: Final = 1 + _DATA.size + 2
 _SKIPPED, _OVERRANGE = 0x01, 0x02
-_STATUS: Final = {0x04: "invalid measurements", 0x08: "raw measurements"}
+_STATUS: Final = {
+    0x01: "skips measurements, lower rate_hz",
+    0x04: "invalid measurements",
+    0x08: "raw measurements",
+}
+_MANY_SKIPPED: Final = 5  # samples in a row: it is not one that was late
 _LONGEST_GAP_US: Final = 1_000_000
 _TIMES: Final = 1 << 32
 
@@ -36,9 +43,10 @@ def filter_setup(rate_hz: int) -> bytes:
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 
-def answer_to(command: bytes) -> bytes:
-    """What says that a command was done."""
-    return b"r,0,%c,0" % command[0]
+def code_of(command: bytes, received: bytes | bytearray) -> int | None:
+    """The code of the answer to a command in what was received, or None where there is none; 0 is done."""
+    found = re.search(rb"r,\d,%c,(\d)" % command[0], received)
+    return int(found[1]) if found else None
 
 
 def crc16(data: bytes) -> int:
@@ -94,7 +102,7 @@ class BotaStream:
     """Forces of one axis from frames; see `Stream`.
 
     The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
-    damaged frame in 65 536 through; another time counts once a second sample goes on with it.
+    damaged frame in 65 536 through; another time, such as the first, counts once the next goes on with it.
 
     Args:
         axis: "x", "y" or "z".
@@ -102,6 +110,7 @@ class BotaStream:
 
     Attributes:
         complaint: see `Stream`.
+        own_time: the sensor's.
     """
 
     def __init__(self, axis: str, capacity_n: float) -> None:
@@ -109,9 +118,9 @@ class BotaStream:
         self._frames = _Frames(FRAME_SIZE)
         self._time_us: int | None = None  # of the last sample, and of one whose time did not go on
         self._odd_us: int | None = None
-        self._left_out = 0
+        self._left_out = self._skipped = 0  # the latter in a row
         self._restarted = ""
-        self.complaint = ""
+        self.complaint, self.own_time = "", OwnTime()
 
     @property
     def rejected(self) -> int:
@@ -122,10 +131,12 @@ class BotaStream:
         return [force for sample in self._frames.feed(data) for force in self._forces(sample)]
 
     def _forces(self, sample: Sample) -> list[float]:
-        if not self._is_new(sample.time_us) or sample.status & _SKIPPED:
+        is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
+        self._skipped = self._skipped + 1 if is_skipped else 0
+        if not is_new or (is_skipped and self._skipped < _MANY_SKIPPED):
             self._left_out += 1
             return []
-        errors = sample.status & ~(_SKIPPED | _OVERRANGE)
+        errors = sample.status & ~_OVERRANGE
         problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
         self.complaint = self._restarted or problem
         force_n = sample.forces_n[self._axis]
@@ -135,12 +146,14 @@ class BotaStream:
 
     def _is_new(self, time_us: int) -> bool:
         goes_on, odd_goes_on = _follows(time_us, self._time_us), _follows(time_us, self._odd_us)
-        if self._time_us is not None and not goes_on:
-            if not odd_goes_on:
-                self._odd_us = time_us
-                return False
-            if (time_us - self._time_us) % _TIMES >= _TIMES // 2:
+        if not (goes_on or odd_goes_on):
+            self._odd_us = time_us
+            return False
+        if self._time_us is not None:
+            by_us = (time_us - self._time_us) % _TIMES
+            if by_us >= _TIMES // 2:
                 self._restarted = "the sensor has restarted, with the settings that it keeps"
+            self.own_time.goes_on(1e-6 * by_us)
         self._time_us, self._odd_us = time_us, None
         return True
 

@@ -10,7 +10,7 @@ from robot_io.errors import DeviceError
 from robot_io.examination import Examinable
 
 _ANSWER_S = 0.5
-_ATTEMPTS = 3
+_ATTEMPTS, _STARTING = 3, 8  # the latter where opening the port may have restarted it, for some seconds
 _BITS = 10  # of a byte on the line
 
 
@@ -21,7 +21,7 @@ class BotaSettings(AxisForceSettings):
 
 
 class Bota(SerialForceSensor, Examinable):
-    """One axis of the sensor, on a `serial_line`; it has no way to say which sensor it is."""
+    """One axis of the sensor, on a `serial_line`; it says which one it is when it starts, and then only."""
 
     name = "bota"
     Settings = BotaSettings
@@ -29,7 +29,10 @@ class Bota(SerialForceSensor, Examinable):
     _bus: SerialLine
 
     def configure(self) -> None:
-        """Set the sensor up, and let it run. DeviceError: it does not answer, or the line is too slow."""
+        """Set the sensor up, and let it run.
+
+        DeviceError: it does not answer, or refuses; or the line is too slow.
+        """
         own, baud_rate = self._own, self._bus.baud_rate
         if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
             needed = own.rate_hz * FRAME_SIZE * _BITS
@@ -48,18 +51,22 @@ class Bota(SerialForceSensor, Examinable):
         self._found = (
             f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
         )
-        self._bus.listen(BotaStream(own.axis, own.capacity_n), own.capacity_n, has_checksums=True)
+        stream = BotaStream(own.axis, own.capacity_n)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _command(self, command: bytes) -> None:
         """Have a command done; the sensor may still have been starting, or have lost a letter."""
         received = bytearray()
 
-        def is_done(data: bytes) -> bool | None:
+        def understand(data: bytes) -> int | None:
             received.extend(data)
-            return protocol.answer_to(command) in received or None
+            return protocol.code_of(command, received)
 
-        for _ in range(_ATTEMPTS):
-            if self._bus.ask(command, is_done, _ANSWER_S):
+        for _ in range(_STARTING if command == protocol.CONFIGURE else _ATTEMPTS):
+            code = self._bus.ask(command, understand, _ANSWER_S)
+            if code:
+                raise DeviceError(f"{self._bus.label}: the sensor refuses '{command.decode()}', code {code}")
+            if code == 0:
                 return
         raise DeviceError(
             f"{self._bus.label}: no answer to '{command.decode()}'; check port, baud rate and supply"

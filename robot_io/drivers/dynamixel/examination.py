@@ -128,13 +128,7 @@ def _state(access: DynamixelAccess, servo: ServoSettings, label: str) -> list[Fi
     if errors:
         names = tables.hardware_error_names(errors)
         observations.append(fail(label, f"hardware error: {names}", "remove the cause, then reboot it"))
-    trouble = tables.drive_mode_trouble(access.read(servo.id, tables.DRIVE_MODE))
-    if trouble:
-        observations.append(fail(label, f"drive mode: {trouble}", "set its drive mode to 0"))
-    moved = servo.homing_trouble(access.read(servo.id, tables.HOMING_OFFSET))
-    if moved:
-        observations.append(fail(label, moved, "calibrate its zero again, and state the new offset"))
-    return observations
+    return observations + [fail(label, trouble, remedy) for trouble, remedy in access.setup_troubles(servo)]
 
 
 def _listed(ids: Sequence[int]) -> str:

@@ -1,5 +1,6 @@
 """Setting up the servos of one bus, from the first ping to torque on and off; may take milliseconds."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -31,6 +32,18 @@ class DynamixelAccess(RegisterAccess):
         """Model number and firmware version. DeviceError: as `ping`."""
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
+
+    def setup_troubles(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
+        """What is set in a servo that must not be, and what to do. DeviceError: as `read`."""
+        mode = tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE))
+        if mode:
+            yield f"drive mode: {mode}", "set its drive mode to 0"
+        secondary = self.read(servo.id, tables.SECONDARY_ID)
+        if secondary < tables.NO_SECONDARY_ID:
+            yield f"secondary id {secondary}: it obeys what that servo is told", "set its secondary id to 255"
+        moved = servo.homing_trouble(self.read(servo.id, tables.HOMING_OFFSET))
+        if moved:
+            yield moved, "calibrate its zero again, and state the new offset"
 
     def why_alert(self, servo_id: int) -> str:
         names = hardware_error_names(
@@ -92,13 +105,8 @@ class DynamixelLine(ServoLine):
             )
         self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
         read = self.registers.read
-        trouble = tables.drive_mode_trouble(read(servo.id, tables.DRIVE_MODE))
-        if trouble:
-            raise DeviceError(f"servo {servo.id}: its drive mode says: {trouble}")
-        homing_offset = read(servo.id, tables.HOMING_OFFSET)
-        moved = servo.homing_trouble(homing_offset)
-        if moved:
-            raise DeviceError(f"servo {servo.id}: {moved}")
+        for trouble, remedy in self.registers.setup_troubles(servo):
+            raise DeviceError(f"servo {servo.id}: {trouble}; {remedy}")
         errors = tables.hardware_error_names(read(servo.id, tables.HARDWARE_ERROR_STATUS))
         return ServoIdentity(
             id=servo.id,
@@ -106,7 +114,7 @@ class DynamixelLine(ServoLine):
             firmware=firmware,
             voltage_v=0.1 * read(servo.id, tables.PRESENT_INPUT_VOLTAGE),
             temperature_c=float(read(servo.id, tables.PRESENT_TEMPERATURE)),
-            homing_offset=homing_offset,
+            homing_offset=read(servo.id, tables.HOMING_OFFSET),
             current_limit=min(read(servo.id, tables.CURRENT_LIMIT), servo.servo_model.largest_current),
             hardware_error=errors,
         )

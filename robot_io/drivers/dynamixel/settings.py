@@ -15,7 +15,7 @@ from robot_io.drivers.dynamixel.tables import (
     ServoModel,
 )
 from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
-from robot_io.files.file_model import NotNegative, Positive
+from robot_io.files.file_model import NotNegative, Positive, TorqueConstant
 
 
 class ServoSettings(ServoMounting):
@@ -26,7 +26,7 @@ class ServoSettings(ServoMounting):
     homing_offset: (
         Annotated[int, Field(ge=-LARGEST_HOMING_OFFSET, le=LARGEST_HOMING_OFFSET, strict=True)] | None
     ) = None
-    torque_constant_nm_a: Positive | None = None  # instead of the model's own [N m/A]
+    torque_constant_nm_a: TorqueConstant | None = None  # instead of the model's own [N m/A]
 
     @property
     def servo_model(self) -> ServoModel:

@@ -21,6 +21,7 @@ from robot_io.drivers.servo.stream import bit_names
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us
 DRIVE_MODE: Final = Register("drive mode", 10, 1)
 OPERATING_MODE: Final = Register("operating mode", 11, 1)
+SECONDARY_ID: Final = Register("secondary id", 12, 1)
 HOMING_OFFSET: Final = Register("homing offset", 20, 4, signed=True)  # added to the position it shows
 MAX_VOLTAGE_LIMIT: Final = Register("max voltage limit", 32, 2)  # 0.1 V
 MIN_VOLTAGE_LIMIT: Final = Register("min voltage limit", 34, 2)  # 0.1 V
@@ -45,12 +46,13 @@ WATCHDOG_FIRED: Final = -1
 
 RETURN_DELAY_STEP_S: Final = 2e-6
 WATCHDOG_STEP_S: Final = 0.020
+NO_SECONDARY_ID: Final = 253  # and more
 LARGEST_HOMING_OFFSET: Final = 1_044_479
 LARGEST_RETURN_DELAY: Final = 254
 LARGEST_WATCHDOG: Final = 127
 
 _DRIVE_MODE_TROUBLE = {
-    0x01: "reversed: set it to 0 and say 'reversed: true' in the robot file",
+    0x01: "reversed, for which the robot file has 'reversed: true'",
     0x02: "a slave of another servo",
     0x08: "switches its torque on by itself when it gets a goal",
 }

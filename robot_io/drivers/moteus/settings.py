@@ -6,14 +6,15 @@ from pydantic import Field, model_validator
 
 from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
-from robot_io.files.file_model import Number, Positive
+from robot_io.files.file_model import Number
+from robot_io.guard.limits import Torque
 
 
 class MoteusMotor(MotorMounting):
     """One controller with its motor. It reports at its output: `gear_ratio` is what comes after it."""
 
     motor_id: Annotated[int, Field(ge=1, le=127, strict=True)]  # its CAN id
-    max_torque_nm: Positive  # largest torque at its output, from servo.max_current_A [N m]
+    max_torque_nm: Torque  # largest torque at its output, from servo.max_current_A [N m]
 
 
 class MoteusBusSettings(CanLineSettings):

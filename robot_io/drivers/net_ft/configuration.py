@@ -4,7 +4,7 @@ Source: ATI 9620-05-NET FT, "XML Pages". Only the values that are needed are tak
 """
 
 import re
-from http.client import HTTPConnection, HTTPException
+from http.client import OK, HTTPConnection, HTTPException
 from math import isfinite
 from typing import Final, NamedTuple
 
@@ -42,6 +42,8 @@ def parse_configuration(page: bytes) -> Configuration:
     newtons_per(configuration.unit)
     if not (configuration.counts_per_force > 0.0 and isfinite(configuration.counts_per_force)):
         raise ProtocolError(f"{configuration.counts_per_force:g} counts per {configuration.unit}")
+    if configuration.rate_hz < 1:
+        raise ProtocolError(f"{configuration.rate_hz} records a second")
     return configuration
 
 
@@ -59,13 +61,15 @@ def read_configuration(host: str, port: int) -> Configuration:
     try:
         connection.request("GET", PAGE)
         answer = connection.getresponse()
-        page = answer.read(_LARGEST_PAGE)
+        page = answer.read(_LARGEST_PAGE) if answer.status == OK else b""
     except (OSError, HTTPException) as error:
         raise DeviceError(
             f"{where}: no answer ({error}); check power, cable, host and this machine's address"
         ) from error
     finally:
         connection.close()
+    if answer.status != OK:
+        raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is that a Net F/T?")
     try:
         return parse_configuration(page)
     except ProtocolError as error:

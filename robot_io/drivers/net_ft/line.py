@@ -11,6 +11,7 @@ from robot_io.drivers.net_ft.configuration import Configuration, read_configurat
 from robot_io.drivers.serial_force.line import ForceLine, ForceLineSettings
 from robot_io.drivers.serial_force.reader import SerialReader
 from robot_io.errors import DeviceError
+from robot_io.files.file_model import matching
 
 _LARGEST_DATAGRAM = 2048  # bytes
 _AT_ONCE = 1000  # datagrams in one look, at most
@@ -21,7 +22,8 @@ _Port = Annotated[int, Field(ge=1, le=65_535, strict=True)]
 class NetFtLineSettings(ForceLineSettings):
     """What the robot file says."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]  # address; 192.168.1.1 as delivered
+    # As delivered, 192.168.1.1.
+    host: Annotated[str, matching("[A-Za-z0-9._-]{1,253}", "its address alone, such as 192.168.1.1")]
     rdt_port: _Port = 49_152
     http_port: _Port = 80
 
@@ -48,14 +50,18 @@ class _Socket:
         except (OSError, UnicodeError):
             self._socket.close()
             raise
-        self.fileno, self.write, self.close = self._socket.fileno, self._socket.send, self._socket.close
+        self.fileno, self.close = self._socket.fileno, self._socket.close
 
     def read(self, size: int) -> bytes:
-        """One datagram, or nothing."""
-        try:
+        """One datagram, or nothing; also where a host says that nobody hears what was sent."""
+        with suppress(BlockingIOError, ConnectionRefusedError):
             return self._socket.recv(size)
-        except BlockingIOError:
-            return b""
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; a host that says that nobody hears there means what was sent before."""
+        with suppress(ConnectionRefusedError):
+            self._socket.send(data)
 
 
 class NetFtLine(ForceLine):

@@ -3,14 +3,15 @@
 All values are big-endian. A record counts itself and the measurement that it holds, so that one that comes
 twice, late or out of order is told. Ethernet's CRC and UDP's checksum let no flipped bit through.
 
-Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". The bits are
-Axia's; where those of the older Net Box differ, a message has the status as a number beside the name.
+Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". The names of
+bits are Axia's, and 17 is the older Net Box's. Others mean something else there, such as 30 an error of its
+processor: so every one that says error stops, and is told as a number too.
 """
 
 import struct
-from math import copysign
 from typing import Final, NamedTuple
 
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.servo.stream import bit_names
 from robot_io.errors import ProtocolError
 
@@ -23,7 +24,6 @@ RECORD_SIZE: Final = _RECORD.size
 
 AXES: Final = {"x": 0, "y": 1, "z": 2}
 _LARGEST_COUNTS: Final = (1 << 31) - 1
-_OUT_OF_RANGE: Final = 1 << 27 | 1 << 30  # of a gage; of a force or torque
 _NO_ERROR: Final = 1 << 16 | 1 << 31  # a monitor condition that was latched; any of them
 _STATUS: Final = {
     1 << 0: "temperature",
@@ -32,8 +32,11 @@ _STATUS: Final = {
     1 << 3: "busy",
     1 << 5: "other error",
     1 << 7: "calibration not accessible",
+    1 << 17: "transducer saturated",
+    1 << 27: "gage out of range",
     1 << 28: "simulated error",
     1 << 29: "calibration checksum",
+    1 << 30: "force or torque out of range",
 }
 _COUNTERS: Final = 1 << 32
 _OLD_RECORDS = 50  # in a row are more than any network repeats
@@ -57,8 +60,8 @@ def decode_record(datagram: bytes) -> Record:
 
 
 def status_problem(status: int) -> str:
-    """What a status says is wrong, by name, or nothing; a range that is exceeded is not told here."""
-    errors = status & ~(_OUT_OF_RANGE | _NO_ERROR)
+    """What a status says is wrong, by name, or nothing."""
+    errors = status & ~_NO_ERROR
     if errors or status == 1 << 31:
         return f"{bit_names(errors, _STATUS) if errors else 'error'} (status {status:#010x})"
     return ""
@@ -70,18 +73,19 @@ class NetFtStream:
     Args:
         newtons_per_count: what one count is [N].
         axis: "x", "y" or "z".
-        capacity_n: what is shown at least where the sensor says that its range is exceeded [N].
+        rate_hz: records a second [Hz].
 
     Attributes:
         complaint: see `Stream`.
+        own_time: the sensor's, by the records that it has sent.
         rejected: datagrams that were no records, and records that were not new.
     """
 
-    def __init__(self, newtons_per_count: float, axis: str, capacity_n: float) -> None:
-        self._scale, self._axis, self._capacity_n = newtons_per_count, AXES[axis], capacity_n
+    def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
+        self._scale, self._axis, self._period_s = newtons_per_count, AXES[axis], 1.0 / rate_hz
         self._last: Record | None = None
         self._old = 0  # in a row
-        self.complaint = ""
+        self.complaint, self.own_time = "", OwnTime()
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
@@ -93,29 +97,21 @@ class NetFtStream:
             return []
         if not self._is_new(record):
             return []
-        self._last, self.complaint = record, ""
-        problem = status_problem(record.status)
-        if problem:
-            self.complaint = f"the sensor says '{problem}'"
-            return []
-        return [self._force_n(record)]
+        counts, problem = record.counts[self._axis], status_problem(record.status)
+        if not problem and abs(counts) >= _LARGEST_COUNTS:
+            problem = "counts at their end"
+        self._last, self.complaint = record, f"the sensor says '{problem}'" if problem else ""
+        return [] if problem else [counts * self._scale]
 
     def _is_new(self, record: Record) -> bool:
-        last = self._last
-        if last is None or (
-            0 < (record.sequence - last.sequence) % _COUNTERS < _COUNTERS // 2
-            and record.measurement != last.measurement
-        ):
+        last = self._last or Record(record.sequence - 1, record.measurement - 1, 0, ())
+        steps = (record.sequence - last.sequence) % _COUNTERS
+        if 0 < steps < _COUNTERS // 2 and record.measurement != last.measurement:
             self._old = 0
+            self.own_time.goes_on(steps * self._period_s)
             return True
         self.rejected += 1
         self._old += 1
         if self._old >= _OLD_RECORDS:
             self.complaint = "the sensor has begun to count anew, or measures nothing new: has it restarted?"
         return False
-
-    def _force_n(self, record: Record) -> float:
-        counts = record.counts[self._axis]
-        force_n = counts * self._scale
-        at_end = record.status & _OUT_OF_RANGE or abs(counts) >= _LARGEST_COUNTS
-        return copysign(max(abs(force_n), self._capacity_n), force_n) if at_end else force_n

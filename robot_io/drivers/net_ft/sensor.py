@@ -51,8 +51,8 @@ class NetFt(SerialForceSensor, Examinable):
             raise DeviceError(f"{self._bus.label}: RDT is disabled: enable it on its page 'Communications'")
         self._start()
         self._found = f"{found.product}, {found.rate_hz} records/s, {own.axis} axis, {own.capacity_n:.4g} N"
-        stream = NetFtStream(newtons_per_count, own.axis, own.capacity_n)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True)
+        stream = NetFtStream(newtons_per_count, own.axis, found.rate_hz)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _start(self) -> None:
         """Ask for records until one comes; a request may be lost."""

@@ -7,19 +7,20 @@ from pydantic import Field, model_validator
 from robot_io.drivers.can.line import CanLineSettings
 from robot_io.drivers.can.motors import MotorMounting
 from robot_io.drivers.odrive.protocol import MAX_NODE_ID, Firmware
-from robot_io.files.file_model import Positive
+from robot_io.files.file_model import Positive, TorqueConstant
+from robot_io.guard.limits import Torque
 
 
 class OdriveAxis(MotorMounting):
     """One axis."""
 
     node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
-    max_torque_nm: Positive  # largest motor torque, from its current limit [N m]
+    max_torque_nm: Torque  # largest motor torque, from its current limit [N m]
     # What lets it exert that [A]. If stated, each activation writes it to the axis, with a velocity limit
     # that leaves room beyond this file's (Set_Limits); else both are as they were set over USB.
     current_limit_a: Annotated[Positive, Field(le=1000)] | None = None
     # Motor torque per ampere, needed with firmware 0.5, which reports current [N m/A].
-    torque_constant_nm_a: Positive | None = None
+    torque_constant_nm_a: TorqueConstant | None = None
 
 
 class OdriveBusSettings(CanLineSettings):

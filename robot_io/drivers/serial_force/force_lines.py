@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, field_validator
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineStream, known_unit, newtons_per
 from robot_io.errors import InputError, ProtocolError
-from robot_io.files.file_model import Positive
+from robot_io.files.file_model import Capacity, Positive
 
 MAX_PATTERN = 200
 _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever on a short line
@@ -64,7 +64,7 @@ class ForceLinesSettings(SerialForceSettings):
     pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
     unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines that name none
     scale: Positive = 1.0  # what a value is multiplied with before its unit; for its sign there is `reversed`
-    capacity_n: Positive  # from this force on the sensor is saturated [N]
+    capacity_n: Capacity  # from this force on the sensor is saturated [N]
     # What to send to make it stream, such as a carriage return.
     start: Annotated[str, Field(max_length=100)] = ""
 

@@ -9,6 +9,7 @@ import serial
 from pydantic import Field
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.serial_force.poll import Poll
 from robot_io.drivers.serial_force.reader import ForceSample, SerialReader
 from robot_io.drivers.serial_force.text import Stream
@@ -117,12 +118,13 @@ class ForceLine(Bus):
         held_back_s: float = 0.0,
         *,
         has_checksums: bool = False,
+        own_time: OwnTime | None = None,
         question: bytes = b"",
     ) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
 
-        `held_back_s` and `has_checksums` are as for `SerialReader`; each reading is asked for by `question`,
-        if there is one.
+        `held_back_s`, `has_checksums` and `own_time` are as for `SerialReader`; each reading is asked for by
+        `question`, if there is one.
 
         DeviceError: the port is not open.
         """
@@ -134,6 +136,7 @@ class ForceLine(Bus):
             capacity_n,
             held_back_s,
             has_checksums=has_checksums,
+            own_time=own_time,
             poll=Poll(question) if question else None,
         )
         self._reader.start()
@@ -159,8 +162,10 @@ class ForceLine(Bus):
             return
         age_s = self._clock.now_s() - self.sample.arrived_at_s
         if age_s > self._silent_s:
+            late_s = self.sample.late_s
+            late = f"; the last one came {late_s * 1e3:.1f} ms late" if late_s > self._silent_s else ""
             rejected = f"; {reader.rejected} were damaged so far" if reader.rejected else ""
-            raise DeviceTimeoutError(f"{self.label}: no reading for {age_s * 1e3:.1f} ms{rejected}")
+            raise DeviceTimeoutError(f"{self.label}: no reading for {age_s * 1e3:.1f} ms{late}{rejected}")
 
     def flush(self, deadline_s: float) -> None:
         """See `Bus.flush`; nothing is sent to a sensor in a tick."""
@@ -169,7 +174,7 @@ class ForceLine(Bus):
         """The newest sample; `reversed_sign`: the sensor counts tension as positive."""
         if self.sample is None:
             return Reading(np.full(1, np.nan), -np.inf, Status.STALE)
-        force_n, arrived_at_s = self.sample
+        force_n, arrived_at_s, _ = self.sample
         status = Status.SATURATED if abs(force_n) >= self._capacity_n else Status.OK
         value = np.array([-force_n if reversed_sign else force_n])
         return Reading(value, arrived_at_s - self._own.delay_s, status)

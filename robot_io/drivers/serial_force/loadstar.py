@@ -13,7 +13,7 @@ from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceS
 from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
 from robot_io.errors import DeviceError, ProtocolError
 from robot_io.examination import Examinable
-from robot_io.files.file_model import Positive
+from robot_io.files.file_model import Capacity
 
 PING, YES, NO = b"\r", "A", "?"
 ASK_MODEL, ASK_UNITS, ASK_CAPACITY = b"MODEL\r", b"UNITS\r", b"LC\r"
@@ -59,7 +59,7 @@ def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
 class LoadstarSettings(SerialForceSettings):
     """What the robot file says."""
 
-    capacity_n: Positive  # capacity of the load cell [N]; the interface must say the same within 1 %
+    capacity_n: Capacity  # capacity of the load cell [N]; the interface must say the same within 1 %
     tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
 
 

@@ -18,7 +18,7 @@ _ANSWER_S = 0.3
 class LorenzSettings(SerialForceSettings):
     """What the robot file says: the data sheet's values, and the sensor's own codes, which must agree."""
 
-    nominal_load: Positive  # nominal load, in `unit`
+    nominal_load: Annotated[Positive, Field(le=1e6)]  # nominal load, in `unit`
     unit: Annotated[str, AfterValidator(known_unit)]  # unit of the nominal load
     counts_at_nominal: Annotated[Positive, Field(le=32767)]  # counts at nominal load
     # The sensor's code of its unit; the error of a first try with any code shows it.

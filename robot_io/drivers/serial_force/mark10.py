@@ -12,7 +12,7 @@ from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceS
 from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
 from robot_io.errors import DeviceError, ProtocolError
 from robot_io.examination import Examinable
-from robot_io.files.file_model import Positive
+from robot_io.files.file_model import Capacity
 
 ASK = b"?C\r"  # the current reading, whatever is displayed
 # No readings unasked, units with readings, no peak on the display, and no switching off by itself.
@@ -70,7 +70,7 @@ def error_name(code: int) -> str:
 class Mark10Settings(SerialForceSettings):
     """What the robot file says."""
 
-    capacity_n: Positive  # capacity of the gauge [N]
+    capacity_n: Capacity  # capacity of the gauge [N]
 
 
 class Mark10(SerialForceSensor, Examinable):

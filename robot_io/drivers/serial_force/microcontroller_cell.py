@@ -23,7 +23,7 @@ from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceS
 from robot_io.drivers.serial_force.text import LineSplitter, text_of
 from robot_io.errors import DeviceError, ProtocolError
 from robot_io.examination import Examinable
-from robot_io.files.file_model import Number, Positive
+from robot_io.files.file_model import Capacity, Number, Positive
 
 WHO = b"?\n"
 VERSION = "1"
@@ -113,7 +113,7 @@ class CellStream:
 class MicrocontrollerCellSettings(SerialForceSettings):
     """What the robot file says."""
 
-    capacity_n: Positive  # capacity of the load cell [N]
+    capacity_n: Capacity  # capacity of the load cell [N]
     # What one count is; from two known weights, or `palpate calibrate force` [N].
     newtons_per_count: Positive
     zero_counts: Number = 0.0  # what it counts without a load

@@ -7,6 +7,7 @@ from math import isnan, nan
 from typing import NamedTuple
 
 from robot_io.clock import Clock, SimulatedClock
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.serial_force.poll import Poll
 from robot_io.drivers.serial_force.text import Stream
 
@@ -20,10 +21,11 @@ _JUMP_SHARE = 0.01  # of the capacity; a reading that jumps by more needs the ne
 
 
 class ForceSample(NamedTuple):
-    """One reading in the sensor's own sign [N]; it arrived at `arrived_at_s` or later, robot's clock [s]."""
+    """One reading in the sensor's own sign [N], and when it arrived or should have, robot's clock [s]."""
 
     force_n: float
     arrived_at_s: float
+    late_s: float = 0.0  # by how much it arrived later than it should have
 
 
 class SerialReader:
@@ -45,6 +47,7 @@ class SerialReader:
         capacity_n: of the sensor [N].
         held_back_s: for how long the stream waits for what confirms a reading [s].
         has_checksums: whether the stream knows by itself what is damaged.
+        own_time: the sensor's, which the stream keeps: a reading that is late by it is dated back.
         poll: asks a sensor that speaks only when it is asked; a reading is then as old as its question.
 
     Attributes:
@@ -61,9 +64,11 @@ class SerialReader:
         held_back_s: float = 0.0,
         *,
         has_checksums: bool = False,
+        own_time: OwnTime | None = None,
         poll: Poll | None = None,
     ) -> None:
         self._held_back_s, self._has_checksums, self._poll = held_back_s, has_checksums, poll
+        self._own_time, self._is_prompt = own_time, False
         self._file_descriptor, self._stream, self._clock = file_descriptor, stream, clock
         self._looked_s = clock.now_s()
         self._to_discard, self._discard_next = 0, _DISCARD
@@ -121,7 +126,8 @@ class SerialReader:
             return
         now_s, before_s = self._clock.now_s(), self._looked_s
         self._looked_s = now_s
-        arrived_s = (now_s if now_s - before_s <= _PROMPT_S else before_s) - self._held_back_s
+        self._is_prompt = now_s - before_s <= _PROMPT_S
+        arrived_s = (now_s if self._is_prompt else before_s) - self._held_back_s
         for data in pieces:
             self._keep(data, arrived_s)
         if self._poll:
@@ -148,9 +154,13 @@ class SerialReader:
         is_damaged = self._stream.rejected != rejected
         if self._poll and (samples or is_damaged):
             arrived_s = self._poll.answered()
+        late_s = 0.0
+        if self._own_time and samples and arrived_s is not None:
+            dated_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)
+            arrived_s, late_s = dated_s, arrived_s - dated_s
         for force_n in self._undamaged(samples, is_damaged=is_damaged):
             if arrived_s is not None and (self._has_checksums or self._is_plausible(force_n)):
-                self.newest = ForceSample(force_n, arrived_s)
+                self.newest = ForceSample(force_n, arrived_s, late_s)
 
     def _undamaged(self, samples: list[float], *, is_damaged: bool) -> list[float]:
         """The readings that have come, without those beside damaged ones or soon after them."""

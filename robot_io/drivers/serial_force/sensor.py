@@ -10,7 +10,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.serial_force.line import ForceLine, SerialLine
 from robot_io.errors import DeviceError
 from robot_io.examination import Finding, ok
-from robot_io.files.file_model import FileModel, Positive
+from robot_io.files.file_model import Capacity, FileModel
 from robot_io.interfaces import ForceSensor
 from robot_io.types import Reading
 
@@ -25,7 +25,7 @@ class AxisForceSettings(SerialForceSettings):
     """One axis of a sensor of forces and torques."""
 
     axis: Literal["x", "y", "z"]  # of the sensor, along which the tool pushes
-    capacity_n: Positive  # of this axis [N]
+    capacity_n: Capacity  # of this axis [N]
 
 
 class SerialForceSensor(ForceSensor):

@@ -8,6 +8,8 @@ from pydantic import Field, StrictBool, field_validator, model_validator
 
 from robot_io.files.file_model import FileModel, Positive, ZeroAngle
 
+_OF_EACH = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
+
 
 class ServoMounting(FileModel):
     """How one servo sits on its joint."""
@@ -23,7 +25,7 @@ class ServoMounting(FileModel):
     # What a calibration wrote into it, such as LeRobot's; a servo with another one is refused, for its
     # position means another angle. None takes any.
     homing_offset: Annotated[int, Field(strict=True)] | None = None
-    # The other servo where two turn the joint, as a rule mirrored; its model need not be repeated.
+    # The other servo where two turn the joint, as a rule mirrored; what is of its model need not be repeated.
     second: Self | None = None
 
     @field_validator("model")
@@ -36,8 +38,9 @@ class ServoMounting(FileModel):
     @model_validator(mode="before")
     @classmethod
     def _second_is_the_same_model(cls, data: object) -> object:
-        if isinstance(data, Mapping) and isinstance(data.get("second"), Mapping) and "model" in data:
-            return {**data, "second": {"model": data["model"], **data["second"]}}
+        if isinstance(data, Mapping) and isinstance(data.get("second"), Mapping):
+            shared = {key: data[key] for key in data.keys() & cls.model_fields.keys() - _OF_EACH}
+            return {**data, "second": shared | data["second"]}
         return data
 
     @model_validator(mode="after")

@@ -67,7 +67,7 @@ MODELS = {
 
 INDIRECT_ADDRESS = 168
 BUS_WATCHDOG, GOAL_CURRENT, CURRENT_LIMIT = 98, 102, 38
-OPERATING_MODE, DRIVE_MODE, SHUTDOWN, RETURN_DELAY, HOMING_OFFSET = 11, 10, 63, 9, 20
+OPERATING_MODE, DRIVE_MODE, SECONDARY_ID, SHUTDOWN, RETURN_DELAY, HOMING_OFFSET = 11, 10, 12, 63, 9, 20
 TORQUE_ENABLE, STATUS_RETURN_LEVEL, HARDWARE_ERROR = 64, 68, 70
 PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
 GOALS = range(100, 120)
@@ -84,7 +84,7 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
         Item(RETURN_DELAY, 1, True, 250, 0, 254),
         Item(DRIVE_MODE, 1, True, 0, 0, 13),
         Item(OPERATING_MODE, 1, True, 3, 0, 16),
-        Item(12, 1, True, 255, 0, 255),
+        Item(SECONDARY_ID, 1, True, 255, 0, 255),
         Item(13, 1, True, 2, 1, 22),
         Item(HOMING_OFFSET, 4, True, 0, -1044479, 1044479),
         Item(32, 2, True, model.voltage_limits[1], *model.voltage_limits),

@@ -67,8 +67,8 @@ class EmulatedNetFt(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         """See `SerialSensor.reading`; without a value a gage is broken."""
-        self._sequence += 1
-        self._measurement += self.measures * _INTERNAL_HZ // self.rate_hz
+        self._sequence += self._timer.passed
+        self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
         status, counts = self.status, [17, -23, 31, 5, -7, 11]
         if math.isnan(force_n):
             status |= BROKEN_GAGE | ANY_ERROR

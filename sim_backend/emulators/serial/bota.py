@@ -38,12 +38,14 @@ class EmulatedBota(SerialSensor):
     Attributes:
         status: status bits beside those of its reading.
         refused: letters of commands that it does not do.
+        starts_until_s: when it has started and begins to hear [s].
     """
 
     def __init__(self, axis: int, capacity_n: float, sign: float = 1.0, length: int = 512) -> None:
         self.range_n, self._axis, self._sign, self.status, self.refused = capacity_n, axis, sign, 0, ""
         self._saved = self._length = length
         self._configures = False
+        self.starts_until_s = 0.0
         self._time_us = 0.0
         self._run(0.0)
 
@@ -54,8 +56,10 @@ class EmulatedBota(SerialSensor):
 
     def hear(self, data: bytes, now_s: float) -> bytes:
         word = data.decode("ascii", "replace")
-        if now_s < self._silent_until_s or word[:1] in self.refused or not (self._configures or word == "C"):
+        if now_s < max(self._silent_until_s, self.starts_until_s) or not (self._configures or word == "C"):
             return b""
+        if word[:1] in self.refused:
+            return f"r,0,{word[:1]},1".encode()
         letter, *values = word.split(",")
         if letter == "C":
             self._configures = True
@@ -72,7 +76,7 @@ class EmulatedBota(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         """See `SerialSensor.reading`; without a value it is invalid."""
-        self._time_us += _STEP_US * self._length
+        self._time_us += self._timer.passed * _STEP_US * self._length
         status, values = self.status, [1.5, -2.5, 3.5, 0.25, -0.5, 0.75]
         if math.isnan(force_n):
             status, force_n = status | INVALID, 0.0

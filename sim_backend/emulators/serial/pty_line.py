@@ -26,11 +26,15 @@ class StreamTimer:
 
     Args:
         rate_hz: readings a second [Hz].
+
+    Attributes:
+        passed: periods between the last two readings that were due; more than one where some were missed.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_s = 1.0 / rate_hz
         self._next_s = inf
+        self.passed = 1
 
     @property
     def running(self) -> bool:
@@ -49,8 +53,8 @@ class StreamTimer:
         """Whether one is due now."""
         if now_s < self._next_s - 1e-9:
             return False
-        missed = now_s - self._next_s >= self._period_s
-        self._next_s = (now_s if missed else self._next_s) + self._period_s
+        self.passed = 1 + int((now_s - self._next_s + 1e-9) / self._period_s)
+        self._next_s += self.passed * self._period_s
         return True
 
 

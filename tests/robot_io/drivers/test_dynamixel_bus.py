@@ -86,6 +86,14 @@ def test_a_drive_mode_that_would_surprise_is_refused(mode, word):
             bench.bus.configure()
 
 
+def test_a_servo_that_obeys_what_another_is_told_is_refused():
+    """As in arms that are sold with two servos on the shoulder: one with the other's sense would fight it."""
+    with dynamixel_bench() as bench:
+        bench.line.servos[2].memory.put(table.SECONDARY_ID, 1)
+        with pytest.raises(DeviceError, match="servo 2: secondary id 1: it obeys"):
+            bench.bus.configure()
+
+
 def test_a_goal_that_somebody_left_behind_is_not_pursued():
     with dynamixel_bench() as bench:
         for servo in bench.line.servos.values():

@@ -6,11 +6,13 @@ from math import pi
 import numpy as np
 import pytest
 
+from robot_io.calibration.identity import device_identity
 from robot_io.drivers.dynamixel.settings import DynamixelSettings
 from robot_io.drivers.feetech.settings import FeetechSettings
 from robot_io.errors import DeviceError, InputError
 from robot_io.examination import Level
 from robot_io.files.file_model import validate
+from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.emulators.dynamixel import control_table as table
@@ -219,6 +221,24 @@ def test_the_wrong_sense_is_refused_as_soon_as_the_arm_is_read():
         with pytest.raises(DeviceError, match=r"servos 1 and 4 \(joint 1\) stand .* reversed wrong"):
             bench.read()
         assert bench.bus.sample is None
+
+
+def test_the_second_has_the_torque_constant_of_the_first():
+    given = ONE | {"torque_constant_nm_a": 2.0, "reversed": True, "zero_rad": 1.0, "homing_offset": 5}
+    (servo,) = validate(DynamixelSettings, {"port": "p", "servos": [given | {"second": {"id": 4}}]}).servos
+    assert servo.second.torque_constant_nm_a == 2.0
+    assert (servo.second.reversed, servo.second.zero_rad, servo.second.homing_offset) == (False, pi, None)
+
+
+def test_a_calibration_outlives_another_tolerance_and_no_other_second():
+    text = DYNAMIXEL.read_text(encoding="utf-8").replace(*DYNAMIXEL_PAIR)
+    bus = "    driver: dynamixel_bus\n"
+    wider = text.replace(bus, bus + "    pair_tolerance_rad: 0.1\n")
+    other = text.replace("zero_rad: 3.1}", "zero_rad: 3.2}")
+    first, same, different = (
+        device_identity(parse_robot_file(one, DYNAMIXEL), "encoder") for one in (text, wider, other)
+    )
+    assert first == same != different
 
 
 ONE = {"id": 1, "model": "XM540-W270"}

@@ -12,15 +12,23 @@ from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.feetech.lerobot import LerobotMotor
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
+from robot_io.drivers.moteus.settings import MoteusMotor
 from robot_io.drivers.net_ft.line import NetFtLineSettings
 from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.drivers.serial_force.force_lines import ForceLinesSettings
 from robot_io.drivers.serial_force.line import SerialLineSettings
 from robot_io.drivers.serial_force.loadstar import LoadstarSettings
 from robot_io.drivers.serial_force.lorenz import LorenzSettings
+from robot_io.drivers.serial_force.mark10 import Mark10Settings
 from robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
+from robot_io.drivers.serial_force.sensor import AxisForceSettings
 from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 
+AMPERES = (ServoSettings, OdriveAxis)
+CAPABLE = (
+    *(AxisForceSettings, ForceLinesSettings, LoadstarSettings),
+    *(Mark10Settings, MicrocontrollerCellSettings),
+)
 EDGES = [  # first and last that is taken, just beyond them, and the value that may be left out
     (BotaSettings, "rate_hz", (100, 800), (50, 801), 800),
     (CanLineSettings, "bitrate", (1, 1_000_000), (0, 1_000_001), None),
@@ -62,6 +70,10 @@ EDGES = [  # first and last that is taken, just beyond them, and the value that 
     (SerialLineSettings, "port", ("x", "x" * 300), ("", "x" * 301), ...),
     (ServoBusSettings, "pair_tolerance_rad", (1e-6, 0.5), (0.0, 0.51), 0.035),
     (ServoMounting, "id", (0, 252), (-1, 253), ...),
+    (LorenzSettings, "nominal_load", (1e-3, 1e6), (0.0, 1.1e6), ...),
+    *((model, "capacity_n", (1e-3, 1e5), (0.0, 1.1e5), ...) for model in CAPABLE),
+    *((model, "max_torque_nm", (1e-3, 1e4), (0.0, 1.1e4), ...) for model in (OdriveAxis, MoteusMotor)),
+    *((model, "torque_constant_nm_a", (1e-3, 100.0), (0.9e-3, 101.0), None) for model in AMPERES),
 ]
 
 

@@ -11,7 +11,7 @@ from sim_backend.emulators.dynamixel.control_table import MODELS, items_of
 from sim_backend.emulators.feetech import servo as emulated_sts
 
 DYNAMIXEL = """
-9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 20 homing offset -4,
+9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,
 32 max voltage limit 2, 34 min voltage limit 2, 38 current limit 2, 64 torque enable 1,
 68 status return level 1, 70 hardware error status 1,
 98 bus watchdog -1, 102 goal current -2, 126 present current -2, 128 present velocity -4,

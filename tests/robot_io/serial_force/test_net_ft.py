@@ -1,5 +1,6 @@
 """ATI Net F/T: records against the emulator's; what is old, damaged or out of range; its configuration."""
 
+import re
 import socket
 from itertools import pairwise
 
@@ -10,8 +11,10 @@ from hypothesis import strategies as st
 from robot_io.driver import DriverCatalogue
 from robot_io.drivers.net_ft import protocol
 from robot_io.drivers.net_ft.configuration import parse_configuration
+from robot_io.drivers.net_ft.line import NetFtLineSettings
 from robot_io.drivers.net_ft.protocol import NetFtStream, decode_record
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.errors import DeviceError, InputError, ProtocolError
+from robot_io.files.file_model import validate
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
@@ -40,7 +43,7 @@ def test_requests_are_those_of_the_manual():
 
 
 def fed(*records, axis="z"):
-    stream = NetFtStream(1e-6, axis, 100.0)
+    stream = NetFtStream(1e-6, axis, 1000)
     return stream, [force for one in records for force in stream.feed(record(*one))]
 
 
@@ -74,16 +77,17 @@ def test_only_what_is_new_is_taken(pairs, taken):
     [
         (0, "", [1.0]),
         (0x80010000, "", [1.0]),  # a monitor condition was latched: nothing is wrong with the force
-        (0xC0000000, "", [100.0]),
-        (0x88000000, "", [100.0]),
+        (0xC0000000, "force or torque out of range (status 0xc0000000)", []),
+        (0x88000000, "gage out of range (status 0x88000000)", []),
+        (0x80020000, "transducer saturated (status 0x80020000)", []),
         (0x80000002, "supply voltage (status 0x80000002)", []),
-        (0xC0000005, "temperature, broken gage (status 0xc0000005)", []),
+        (0x80000005, "temperature, broken gage (status 0x80000005)", []),
         (0x00000008, "busy (status 0x00000008)", []),
         (0x80000000, "error (status 0x80000000)", []),
         (0x80000400, "unknown bits 0x400 (status 0x80000400)", []),
     ],
 )
-def test_a_status_is_an_end_of_range_an_error_or_nothing(status, said, forces):
+def test_a_status_is_an_error_or_nothing(status, said, forces):
     stream, found = fed((1, 7, status, [0, 0, 1_000_000, 0, 0, 0]))
     assert found == forces
     assert stream.complaint == (f"the sensor says '{said}'" if said else "")
@@ -92,9 +96,10 @@ def test_a_status_is_an_end_of_range_an_error_or_nothing(status, said, forces):
 
 
 @pytest.mark.parametrize("counts", [2**31 - 1, -(2**31 - 1), -(2**31)])
-def test_counts_at_their_end_are_saturated(counts):
-    stream = NetFtStream(1e-12, "z", 100.0)
-    assert abs(stream.feed(record(1, 7, 0, [0, 0, counts, 0, 0, 0]))[0]) == 100.0
+def test_counts_at_their_end_are_no_force(counts):
+    stream, found = fed((1, 7, 0, [0, 0, counts, 0, 0, 0]))
+    assert not found
+    assert stream.complaint == "the sensor says 'counts at their end'"
 
 
 def test_a_sensor_that_counts_anew_is_named():
@@ -118,6 +123,7 @@ def test_a_page_is_read():
         (b">1000000<", b">inf<", "inf counts per N"),
         (b">1000000<", b">nan<", "nan counts per N"),
         (b">1000<", b">1e3<", "not a number"),
+        (b">1000<", b">0<", "0 records a second"),
         (b">N<", b">psi<", "'psi' is not a known unit"),
         (PAGE, b"<html>login</html>", "is missing"),
         (PAGE, b"\xff" * 100_000, "is missing"),
@@ -159,6 +165,29 @@ def test_nobody_there_is_named(arm):
     arm.arm.wires["load_cell"].close()
     with pytest.raises(DeviceError, match=r"netftapi2.xml: no answer \(.*; check power, cable, host"):
         arm.robot.configure()
+
+
+def test_another_port_than_the_sensors_is_named(arm):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        port = nobody.getsockname()[1]
+    text = re.sub(r"rdt_port: \d+", f"rdt_port: {port}", arm.arm.robot_file.text)
+    robot = build_robot(parse_robot_file(text, ODRIVE), DriverCatalogue(), arm.clock)
+    with pytest.raises(DeviceError, match="sends no records; check rdt_port"):
+        robot.configure()
+    robot.close()
+
+
+def test_a_web_server_of_something_else_is_named(arm):
+    sensor(arm).page = lambda: b""  # which the emulated server answers with 404
+    with pytest.raises(DeviceError, match="answers '404 Not Found': is that a Net F/T"):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize("host", ["http://192.168.1.1", "192.168.1.1:80", "192.168.1.1 ", "a b", ""])
+def test_what_is_more_than_an_address_is_refused(host):
+    with pytest.raises(InputError, match=r"host: give its address alone, such as 192\.168\.1\.1"):
+        validate(NetFtLineSettings, {"host": host})
 
 
 @pytest.mark.parametrize("host", ["..", "x" * 64, "no.such.host.invalid"])

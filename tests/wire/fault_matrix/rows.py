@@ -337,7 +337,7 @@ _FORCE_ROWS = {
         GOES_ON,
         *[(11, BRAKED + 5, "no reading for")] * 2,
         (2, BRAKED + 2, "the sensor says 'broken gage (status 0x80000004)'"),
-        (2, BRAKED + 2, "force sensor: at the end of its range"),
+        (2, BRAKED + 2, "the sensor says 'force or torque out of range (status 0xc0000000)'"),
         (24, BRAKED + 24, "is the sensor alive", _CONTRADICTED, "2 N"),
         _STUCK,
     ),

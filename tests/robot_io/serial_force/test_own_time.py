@@ -1,0 +1,56 @@
+"""Readings by their sensor's own time: what has become late is dated back, and nothing else is."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.drivers.serial_force.own_time import OwnTime
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import BOTA, NET_FT, ODRIVE, WireBench
+
+PERIOD_S, ALWAYS_S = 1e-3, 0.7e-3
+
+
+def dated(late_s, clock=1.0, prompt=None):
+    """How much older than it arrived each reading is held to be; they are sampled at a steady rate [s]."""
+    own_time, ages_s = OwnTime(), []
+    for k, late in enumerate(late_s):
+        own_time.goes_on(clock * PERIOD_S)
+        arrived_s = 1000.0 + k * PERIOD_S + ALWAYS_S + late
+        is_prompt = prompt is None or prompt[k]
+        ages_s.append(arrived_s - own_time.sampled_at_s(arrived_s, prompt=is_prompt))
+    return ages_s
+
+
+@given(st.lists(st.floats(0, 0.05), min_size=1, max_size=50))
+def test_what_comes_late_is_as_old_as_that_once_one_came_in_time(late_s):
+    for age_s, late in zip(dated([0.0, *late_s]), [0.0, *late_s], strict=True):
+        assert age_s == pytest.approx(late, abs=1e-3 * PERIOD_S * (len(late_s) + 1) + 1e-9)
+
+
+@pytest.mark.parametrize("clock", [0.9991, 1.0, 1.0009])
+def test_a_clock_that_is_a_little_off_makes_nothing_late(clock):
+    assert max(dated([0.0] * 20_000, clock)) < 2e-6
+
+
+def test_a_look_that_was_late_makes_no_later_reading_late():
+    """Its bytes are taken to be as old as the look before: that is no short way from the sensor."""
+    late_s = [0.0] * 5 + [-0.02] + [0.0] * 5
+    assert max(dated(late_s, prompt=[late == 0.0 for late in late_s])) < 1e-4
+
+
+@pytest.mark.parametrize("changes", [NET_FT, BOTA], ids=["net_ft", "bota"])
+@pytest.mark.parametrize("late_s", [0.002, 0.008])
+def test_a_stream_that_has_become_late_is_not_served_as_fresh(changes, late_s):
+    arm = WireBench(ODRIVE, changes)
+    arm.robot.configure()
+
+    def ages_s(ticks):
+        ages = [-arm.tick(None).force_at_s + arm.clock.now_s() for _ in range(ticks)]
+        return ages[20:]
+
+    assert max(ages_s(100)) < 1.5e-3
+    arm.strike("load_cell", FaultKind.DELAY, delay_s=late_s)
+    assert min(ages_s(400)) > late_s - 0.5e-3
+    assert ("the last one came " in arm.problem) == (late_s > 0.005)  # half of the age limit
+    arm.close()
