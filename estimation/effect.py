@@ -127,6 +127,10 @@ class Effect(ABC):
         """The form that this channel's signals call for, of the same name; for most effects there is one."""
         return self
 
+    def in_order(self, inner: Inner) -> Inner:
+        """The same law with its inner parameters as their names say, where two of them may change places."""
+        return inner
+
     def forms(self) -> tuple["Effect", ...]:
         """Forms of the same name between which the data choose; for most effects there is one."""
         return (self,)

@@ -92,6 +92,15 @@ class Model:
         units = self.units(data)[: len(self.gains)]
         return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
 
+    def in_order(self, parameters: Parameters) -> dict[str, float]:
+        """The parameters of the same law as their names say, see `Effect.in_order`."""
+        told, fixed = dict(parameters), self.held.keys() | self.within.keys()
+        for effect in self.effects:
+            ordered = effect.in_order(own(effect, parameters))
+            named = {f"{effect.name}.{name}": value for name, value in ordered.items()}
+            told |= named if not named.keys() & fixed else {}
+        return told
+
     def units(self, data: ChannelData) -> tuple[str, ...]:
         """Units of the gains, then of the inner parameters, in this channel."""
         return tuple(_unit(p, data) for p in (*self.gains.values(), *self.inner.values()))

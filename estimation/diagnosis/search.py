@@ -156,25 +156,37 @@ class Search:
     def _shortlist(self, standing: Standing) -> dict[str, list[Inner]] | None:
         """Where to try which effects, by what a coarse copy showed; None for all.
 
-        Times within a few blocks hardly show there, nor do steps of single readings: a sensor's are tried as
-        it proposes.
+        What hardly shows there is tried as it proposes.
         """
         if self.sketch is None:
             return None
-        frame = standing.plain.frame
-        fine_s = _FINE * frame.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
         rough = self.sketch.screened(self.sketch.fitted(standing.trial.model, standing.trial.parameters))
         starts = {}
         for number, candidate in enumerate(rough):
             effect, best = candidate.effect, candidate.search.best.parameters
-            fine: list[Inner] = []
-            if isinstance(effect, SensorEffect) and not effect.linear:
-                fine = list(effect.starts(self.data))
-            elif isinstance(effect, SensorEffect) and any(one.unit == "s" for one in effect.inner):
-                fine = [one for one in effect.starts(self.data) if max(map(abs, one.values())) < fine_s]
+            fine = self.fine_starts(standing, effect)
             if fine or number < SHORTLIST:
                 starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
         return starts
+
+    def fine_starts(self, standing: Standing, effect: Effect) -> list[Inner]:
+        """Starts that a coarse copy hardly shows: times within a few blocks, steps of single readings."""
+        if not isinstance(effect, SensorEffect):
+            return []
+        starts = effect.starts(standing.data)
+        if not effect.linear:
+            return list(starts)
+        fine_s = _FINE * standing.plain.frame.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
+        in_time = any(one.unit == "s" for one in effect.inner)
+        return [one for one in starts if in_time and max(map(abs, one.values())) < fine_s]
+
+    def refined(self, found: Standing) -> Standing:
+        """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too."""
+        for effect in found.trial.model.effects:
+            for start in self.fine_starts(found, effect) if effect.name in self.added(found) else ():
+                own = {f"{effect.name}.{name}": value for name, value in start.items()}
+                found = self.refitted(found.trial.model, {**found.trial.parameters, **own})
+        return found
 
     def glanced(self, beside: Standing) -> list[Candidate]:
         """The possible candidates beside a model, tried in few places, the best first."""
@@ -202,17 +214,32 @@ class Search:
             self._instead[key] = _glance(less, tried)
         return self._instead[key]
 
+    def sought_again(self, standing: Standing, name: str) -> Standing:
+        """A model with one effect looked for anew: beside the others its best place may be far away."""
+        model, known = standing.trial.model, standing.trial.parameters
+        (effect,) = (one for one in model.effects if one.name == name)
+        if not effect.inner or self.sketch is not None:
+            return standing
+        less = Fit(standing.data, standing.plain, attempt(standing.plain, model.without(name), known))
+        best = try_all(less, [effect])[0].search.best
+        return self._fitted_from(best) if best.sse < (1.0 - TIE) * standing.trial.sse else standing
+
     def with_candidate(self, candidate: Candidate) -> Standing:
         """The model that a candidate was tried in, with all parameters fitted together."""
-        best = candidate.search.best
-        known = self._fits.get(_key(best.model))
-        if known is not None and best.sse < (1.0 - TIE) * known.trial.sse:
-            return self.refitted(best.model, best.parameters)
-        return self.fitted(best.model, best.parameters)
+        return self._fitted_from(candidate.search.best)
 
     def without(self, standing: Standing, name: str) -> Standing:
         """A model less one effect."""
-        return self.fitted(standing.trial.model.without(name), standing.trial.parameters)
+        return self._fitted_from(
+            attempt(standing.plain, standing.trial.model.without(name), standing.trial.parameters)
+        )
+
+    def _fitted_from(self, trial: Trial) -> Standing:
+        """The model of a trial, fitted anew where the trial alone is better than the fit that is known."""
+        known = self._fits.get(_key(trial.model))
+        if known is not None and trial.sse < (1.0 - TIE) * known.trial.sse:
+            return self.refitted(trial.model, trial.parameters)
+        return self.fitted(trial.model, trial.parameters)
 
     def extensions(self, standing: Standing, count: int = FITTED) -> list[Standing]:
         """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
@@ -380,7 +407,8 @@ def _pairs(sketch: Search) -> Iterator[Standing]:
 
 def _refined(whole: Search, rough: Standing) -> Standing:
     """What was found on a coarse copy, on the channel itself."""
-    return _climb(whole, looked_back(whole, whole.fitted(rough.trial.model, rough.trial.parameters)))
+    found = whole.fitted(rough.trial.model, rough.trial.parameters)
+    return _climb(whole, looked_back(whole, whole.refined(found)))
 
 
 def _climb(search: Search, standing: Standing) -> Standing:
@@ -398,8 +426,9 @@ def _climb(search: Search, standing: Standing) -> Standing:
 
 
 def looked_back(search: Search, standing: Standing) -> Standing:
-    """Drop what later effects made needless, and exchange what another would now do better, or is sound."""
+    """Seek each effect anew, drop it if needless, and exchange it where another does better, or is sound."""
     for name in search.added(standing):
+        standing = search.sought_again(standing, name)
         less = search.without(standing, name)
         if not search.is_needed(less, standing):
             standing = less

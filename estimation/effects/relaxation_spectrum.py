@@ -46,6 +46,17 @@ class RelaxationSpectrum(MemoryEffect):
         fading = faded(elastic, data.time_s, data.run, rates, shares)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
+    def in_order(self, inner: Inner) -> Inner:
+        """See `Effect.in_order`: the fast branch is the one of the shorter time."""
+        if inner["fast_time"] <= inner["slow_time"]:
+            return inner
+        return {
+            "fast": inner["slow"],
+            "slow": inner["fast"],
+            "fast_time": inner["slow_time"],
+            "slow_time": inner["fast_time"],
+        }
+
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: from a few samples to the length of the runs."""
         step_s = finest_step(data.time_s, data.run)

@@ -1,6 +1,6 @@
 """The last word on inner parameters: all of them moved together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -66,7 +66,7 @@ def polish(bench: Bench, trial: Trial, settled: float = _SETTLED, step: float = 
         before, trial = trial, _polished(bench, trial, settled, step)
         if trial.sse > _FAR * before.sse:
             break
-    return trial
+    return replace(trial, parameters=trial.model.in_order(trial.parameters))
 
 
 def _polished(bench: Bench, trial: Trial, settled: float, step: float) -> Trial:

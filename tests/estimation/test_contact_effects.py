@@ -5,9 +5,12 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
+from estimation.model import Model
 from estimation.models import MODELS
 from robot_io.errors import InputError
 from tests.estimation.contact_data import base_model, channel
+from tests.estimation.presses import session
+from tests.estimation.searches import PRESS
 
 
 def around_the_surface(kind=ChannelKind.CONTACT):
@@ -122,3 +125,15 @@ def test_a_sensor_with_hysteresis_takes_columns_as_it_takes_one_effort():
     together = sensor.sense(efforts, data, {"width": 0.3})
     for column, effort in enumerate(efforts.T):
         np.testing.assert_allclose(together[:, column], sensor.sense(effort, data, {"width": 0.3}))
+
+
+def test_of_two_branches_the_fast_one_is_that_of_the_shorter_time():
+    data = session(1)
+    branches = Model("kelvin_voigt", (*PRESS.effects, EFFECTS["relaxation_spectrum"]()))
+    names = [f"relaxation_spectrum.{name}" for name in ("fast", "slow", "fast_time", "slow_time")]
+    crossed = {"stiffness.k": 800.0, "damping.c": 15.0} | dict(zip(names, (0.1, 0.3, 2.0, 0.1), strict=True))
+    told = branches.in_order(crossed)
+    assert [told[name] for name in names] == [0.3, 0.1, 0.1, 2.0]
+    np.testing.assert_allclose(branches.predict(data, told), branches.predict(data, crossed), atol=1e-12)
+    held = replace(branches, held={names[2]: 2.0})
+    assert held.in_order(crossed) == crossed

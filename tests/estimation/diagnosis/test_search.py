@@ -20,7 +20,7 @@ from estimation.fit.standing import fit
 from estimation.fit.trial import attempt
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
-from tests.estimation.searches import SWING, reached, searched
+from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
 
 BASE = SWING.effects
@@ -327,6 +327,40 @@ def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
     assert search.screened(good) is not beside  # what was tried beside the poor one says nothing now
     (tried,) = (one for one in search.screened(search.start) if one.effect.name == "torque_ripple")
     assert search.with_candidate(tried) is good
+
+
+def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_along():
+    """A pulse that repeats is late by a part of its period, or by that and a whole one."""
+    data = session(1, lambda t, x, v, run: 800.0 * np.clip(x, 0.0, None))
+    t = np.arange(len(data)) / 200.0  # as many as blocks a second, so that there is no sketch
+    x = 0.003 * np.sin(2.0 * np.pi * t / 0.3) + 0.003 * (1.0 - np.exp(-t / 9.0)) + 0.004
+    late = 0.003 * np.sin(2.0 * np.pi * (t - 0.08) / 0.3) + 0.003 * (1.0 - np.exp(-(t - 0.08) / 9.0)) + 0.004
+    noise = NOISE_N * np.random.default_rng(0).standard_normal(len(t))
+    data = replace(
+        data, time_s=t, position=x, velocity=np.gradient(x, t), effort=800.0 * late + noise, run=0 * data.run
+    )
+    search = searched(data, "delay", "bias", base=PRESS)
+    delayed = PRESS.with_effect(EFFECTS["delay"]())
+    stuck = search.fitted(delayed, {"delay.time": -0.22})
+    assert stuck.trial.parameters["delay.time"] < -0.1
+    assert search.sought_again(stuck, "delay").trial.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
+    right = fit(data, delayed.with_effect(EFFECTS["bias"]()), {"delay.time": 0.08})
+    search._fits[_key(delayed)] = stuck
+    less = search.without(right, "bias")
+    assert less.trial.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
+
+
+def test_steps_that_means_over_blocks_hide_are_fitted_from_single_readings():
+    step_nm = 0.5
+    data = swings(1)
+    data = replace(data, effort=step_nm * np.round(data.effort / step_nm))
+    search = searched(data, "quantisation")
+    stepped = SWING.with_effect(EFFECTS["quantisation"]())
+    off = search.fitted(stepped, {"quantisation.step": step_nm / 3.0, "quantisation.noise": 0.01})
+    assert search.sketch is not None
+    assert abs(off.trial.parameters["quantisation.step"] - step_nm) > 0.1
+    found = search.refined(off).trial.parameters["quantisation.step"]
+    assert found == pytest.approx(step_nm, rel=1e-2)
 
 
 def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
