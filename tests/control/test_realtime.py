@@ -142,7 +142,7 @@ def test_the_scheduling_is_put_back_as_far_as_the_system_lets_it(monkeypatch, re
     assert back == [usual, *([(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0)] if refuses else [])]
 
 
-@pytest.mark.parametrize(("any_amount", "flags"), [(True, 3), (False, 1)])
+@pytest.mark.parametrize(("any_amount", "flags"), [(True, 7), (False, 5)])
 @pytest.mark.parametrize("locked_kib", [0, 64])
 def test_memory_is_locked_now_and_to_come_unless_somebody_has_done_so(
     monkeypatch, any_amount, flags, locked_kib
