@@ -73,11 +73,15 @@ class Bench:
 
 @dataclass(frozen=True)
 class Backend:
-    """A kind of robot: its name, how to make a fresh one, and why it is not here (None: it is)."""
+    """A kind of robot: its name, how to make a fresh one, and why it is not here (None: it is).
+
+    known: what another backend has too ("drives", "force"): its own contract need not be shown twice.
+    """
 
     name: str
     open: Callable[[], Bench]
     missing: Callable[[], str | None] = lambda: None
+    known: str = ""
 
 
 def open_mock() -> Bench:
@@ -219,22 +223,24 @@ BACKENDS = [
     Backend("mock", open_mock),
     Backend("odrive_0.6_loadstar", lambda: shipped("odrive_3dof", 0.05)),
     Backend("odrive_0.5_force_lines", open_odrive_0_5),
-    Backend("odrive_0.6_cell", open_odrive_and_cell),
-    Backend("odrive_0.6_mark10", open_odrive_and_mark10),
-    Backend("odrive_0.6_net_ft", open_odrive_and_net_ft),
-    Backend("odrive_0.6_bota", open_odrive_and_bota),
-    Backend("documented_driver", open_documented),
+    Backend("odrive_0.6_cell", open_odrive_and_cell, known="drives"),
+    Backend("odrive_0.6_mark10", open_odrive_and_mark10, known="drives"),
+    Backend("odrive_0.6_net_ft", open_odrive_and_net_ft, known="drives"),
+    Backend("odrive_0.6_bota", open_odrive_and_bota, known="drives"),
+    Backend("documented_driver", open_documented, known="drives"),
     Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
-    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),
-    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1)),
-    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1)),
+    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1), known="force"),
+    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1), known="force"),
+    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1), known="force"),
     # servos that know the fast sync read; their watchdog counts reading as a sign of life too
     Backend("dynamixel_fast", lambda: shipped("dynamixel_3dof", None)),
-    Backend("dynamixel_plain", open_plain_dynamixel),
+    Backend("dynamixel_plain", open_plain_dynamixel, known="force"),
     # servos without torque mode and watchdog, and a load cell for 20 dollars
     Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
-    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR)),
-    Backend("feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True)),
+    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR), known="force"),
+    Backend(
+        "feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True), known="force"
+    ),
     Backend(
         "simulation",
         open_simulation,

@@ -7,9 +7,11 @@ import sys
 import tomllib
 
 import pytest
+from typer.testing import CliRunner
 
 from estimation.diagnosis import Verdict
 from estimation.effects import EFFECTS
+from palpate.app import app
 from palpate.commands.diagnose import exit_code_of
 from tests.palpate.cli import ROOT, run, run_process
 
@@ -36,17 +38,21 @@ PACKAGES = ("robot_io", "control", "estimation", "calibration", "sim_backend", "
     ],
 )
 def test_a_shell_completes_commands_options_and_their_values(typed, offered):
-    asked = {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed}
-    asked["COMP_CWORD"] = str(len(typed.split(" ")) - 1)
-    code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
-    result = run_program(code, asked)
+    result = CliRunner().invoke(app, prog_name="palpate", env=asked_by_bash(typed))
     assert set(result.stdout.split()) == offered, result.stderr
 
 
-def run_program(code, environment):
-    env = os.environ | environment
+def asked_by_bash(typed):
+    last = str(len(typed.split(" ")) - 1)
+    return {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": last}
+
+
+def test_the_program_itself_completes():
+    code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
+    env = os.environ | asked_by_bash("palpate effects cubic")
     command = [sys.executable, "-c", code]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+    assert said.stdout.split() == ["cubic_stiffness"], said.stderr
 
 
 @pytest.mark.parametrize(
