@@ -5,7 +5,7 @@ import inspect
 import pkgutil
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cache, cached_property
 from types import ModuleType
 from typing import Generic, TypeVar
 
@@ -41,10 +41,8 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def _search(self) -> Iterator[type[T]]:
         for name in self._packages:
-            package = importlib.import_module(name)
-            yield from self._defined_in(package)
-            for module_info in pkgutil.walk_packages(getattr(package, "__path__", ()), name + "."):
-                yield from self._defined_in(importlib.import_module(module_info.name))
+            for module in _modules_of(importlib.import_module(name)):
+                yield from self._defined_in(module)
 
     def _defined_in(self, module: ModuleType) -> Iterator[type[T]]:
         """Members that `module` itself defines; without an own name they are a base for others."""
@@ -76,3 +74,10 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._members
+
+
+@cache
+def _modules_of(package: ModuleType) -> tuple[ModuleType, ...]:
+    """A package and all that is in it; several registries look through the same one."""
+    inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
+    return (package, *(importlib.import_module(one.name) for one in inside))
