@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache, cached_property
 from types import ModuleType
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, cast
 
 from robot_io.errors import InputError, UnknownNameError
 
@@ -41,17 +41,8 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def _search(self) -> Iterator[type[T]]:
         for name in self._packages:
-            for module in _modules_of(importlib.import_module(name)):
-                yield from self._defined_in(module)
-
-    def _defined_in(self, module: ModuleType) -> Iterator[type[T]]:
-        """Members that `module` itself defines; without an own name they are a base for others."""
-        for value in vars(module).values():
-            if not (inspect.isclass(value) and issubclass(value, self._base)):
-                continue
-            own_name = isinstance(vars(value).get("name"), str)
-            if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
-                yield value
+            found = _members_in(importlib.import_module(name), self._base)  # type: ignore[arg-type]
+            yield from cast("tuple[type[T], ...]", found)
 
     def __getitem__(self, name: str) -> type[T]:
         try:
@@ -77,7 +68,18 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
 
 @cache
-def _modules_of(package: ModuleType) -> tuple[ModuleType, ...]:
-    """A package and all that is in it; several registries look through the same one."""
+def _members_in(package: ModuleType, base: type[object]) -> tuple[type[object], ...]:
+    """The members in a package, which several registries of a process look through."""
     inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
-    return (package, *(importlib.import_module(one.name) for one in inside))
+    modules = (package, *(importlib.import_module(one.name) for one in inside))
+    return tuple(member for module in modules for member in _defined_in(module, base))
+
+
+def _defined_in(module: ModuleType, base: type[object]) -> Iterator[type[object]]:
+    """Members that `module` itself defines; without an own name they are a base for others."""
+    for value in vars(module).values():
+        if not (inspect.isclass(value) and issubclass(value, base)):
+            continue
+        own_name = isinstance(vars(value).get("name"), str)
+        if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
+            yield value

@@ -96,7 +96,7 @@ def test_two_of_them_do_not_disturb_each_other(open_bench):
     alone.robot.configure()
     alone.robot.activate()
     alone.settle()
-    for _ in range(30):
+    for _ in range(15):
         benches[0].tick(push)
         with_a_neighbour = benches[1].tick()
         by_itself = alone.tick()

@@ -107,12 +107,22 @@ def test_the_exit_code_tells_the_verdict_only_where_that_was_asked(few_effects, 
     assert asked.exit_code == 10
 
 
-@pytest.mark.parametrize("command", [("effects", "lag"), ("doctor", "--help"), ("info", "none.mcap")])
-def test_no_color_is_heeded(command):
-    environment = os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"}
-    told = run_process(*command, env=environment)
-    colours = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
-    assert not [one for one in colours if one in told.stdout + told.stderr]
+COLOURS = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
+
+
+@pytest.mark.parametrize("command", [("effects", "lag"), ("info", "none.mcap")])
+def test_no_color_is_heeded(command, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    shown = run(*command)
+    monkeypatch.setenv("NO_COLOR", "1")
+    told = run(*command)
+    assert (command[0] == "info") or [one for one in COLOURS if one in shown.stdout + shown.stderr]
+    assert not [one for one in COLOURS if one in told.stdout + told.stderr]
+
+
+def test_no_color_is_heeded_by_what_is_read_once():
+    told = run_process("doctor", "--help", env=os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"})
+    assert not [one for one in COLOURS if one in told.stdout]
 
 
 def test_every_package_says_that_it_is_typed():
