@@ -22,7 +22,7 @@ sys.dont_write_bytecode = False
 gc.set_threshold(20_000, 20, 20)
 
 # A busy machine is no failure; the same examples everywhere, so that a red test stays red until it is mended.
-settings.register_profile("soon", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("soon", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("all", settings.get_profile("soon"), max_examples=100)
 settings.load_profile("soon")
 
