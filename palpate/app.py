@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -121,6 +122,7 @@ def _refuse_empty(arguments: list[str]) -> None:
             raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
 
 
+@cache
 def _first_lines() -> dict[str, str]:
     """What each command does, in its module's words after the colon; modules are read, not imported."""
     found = {}

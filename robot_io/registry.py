@@ -5,9 +5,9 @@ import inspect
 import pkgutil
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from functools import cached_property
+from functools import cache, cached_property
 from types import ModuleType
-from typing import Generic, TypeVar
+from typing import Generic, TypeVar, cast
 
 from robot_io.errors import InputError, UnknownNameError
 
@@ -41,19 +41,8 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def _search(self) -> Iterator[type[T]]:
         for name in self._packages:
-            package = importlib.import_module(name)
-            yield from self._defined_in(package)
-            for module_info in pkgutil.walk_packages(getattr(package, "__path__", ()), name + "."):
-                yield from self._defined_in(importlib.import_module(module_info.name))
-
-    def _defined_in(self, module: ModuleType) -> Iterator[type[T]]:
-        """Members that `module` itself defines; without an own name they are a base for others."""
-        for value in vars(module).values():
-            if not (inspect.isclass(value) and issubclass(value, self._base)):
-                continue
-            own_name = isinstance(vars(value).get("name"), str)
-            if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
-                yield value
+            found = _members_in(importlib.import_module(name), self._base)  # type: ignore[arg-type]
+            yield from cast("tuple[type[T], ...]", found)
 
     def __getitem__(self, name: str) -> type[T]:
         try:
@@ -76,3 +65,21 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._members
+
+
+@cache
+def _members_in(package: ModuleType, base: type[object]) -> tuple[type[object], ...]:
+    """The members in a package, which several registries of a process look through."""
+    inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
+    modules = (package, *(importlib.import_module(one.name) for one in inside))
+    return tuple(member for module in modules for member in _defined_in(module, base))
+
+
+def _defined_in(module: ModuleType, base: type[object]) -> Iterator[type[object]]:
+    """Members that `module` itself defines; without an own name they are a base for others."""
+    for value in vars(module).values():
+        if not (inspect.isclass(value) and issubclass(value, base)):
+            continue
+        own_name = isinstance(vars(value).get("name"), str)
+        if own_name and value.__module__ == module.__name__ and not inspect.isabstract(value):
+            yield value

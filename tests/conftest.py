@@ -1,8 +1,10 @@
 """Settings that all tests share."""
 
+import gc
 import os
 import signal
 import sys
+from functools import lru_cache
 
 from hypothesis import settings
 
@@ -16,14 +18,20 @@ os.environ.pop("COLUMNS", None)
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Half a million objects of imported modules are looked through at each full collection.
+gc.set_threshold(20_000, 20, 20)
+
 # A busy machine is no failure; the same examples everywhere, so that a red test stays red until it is mended.
-settings.register_profile("soon", deadline=None, derandomize=True, max_examples=30)
+settings.register_profile("soon", deadline=None, derandomize=True, max_examples=20)
 settings.register_profile("all", settings.get_profile("soon"), max_examples=100)
 settings.load_profile("soon")
 
 
 def pytest_configure(config):
-    """`make test-all`, which leaves no slow test out, tries more examples."""
+    """Read the same few files once; `make test-all`, which leaves no slow test out, tries more examples."""
+    from robot_io.files import safe_yaml  # once the number of threads is set
+
+    safe_yaml._composed = lru_cache(maxsize=64)(safe_yaml._composed)
     if not config.option.markexpr:
         settings.load_profile("all")
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 
-_MCL_CURRENT, _MCL_FUTURE = 1, 2  # Linux, sys/mman.h
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # Linux, sys/mman.h
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # Linux, prctl(2)
 _TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread without real-time scheduling
 
@@ -83,13 +83,16 @@ def _fifo(priority: int) -> Iterator[None]:
 
 @contextmanager
 def _locked_memory() -> Iterator[None]:
-    """Keep all pages in memory; those to come as well, unless a limit would make later allocations fail."""
+    """Keep all pages in memory once used; those to come as well, unless a limit would make allocations fail.
+
+    Locked before their use, the gigabyte that Arrow's allocator only reserves would be filled at once.
+    """
     _require_linux()
     if _locked_kib():  # somebody else's lock is left alone
         yield
         return
     libc = ctypes.CDLL(None, use_errno=True)
-    flags = _MCL_CURRENT | (_MCL_FUTURE if _may_lock_any_amount() else 0)
+    flags = _MCL_ONFAULT | _MCL_CURRENT | (_MCL_FUTURE if _may_lock_any_amount() else 0)
     _check(libc.mlockall(flags))
     try:
         yield

@@ -2,12 +2,14 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from multiprocessing import current_process
+from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from estimation import diagnosis
 from estimation.channel import ChannelData
@@ -36,6 +38,14 @@ SEED = 1  # of all random draws of a diagnosis
 _MOST_STARTS = 3  # of a fit again, from where its gains made physical sense
 Progress = Callable[[str, float], None]  # what is being done, and the share of it that is done
 Judge = Callable[[Sequence[ChannelData], Sequence[Model], Sequence[Effect], Progress, str], Diagnosis]
+
+_libraries = cache(ThreadpoolController)  # looking for them takes longer than some fits
+
+
+def _one_thread() -> AbstractContextManager[Any]:
+    """Small matrices: more threads take longer."""
+    limits: AbstractContextManager[Any] = _libraries().limit(limits=1)
+    return limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,7 +76,7 @@ class Fitted(Shown):
     @cached_property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
         """By "effect.parameter", with 95 % intervals."""
-        with threadpool_limits(1):
+        with _one_thread():
             return values(*self._last)
 
     @cached_property
@@ -115,7 +125,7 @@ class Fitted(Shown):
 
     @cached_property
     def _last(self) -> tuple[Bench, Trial]:
-        with threadpool_limits(1):
+        with _one_thread():
             return final(self.standing)
 
     @cached_property
@@ -126,7 +136,7 @@ class Fitted(Shown):
     @cached_property
     def noise_floor(self) -> float:
         """Error that a complete model would leave where this is judged; see `Standing.floor`."""
-        with threadpool_limits(1):
+        with _one_thread():
             if self.whole is None:
                 return self.standing.floor()
             every = stand(self.whole, self.model, self.standing.trial.parameters, usable(self.whole))
@@ -156,7 +166,7 @@ def fit(
         InputError: the channel cannot be judged; the message says why.
     """
     good = usable(data)
-    with threadpool_limits(1):  # small matrices: more threads take longer
+    with _one_thread():
         if parent is not None:
             return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
         if reason := refuse(data.select(good), model):
@@ -167,7 +177,7 @@ def fit(
 
 def glance(parent: Fitted, effect: Effect) -> Fitted:
     """What `fit` of one effect more is going to give, roughly: within a few hundredths of a second."""
-    with threadpool_limits(1):
+    with _one_thread():
         return Fitted(first_look.glance(parent.standing, effect, parent.rough), parent.whole)
 
 
@@ -177,7 +187,7 @@ def likeliest(fitted: Fitted, names: Sequence[str]) -> tuple[str, ...]:
     Of those that leave about as little as the best, the simplest comes first.
     """
     there = candidates(fitted.standing.data, fitted.model, [EFFECTS[name]() for name in names])
-    with threadpool_limits(1):
+    with _one_thread():
         tried = try_all(fitted.standing, there) if len(there) > 1 else []
     least = tried[0].held_out * (1.0 + SMALL) ** 2 if tried else 0.0
     tried.sort(key=lambda one: (0.0, size(one.effect)) if one.held_out <= least else (one.held_out, 0))
@@ -209,7 +219,7 @@ def pack(fitted: Fitted) -> Packed:
 
 def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fitted:
     """Fit a model again from where it is, with some parameters held at these values."""
-    with threadpool_limits(1):
+    with _one_thread():
         standing = stand(data, replace(fitted.model, held=held), fitted.values, usable(data))
         return Fitted(standing, fitted.whole)
 
@@ -244,7 +254,7 @@ def diagnose(
     file: str,
 ) -> Diagnosis:
     """What is missing in the models of these channels of one robot."""
-    with threadpool_limits(1):
+    with _one_thread():
         return diagnosis.diagnose(
             channels,
             models,

@@ -63,7 +63,7 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
         raise InputError(f"{origin}: larger than {max_bytes} bytes, which no such file needs to be")
     lines: dict[KeyPath, int] = {}
     try:
-        node = _Composer(text).get_single_node()
+        node = _composed(text)
         data = _value(node, (), lines) if node is not None else {}
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
@@ -73,6 +73,11 @@ def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocume
     if not isinstance(data, dict):
         raise InputError(f"{origin}: begins with '{one_line(text)[:60]}', expected 'key: value' lines")
     return YamlDocument(origin, text, data, lines)
+
+
+def _composed(text: str) -> yaml.Node | None:
+    """The node tree; nothing below changes it."""
+    return _Composer(text).get_single_node()
 
 
 class _Composer(yaml.SafeLoader):

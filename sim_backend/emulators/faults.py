@@ -70,6 +70,11 @@ class Faults:
         self._start_s = start_s
         self.generator = np.random.default_rng(seed)
 
+    @property
+    def planned(self) -> bool:
+        """Whether anything is to go wrong, now or later."""
+        return bool(self._planned)
+
     def add(self, *faults: Fault) -> None:
         """Plan more of them, also while the emulator runs."""
         self._planned = (*self._planned, *faults)

@@ -130,7 +130,7 @@ class ServoWire(EmulatedWire):
         self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
         self._outgoing: list[Frame] = []
-        self._in_use = False
+        self._in_use = self._befell = False
         self._quiet_s = start_s  # when the line is free again
 
     @abstractmethod
@@ -145,9 +145,12 @@ class ServoWire(EmulatedWire):
         return min((frame.due_s for frame in self._outgoing), default=inf)
 
     def receive(self, now_s: float) -> None:
+        planned = self.faults.planned
         for servo in self._everybody:
-            self._befall(servo, now_s)
+            if planned or self._befell:  # once more after the last: what was stuck is free again
+                self._befall(servo, now_s)
             servo.watch(now_s)
+        self._befell = planned
         if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
             self.close()
         self._hear(self._incoming(), now_s)

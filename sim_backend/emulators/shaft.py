@@ -41,4 +41,6 @@ class Shaft:
         if self.beside:
             off_nm = 0.5 * (state.torque_nm - self._together_nm)
             state = replace(state, torque_nm=self.torque_nm + off_nm)
-        return replace(state, position_rad=state.position_rad + self.slipped_rad)
+        if self.slipped_rad:
+            state = replace(state, position_rad=state.position_rad + self.slipped_rad)
+        return state

@@ -19,7 +19,7 @@ from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
-from tests.wire.parts import BOTA, DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT
+from tests.wire.parts import BOTA, DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT, V0_5
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -73,11 +73,15 @@ class Bench:
 
 @dataclass(frozen=True)
 class Backend:
-    """A kind of robot: its name, how to make a fresh one, and why it is not here (None: it is)."""
+    """A kind of robot: its name, how to make a fresh one, and why it is not here (None: it is).
+
+    known: what another backend has too ("drives", "force"): its own contract need not be shown twice.
+    """
 
     name: str
     open: Callable[[], Bench]
     missing: Callable[[], str | None] = lambda: None
+    known: str = ""
 
 
 def open_mock() -> Bench:
@@ -128,57 +132,37 @@ def open_wired(robot_file: RobotFile, watchdog_s: float | None, hidden: Sequence
     return Bench(robot, arm.robot_file, clock, press, watchdog_s, arm.bench.close)
 
 
-def shipped(name: str, watchdog_s: float | None) -> Bench:
-    """A robot file that is shipped, as it is."""
-    return open_wired(load_robot_file(ROBOTS / f"{name}.yaml"), watchdog_s)
-
-
-def open_odrive_0_5() -> Bench:
-    """The older firmware, and a force gauge that writes lines and counts tension as positive."""
-    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
-    text = text.replace('firmware: "0.6"', 'firmware: "0.5"')
-    text = text.replace("max_torque_nm:", "torque_constant_nm_a: 0.05, max_torque_nm:")
-    pattern = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
-    gauge = (
-        f"{{driver: force_lines, bus: load_cell, capacity_n: 100.0, reversed: true, pattern: '{pattern}'}}"
-    )
-    text = text.replace("{driver: loadstar, bus: load_cell, capacity_n: 100.0}", gauge)
-    return open_wired(parse_robot_file(text, ROBOTS / "odrive_3dof.yaml"), 0.05)
-
-
-def open_odrive_and_cell() -> Bench:
-    """The load cell on a microcontroller; tension is positive for it."""
-    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
-    scale = "newtons_per_count: 2.0e-5, zero_counts: 500, rate_hz: 320"
-    cell = f"driver: microcontroller_cell, {scale}, reversed: true"
-    return open_wired(
-        parse_robot_file(text.replace("driver: loadstar", cell), ROBOTS / "odrive_3dof.yaml"), 0.05
-    )
-
-
-def open_odrive_and_mark10() -> Bench:
-    """A gauge that is asked for each reading, mounted the other way round."""
-    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
-    gauge = text.replace("driver: loadstar", "driver: mark10, reversed: true")
-    return open_wired(parse_robot_file(gauge, ROBOTS / "odrive_3dof.yaml"), 0.05)
-
-
-def open_odrive_and_net_ft() -> Bench:
-    """One axis of an ATI sensor on the network, in pounds, mounted the other way round."""
-    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
-    for old, new in NET_FT:
+def shipped(name: str, watchdog_s: float | None, *changes: tuple[str, str]) -> Bench:
+    """A robot file that is shipped, with pairs of what is replaced in its text by what."""
+    path = ROBOTS / f"{name}.yaml"
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
         text = text.replace(old, new)
-    pounds = text.replace("counts_per_force: 1000000", "counts_per_force: 4500000, unit: lbf, reversed: true")
-    return open_wired(parse_robot_file(pounds, ROBOTS / "odrive_3dof.yaml"), 0.05)
+    return open_wired(parse_robot_file(text, path), watchdog_s)
 
 
-def open_odrive_and_bota() -> Bench:
-    """One axis of a Bota sensor, mounted the other way round."""
-    text = (ROBOTS / "odrive_3dof.yaml").read_text(encoding="utf-8")
-    for old, new in BOTA:
-        text = text.replace(old, new)
-    turned = text.replace("axis: y", "axis: y, reversed: true, rate_hz: 400")
-    return open_wired(parse_robot_file(turned, ROBOTS / "odrive_3dof.yaml"), 0.05)
+def odrive(*changes: tuple[str, str]) -> Bench:
+    return shipped("odrive_3dof", 0.05, *changes)
+
+
+LOADSTAR = "driver: loadstar"
+GAUGE = (  # a force gauge that writes lines and counts tension as positive
+    LOADSTAR,
+    r"driver: force_lines, reversed: true, pattern: '\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)'",
+)
+CELL = (  # the load cell on a microcontroller; tension is positive for it
+    LOADSTAR,
+    "driver: microcontroller_cell, newtons_per_count: 2.0e-5, zero_counts: 500, rate_hz: 320, reversed: true",
+)
+MARK10 = (LOADSTAR, "driver: mark10, reversed: true")  # one that is asked for each reading
+TURNED = ("axis: y", "axis: y, reversed: true, rate_hz: 400")
+POUNDS = ("counts_per_force: 1000000", "counts_per_force: 4500000, unit: lbf, reversed: true")
+PLAIN = (  # other servos, with the plain sync read, and the velocity by differentiation
+    ("XM540-W270", "XH540-W270"),
+    ("fast_sync_read: true", "fast_sync_read: false"),
+    ("velocity: servo", "velocity: difference"),
+)
 
 
 def open_documented() -> Bench:
@@ -207,34 +191,28 @@ def open_pair(name: str, pair: tuple[str, str], rotor_kg_m2: float = 0.0) -> Ben
     return open_wired(robot_file, None, rotors)
 
 
-def open_plain_dynamixel() -> Bench:
-    """Other servos, with the plain sync read, and the velocity by differentiation."""
-    text = (ROBOTS / "dynamixel_3dof.yaml").read_text(encoding="utf-8")
-    text = text.replace("XM540-W270", "XH540-W270").replace("fast_sync_read: true", "fast_sync_read: false")
-    text = text.replace("velocity: servo", "velocity: difference")
-    return open_wired(parse_robot_file(text, ROBOTS / "dynamixel_3dof.yaml"), None)
-
-
 BACKENDS = [
     Backend("mock", open_mock),
-    Backend("odrive_0.6_loadstar", lambda: shipped("odrive_3dof", 0.05)),
-    Backend("odrive_0.5_force_lines", open_odrive_0_5),
-    Backend("odrive_0.6_cell", open_odrive_and_cell),
-    Backend("odrive_0.6_mark10", open_odrive_and_mark10),
-    Backend("odrive_0.6_net_ft", open_odrive_and_net_ft),
-    Backend("odrive_0.6_bota", open_odrive_and_bota),
-    Backend("documented_driver", open_documented),
+    Backend("odrive_0.6_loadstar", odrive),
+    Backend("odrive_0.5_force_lines", lambda: odrive(*V0_5, GAUGE)),
+    Backend("odrive_0.6_cell", lambda: odrive(CELL), known="drives"),
+    Backend("odrive_0.6_mark10", lambda: odrive(MARK10), known="drives"),
+    Backend("odrive_0.6_net_ft", lambda: odrive(*NET_FT, POUNDS), known="drives"),
+    Backend("odrive_0.6_bota", lambda: odrive(*BOTA, TURNED), known="drives"),
+    Backend("documented_driver", open_documented, known="drives"),
     Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
-    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1)),
-    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1)),
-    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1)),
+    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1), known="force"),
+    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1), known="force"),
+    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1), known="force"),
     # servos that know the fast sync read; their watchdog counts reading as a sign of life too
     Backend("dynamixel_fast", lambda: shipped("dynamixel_3dof", None)),
-    Backend("dynamixel_plain", open_plain_dynamixel),
+    Backend("dynamixel_plain", lambda: shipped("dynamixel_3dof", None, *PLAIN), known="force"),
     # servos without torque mode and watchdog, and a load cell for 20 dollars
     Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
-    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR)),
-    Backend("feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True)),
+    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR), known="force"),
+    Backend(
+        "feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True), known="force"
+    ),
     Backend(
         "simulation",
         open_simulation,

@@ -4,8 +4,21 @@ import pytest
 
 from tests.contract.backends import BACKENDS
 
+CONTRACT_OF = {
+    "test_torque_contract": "drives",
+    "test_encoder_contract": "drives",
+    "test_force_contract": "force",
+}
 
-@pytest.fixture(params=BACKENDS, ids=lambda backend: backend.name)
+
+def pytest_generate_tests(metafunc):
+    if "backend" in metafunc.fixturenames:
+        of = CONTRACT_OF.get(metafunc.module.__name__.rpartition(".")[2], "whole")
+        chosen = [backend for backend in BACKENDS if backend.known != of]
+        metafunc.parametrize("backend", chosen, ids=lambda backend: backend.name, indirect=True)
+
+
+@pytest.fixture
 def backend(request):
     reason = request.param.missing()
     if reason:

@@ -6,8 +6,7 @@ from robot_io.types import Status
 
 
 def check_before_first_sample(bench, read, count):
-    """Unknown is NaN, as old as can be and stale; a device that has sampled already is as good as any."""
-    bench.robot.configure()
+    """Configured, unknown is NaN, old and stale; a device that has sampled already is as good as any."""
     reading = read(bench.robot)
     assert reading.value.shape == (count,)
     if np.isfinite(reading.sampled_at_s):

@@ -10,6 +10,7 @@ def read_force(robot):
 
 
 def test_unknown_before_the_first_sample(bench):
+    bench.robot.configure()
     readings.check_before_first_sample(bench, read_force, 1)
 
 

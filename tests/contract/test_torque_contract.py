@@ -21,7 +21,9 @@ def noise_nm(bench):
     return 0.05 * np.array(bench.robot_file.limits.torque_nm)
 
 
-def test_unknown_before_the_first_sample(bench):
+def test_it_knows_its_joints_and_nothing_else_before_the_first_sample(bench):
+    assert bench.robot.torque.joint_count == bench.robot_file.joint_count
+    bench.robot.configure()
     readings.check_before_first_sample(bench, read_torque, bench.robot.joint_count)
 
 
@@ -35,31 +37,18 @@ def test_a_reading_is_a_snapshot(active):
     readings.check_reading_is_a_snapshot(active, read_torque)
 
 
-def test_it_knows_its_joints(bench):
-    assert bench.robot.torque.joint_count == bench.robot_file.joint_count
-
-
-def test_staging_says_what_will_be_sent(active):
-    wanted = small_torque(active)
-    sent = active.robot.torque.stage_torque(wanted)
-    assert sent.shape == wanted.shape
-    np.testing.assert_allclose(sent, wanted, atol=noise_nm(active).max())
-
-
-def test_a_torque_out_of_range_is_reduced_and_said(active):
-    count = active.robot.joint_count
-    sent = active.robot.torque.stage_torque(np.full(count, 1e9))
-    assert (sent > 0).all()
-    assert (sent < 1e6).all()
-
-
-def test_what_is_staged_is_not_touched(active):
+def test_staging_says_what_will_be_sent_and_leaves_its_argument(active):
     wanted = small_torque(active)
     kept = wanted.copy()
     sent = active.robot.torque.stage_torque(wanted)
+    assert sent.shape == wanted.shape
+    np.testing.assert_allclose(sent, wanted, atol=noise_nm(active).max())
     sent *= 2.0
     active.tick()
     np.testing.assert_array_equal(wanted, kept)
+    most = active.robot.torque.stage_torque(np.full(len(wanted), 1e9))  # out of range: reduced
+    assert (most > 0).all()
+    assert (most < 1e6).all()
 
 
 def test_nothing_is_sent_before_the_flush(active):

@@ -7,9 +7,11 @@ import sys
 import tomllib
 
 import pytest
+from typer.testing import CliRunner
 
 from estimation.diagnosis import Verdict
 from estimation.effects import EFFECTS
+from palpate.app import app
 from palpate.commands.diagnose import exit_code_of
 from tests.palpate.cli import ROOT, run, run_process
 
@@ -36,17 +38,21 @@ PACKAGES = ("robot_io", "control", "estimation", "calibration", "sim_backend", "
     ],
 )
 def test_a_shell_completes_commands_options_and_their_values(typed, offered):
-    asked = {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed}
-    asked["COMP_CWORD"] = str(len(typed.split(" ")) - 1)
-    code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
-    result = run_program(code, asked)
+    result = CliRunner().invoke(app, prog_name="palpate", env=asked_by_bash(typed))
     assert set(result.stdout.split()) == offered, result.stderr
 
 
-def run_program(code, environment):
-    env = os.environ | environment
+def asked_by_bash(typed):
+    last = str(len(typed.split(" ")) - 1)
+    return {"_PALPATE_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": last}
+
+
+def test_the_program_itself_completes():
+    code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
+    env = os.environ | asked_by_bash("palpate effects cubic")
     command = [sys.executable, "-c", code]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+    assert said.stdout.split() == ["cubic_stiffness"], said.stderr
 
 
 @pytest.mark.parametrize(
@@ -101,12 +107,22 @@ def test_the_exit_code_tells_the_verdict_only_where_that_was_asked(few_effects, 
     assert asked.exit_code == 10
 
 
-@pytest.mark.parametrize("command", [("effects", "lag"), ("doctor", "--help"), ("info", "none.mcap")])
-def test_no_color_is_heeded(command):
-    environment = os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"}
-    told = run_process(*command, env=environment)
-    colours = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
-    assert not [one for one in colours if one in told.stdout + told.stderr]
+COLOURS = [f"\x1b[{first}{second}" for first in "349" for second in "01234567"]
+
+
+@pytest.mark.parametrize("command", [("effects", "lag"), ("info", "none.mcap")])
+def test_no_color_is_heeded(command, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    shown = run(*command)
+    monkeypatch.setenv("NO_COLOR", "1")
+    told = run(*command)
+    assert (command[0] == "info") or [one for one in COLOURS if one in shown.stdout + shown.stderr]
+    assert not [one for one in COLOURS if one in told.stdout + told.stderr]
+
+
+def test_no_color_is_heeded_by_what_is_read_once():
+    told = run_process("doctor", "--help", env=os.environ | {"NO_COLOR": "1", "FORCE_COLOR": "1"})
+    assert not [one for one in COLOURS if one in told.stdout]
 
 
 def test_every_package_says_that_it_is_typed():

@@ -111,14 +111,6 @@ def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatc
     assert power == []
 
 
-def test_a_simulated_arm_and_an_emulated_one_ask_nobody(tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.commands.probe.ask_for_power", pytest.fail)
-    short = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
-    for name, arm in (("a", ()), ("b", ("--robot", ROOT / "robots" / "odrive_3dof.yaml", "--wire"))):
-        result = run("probe", *arm, "-o", tmp_path / f"{name}.mcap", *short)
-        assert result.exit_code == 0, result.stderr
-
-
 def test_a_port_that_is_not_there_is_said_with_the_robot_file_and_the_way_out(tmp_path, monkeypatch):
     monkeypatch.setattr(permission, "COUNTDOWN_S", 0)
     out = tmp_path / "x.mcap"

@@ -48,7 +48,8 @@ SPOILT = {
 
 @pytest.mark.parametrize("said", SPOILT)
 def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
-    monkeypatch.setattr(palpate.study, "LIMIT_S", 0.2)
+    if "0.2 s" in said:  # the others may take their time on a busy machine
+        monkeypatch.setattr(palpate.study, "LIMIT_S", 0.2)
     spoilt = type("Spoilt", (Sound,), {"columns": lambda self, data, inner: SPOILT[said](data)})
     with pytest.raises(InputError, match=f"Spoilt: .*{said}"):
         Study([DATA], effects=[spoilt()])

@@ -44,25 +44,21 @@ def test_in_the_same_world_the_motion_and_the_force_come_again(probed, tmp_path)
     assert "default.mcap" in Session.open(tmp_path / "twin.mcap").metadata.extra["replay_of"]
 
 
-def test_in_another_world_the_other_object_shows(probed, tmp_path):
+def test_in_another_world_the_other_object_shows_and_json_names_the_session(probed, tmp_path):
     world = tmp_path / "softer.yaml"
     world.write_text("object: {law: {name: kelvin_voigt, stiffness_n_m: 300, damping_n_s_m: 20}}\n")
-    _, twin = replayed(probed[0], tmp_path / "twin.mcap", "--scenario", world)
-    found = {one.name: one for one in contact_of(Study(probed[0], keep=False), twin).differences}
-    assert found["stiffness.k"].second.value == pytest.approx(300.0, rel=0.01)
-    assert found["stiffness.k"].value == pytest.approx(-200.0, rel=0.02)
-    assert found["stiffness.k"].differs
-
-
-def test_json_names_the_session_and_how_it_ended(probed, tmp_path):
-    told = json.loads(replayed(probed[0], tmp_path / "t.mcap", "--json")[0].stdout)
-    assert told == {
-        "session": str(tmp_path / "t.mcap"),
+    told, twin = replayed(probed[0], tmp_path / "twin.mcap", "--scenario", world, "--json")
+    assert json.loads(told.stdout) == {
+        "session": str(tmp_path / "twin.mcap"),
         "replay_of": str(probed[0]),
         "outcome": "finished",
         "cause": "",
         "sealed": None,
     }
+    found = {one.name: one for one in contact_of(Study(probed[0], keep=False), twin).differences}
+    assert found["stiffness.k"].second.value == pytest.approx(300.0, rel=0.01)
+    assert found["stiffness.k"].value == pytest.approx(-200.0, rel=0.02)
+    assert found["stiffness.k"].differs
 
 
 def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypatch):

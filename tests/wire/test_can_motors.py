@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_io.errors import DeviceError
+from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
 
@@ -90,3 +91,22 @@ def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, lat
         measurement = arm.tick(None)
         for sampled_at_s in (measurement.encoder_at_s, measurement.torque_at_s):
             assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6
+
+
+@pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
+def test_a_motor_that_has_restarted_says_so(bench, path):
+    arm = bench(path).start()
+    arm.ticks(5, PUSH_NM)
+    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
+    assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
+    assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
+
+
+@pytest.mark.parametrize(
+    ("path", "error"), [(CUBEMARS, 5), (ROBSTRIDE, 1 << 3)], ids=["cubemars", "robstride"]
+)
+def test_an_encoder_fault_is_no_velocity_to_brake_against(bench, path, error):
+    arm = bench(path).start()
+    arm.motors[0].error = error
+    assert arm.ticks(3).encoder_status is Status.FAULT
+    assert "encoder fault" in arm.problem

@@ -9,7 +9,6 @@ from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import DAMIAO
 
-PUSH_NM = (3.0, -2.0, 1.0)
 TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
 
 
@@ -39,14 +38,6 @@ def test_ranges_that_are_not_the_model_s_are_refused(bench):
     arm.motors[2].registers[VMAX] = 45.0
     with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): its VMAX is 45, the robot file says 30"):
         arm.robot.configure()
-
-
-def test_a_motor_that_has_restarted_says_so(bench):
-    arm = bench(DAMIAO).start()
-    arm.ticks(5, PUSH_NM)
-    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
-    assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
-    assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
 
 
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])

@@ -101,13 +101,6 @@ def test_a_motor_that_is_deaf_outside_of_motor_mode_is_heard_out_and_let_go(benc
     assert arm.ticks(5, PUSH_NM).torque_status is Status.OK
 
 
-def test_an_encoder_fault_is_no_velocity_to_brake_against(bench):
-    arm = bench(CUBEMARS).start()
-    arm.motors[0].error = 5
-    assert arm.ticks(3).encoder_status is Status.FAULT
-    assert "encoder fault" in arm.problem
-
-
 def test_a_motor_s_error_is_named(bench):
     arm = bench(CUBEMARS).start()
     arm.strike("motors", FaultKind.ALERT, device=3, times=1)

@@ -91,14 +91,6 @@ def test_what_cuts_a_torque_is_said(bench):
     assert "joint 3 (motor 3): its torque is limited by servo.max_current_A" in arm.problem
 
 
-def test_a_motor_that_has_restarted_says_so(bench):
-    arm = bench(MOTEUS).start()
-    arm.ticks(5, PUSH_NM)
-    arm.strike("motors", FaultKind.REBOOT, device=1, times=1, delay_s=0.001)
-    assert arm.ticks_until(lambda m: bool(arm.robot.bus_errors), torque_nm=PUSH_NM) <= 4
-    assert "joint 1 (motor 1): has left motor mode; has it restarted?" in arm.problem
-
-
 @pytest.mark.parametrize(("number", "fd"), [(0x100, False), (0x900, True), (0x101, True), (0x8100, True)])
 def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(bench, number, fd):
     arm = bench(MOTEUS).start()

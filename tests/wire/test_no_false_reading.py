@@ -4,6 +4,7 @@ from bisect import bisect_left
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
@@ -11,7 +12,8 @@ from sim_backend.emulators.serial import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 
-DAMAGED, SHARE, FIRST_TICK, TICKS, AFTER = 25, 0.04, 100, 2600, 200  # ticks after the last that is damaged
+DAMAGED = 25 if settings.default.max_examples >= 100 else 15  # as many in `make test-all`
+SHARE, FIRST_TICK, TICKS, AFTER = 0.04, 100, 2600, 100  # ticks after the last that is damaged
 TOLERANCES = {
     "motors": 0.02,
     "load_cell": 2.0,

@@ -65,6 +65,15 @@ def test_limits_that_a_calibration_left_make_no_torque(arm, address, beside):
     np.testing.assert_allclose(arm.drive_torque_nm, 0.0, atol=0.01)
 
 
+def test_an_emulated_servo_is_free_again_once_nothing_is_planned(arm):
+    arm.start().strike("motors", FaultKind.STUCK, device=2)
+    arm.ticks(2)
+    assert servos(arm)[2].stuck
+    arm.faults["motors"].clear()
+    arm.ticks(2)
+    assert not servos(arm)[2].stuck
+
+
 def test_those_that_hold_stay_where_they_are(arm):
     arm.start()
     arm.ticks(20, (0.5, 0.3, 0.1))

@@ -60,7 +60,7 @@ class LateLine:
 @pytest.mark.parametrize("damaged", [False, True], ids=["intact", "damaged"])
 @pytest.mark.parametrize("fast", [True, False], ids=["fast", "plain"])
 @pytest.mark.parametrize("servos", [1, 5])
-@pytest.mark.parametrize("period_ms", [1, 2, 3, 4])
+@pytest.mark.parametrize("period_ms", [1, 3])
 def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period_ms):
     """A damaged length once made a late answer the newest: the wrong request was taken to be over."""
     for tenths_ms in range(2, 206, 7):

@@ -499,12 +499,9 @@ class TestRearm:
 
     @pytest.mark.parametrize(("changes", "cause"), WRONG[:-1], ids=[cause for _, cause in WRONG[:-1]])
     def test_it_is_refused_while_anything_else_is_wrong(self, stopped, changes, cause):
-        with pytest.raises(SafetyTripError, match="not re-armed"):
-            stopped.rearm(
-                measured(
-                    **({"time_s": 1.0, "encoder_at_s": 1.0, "torque_at_s": 1.0, "force_at_s": 1.0} | changes)
-                )
-            )
+        now = {"time_s": 1.0, "encoder_at_s": 1.0, "torque_at_s": 1.0, "force_at_s": 1.0}
+        with pytest.raises(SafetyTripError, match=rf"not re-armed: .*{cause}"):
+            stopped.rearm(measured(**(now | changes)))
         assert "25 N" in stopped.tripped.cause
 
     def test_it_is_refused_while_the_arm_is_being_stopped(self, guard):
