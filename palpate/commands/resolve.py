@@ -1,7 +1,6 @@
 """`palpate resolve`: probe and diagnose, again and again, until one explanation is left."""
 
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -52,7 +51,7 @@ def command(
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
-    _check_channel(channel, robot_file.joint_count)
+    _check_channel(channel, robot_file.joint_count, len(plan.targets_world_m))
     folder = out or SESSIONS / options.stamped_name("resolve")
     asked = [plan]
     job = ProbingJob(
@@ -98,10 +97,10 @@ def _print(resolved: Resolved, *, hidden: bool) -> None:
     console.next_steps(*steps)
 
 
-def _check_channel(channel: str | None, joint_count: int) -> None:
-    """Refuse a channel that no session of this arm has, before the arm moves."""
-    joints = [f"joint_{number}" for number in range(1, joint_count + 1)]
-    if channel is not None and channel not in joints and not re.fullmatch(r"contact(_[1-9]\d*)?", channel):
-        raise InputError(
-            f"--channel {channel}: there are {', '.join(joints)}; contact (contact_1 ... of several targets)"
-        )
+def _check_channel(channel: str | None, joint_count: int, target_count: int) -> None:
+    """Refuse a channel that no session of this arm and plan has, before the arm moves."""
+    names = [*(f"joint_{number}" for number in range(1, joint_count + 1)), "contact"]
+    if target_count > 1:  # of places that are near to each other, there is one channel
+        names += [f"contact_{number}" for number in range(1, target_count + 1)]
+    if channel is not None and channel not in names:
+        raise InputError(f"--channel {channel}: there are {', '.join(names)}")

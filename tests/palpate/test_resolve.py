@@ -205,7 +205,14 @@ def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeyp
 
 
 @pytest.mark.parametrize(
-    "options", [("--probes", 0), ("--seconds", -1), ("--experiment", "none.yaml"), ("--channel", "nope")]
+    "options",
+    [
+        ("--probes", 0),
+        ("--seconds", -1),
+        ("--experiment", "none.yaml"),
+        ("--channel", "nope"),
+        ("--channel", "contact_7"),
+    ],
 )
 def test_a_bad_option_is_refused_before_anything_moves(tmp_path, options):
     assert_refused(run("resolve", *options, "--out", tmp_path / "r"), str(options[0]).strip("-"))
