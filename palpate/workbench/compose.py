@@ -98,7 +98,8 @@ def _choose(home: Home) -> Drop:
 
 def is_data(file: Path) -> bool:
     """Whether a file of a folder is offered."""
-    return file.is_file() and (is_session(file) or file.suffix in {".csv", ".parquet", ".npz", ".gz"})
+    is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
+    return file.is_file() and (is_table or is_session(file))
 
 
 async def _show(home: Home, path: Path, options: ImportOptions) -> None:

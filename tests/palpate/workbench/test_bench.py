@@ -1,6 +1,7 @@
 """What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
 
 import asyncio
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -82,8 +83,9 @@ def test_a_choice_that_cannot_be_fitted_changes_nothing(bench):
     with pytest.raises(InputError):
         bench.choose(bench.toggled("no_such_effect"))
     assert bench.choice == before
-    with pytest.raises(InputError, match="below"):
-        bench.with_bounds("stiffness.k", (2.0, 1.0))
+    for bounds in ((2.0, 1.0), (math.nan, 1.0), (1.0, math.inf)):
+        with pytest.raises(InputError, match="below"):
+            bench.with_bounds("stiffness.k", bounds)
 
 
 def test_the_python_line_does_what_the_page_shows(bench, press):
@@ -275,6 +277,37 @@ def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
     swing = {"time_s": np.arange(0, 1, 0.01), "position_rad": np.zeros(100), "torque_Nm": np.zeros(100)}
     with pytest.raises(InputError, match="no channel"):
         joined(open_source(press), open_source(swing))
+
+
+_OWN = """
+from estimation.effects import EFFECTS
+
+class Mine(EFFECTS["cubic_stiffness"]):
+    name = "mine"
+"""
+
+
+def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(_OWN)
+    study = Study(press, "hunt_crossley", effects=[f"{own}:Mine"], held_out=[2], keep=False)
+    bench = Bench(study, "press.csv")
+    bench.choose(bench.toggled("mine"))
+    more = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
+    for other in (bench.joined_with(more), bench.with_runs((0,), (2,))):
+        assert other.channel.model.name == "hunt_crossley"
+        assert other.study.held_out == (2,)
+        assert other.show().steps[-1][0] == "+ mine"
+    told = other.python().split("; ")[0].removeprefix("study = ")
+    again = eval(told, {"palpate": palpate, "study": study})
+    assert again.fit("contact", ["mine"]).rmse == other.show().fitted.rmse
+
+
+def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
+    lag = frozenset({"lag"})
+    alone = Score(lag, lag, lag, lag)
+    assert alone.in_words().endswith("The diagnosis said lag: right.")
+    assert "cannot tell that from delay." in replace(alone, alike=lag | {"delay"}).in_words()
 
 
 @pytest.mark.parametrize(
