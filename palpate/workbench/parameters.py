@@ -146,6 +146,8 @@ class Parameters:
         with self._list:
             for name, value in self._values.items():
                 self._row(name, value)
+            if not self._values:
+                ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, found: dict[str, ParameterEstimate]) -> None:
         """State the 95 % intervals."""
@@ -261,7 +263,5 @@ class Lines:
 
     def show(self) -> None:
         """State the lines."""
-        self._command.set_text(
-            self._bench.command() or "no command holds parameters or leaves runs out; in Python:"
-        )
+        self._command.set_text(self._bench.command() or "no command does this; in Python:")
         self._python.set_text(self._bench.python())

@@ -22,10 +22,14 @@ from palpate.study import Study
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import Bench, evidence_of, groups
+from palpate.workbench.compose import _unused
 from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
+from palpate.workbench.home import Home
+from palpate.workbench.live import ran
 from palpate.workbench.load import guess, options_of, units_of
 from palpate.workbench.riddle import Score
 from robot_io.errors import InputError
+from robot_io.session import Session
 from tests.palpate.presses import write_presses
 
 
@@ -266,6 +270,27 @@ def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
     signals = dict.fromkeys(("tilt_effort_per_rad", "weight_effort", "payload_effort_per_kg"), swing.effort)
     of_arm = EFFECTS["gravity_tilt"]().suited_to(replace(swing, context={**swing.context, **signals}))
     assert Example.plain(of_arm, ChannelKind.REVOLUTE) is None
+
+
+def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
+    path = tmp_path / "left.mcap"
+
+    async def left():
+        probing = asyncio.create_task(ran(["probe", "--realtime", "--out", str(path)], print))
+        while not path.exists() or path.stat().st_size < 200_000:
+            await asyncio.sleep(0.1)
+        probing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await probing
+
+    asyncio.run(left())
+    assert not Session.open(path).truncated
+
+
+def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    home = Home(tmp_path)
+    assert [_unused(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
 
 
 def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):

@@ -336,6 +336,7 @@ def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
     tab = Tab(browser, serve(sessions))
     tab.page.click("text=Probe the simulated arm")
     tab.page.wait_for_selector("text=palpate probe")
+    assert tab.page.is_disabled("button:has-text('Probe the simulated arm')")
     assert tab.error() > 0.0  # the session that came back is open
     assert [file.name for file in sessions.glob("*.mcap")] == ["workbench-1.mcap"]
     tab.page.click(".channel")
