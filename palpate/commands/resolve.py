@@ -30,7 +30,10 @@ def command(
     experiment: Annotated[Path | None, typer.Option(help="Plan (YAML) of the first probe.")] = None,
     probes: Annotated[int, typer.Option(help="Probes at most, the first among them.", min=1, max=50)] = 4,
     seconds: Annotated[
-        float, typer.Option(help="Time of probing at most.", metavar="S", min=1.0, max=36000.0)
+        float,
+        typer.Option(
+            help="Time of probing at most; the first probe is always run.", metavar="S", min=1.0, max=36000.0
+        ),
     ] = 300.0,
     channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
     out: Annotated[
@@ -73,7 +76,12 @@ def command(
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
     design = partial(next_probe, processes=os.cpu_count() or 1)
-    resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
+    try:
+        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
+    except KeyboardInterrupt:
+        if folder.exists():
+            console.stderr().print(f"kept: {shown(folder)}")
+        raise
     if options.as_json:
         console.print_json(resolved.as_data())
     else:
