@@ -216,6 +216,12 @@ class Bench:
             raise InputError("nothing is added yet: tick an effect first")
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether the newest revision has the chosen effects."""
+        newest = self.study.latest(self.channel)
+        return newest is not None and tuple(newest.effects) == self.choice.effects
+
     def parameter(self, name: str) -> Parameter:
         """What is known of a parameter of the chosen model before any fit."""
         model = self.study.fit(self.channel, self.choice.effects).model

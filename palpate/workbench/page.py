@@ -258,7 +258,7 @@ class Page:
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
         try:
-            if self.bench.choice.effects:
+            if self.bench.choice.effects and not self.bench.is_kept:
                 await asyncio.to_thread(self.bench.keep)
             commands = [line for line in [self.bench.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))

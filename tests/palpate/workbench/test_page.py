@@ -118,6 +118,12 @@ def test_tick_error_falls_undo_keep_report(browser, serve, press):
     report = press.parent / "press-palpate" / "report.html"
     assert "cubic_stiffness" in report.read_text()
     page.wait_for_selector(".revision:has-text('cubic_stiffness')")
+    written = report.stat().st_mtime_ns
+    page.click("button:has-text('Report')")  # what is kept is not kept again
+    while report.stat().st_mtime_ns == written:
+        page.wait_for_timeout(100)
+    page.wait_for_timeout(1000)  # for the list of revisions to be drawn again
+    assert page.locator(".revision:has-text('cubic_stiffness')").count() == 1
     assert tab.wrong == []
 
 
