@@ -1,7 +1,10 @@
 """Ends the processes of a pool, whatever they are doing."""
 
+import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import parent_process
+from threading import Thread
 
 
 def end_workers(pool: ProcessPoolExecutor) -> None:
@@ -15,5 +18,18 @@ def end_workers(pool: ProcessPoolExecutor) -> None:
 
 def end_when_told() -> None:
     """Begin a worker: handlers of the process that forked are not its own, and a signal ends it at once."""
+    end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
+
+
+def end_with_parent() -> None:
+    """Let this process end when the one that began it is gone, also where that was killed and ends nobody."""
+    Thread(target=_outlive_nobody, daemon=True).start()
+
+
+def _outlive_nobody() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

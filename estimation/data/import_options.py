@@ -50,7 +50,8 @@ def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """
     pairs: dict[str, str] = {}
     for text in texts:
-        name, equals, value = text.partition("=")
+        # a column's name may hold the sign, and no unit does
+        name, equals, value = text.rpartition("=") if option == "--unit" else text.partition("=")
         name, value = name.strip(), value.strip()
         if not (equals and name and value):
             raise InputError(f"{option} '{text}': write it as NAME=VALUE")

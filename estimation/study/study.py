@@ -67,6 +67,11 @@ class Study(Fits):
         self._diagnoses: dict[About, ChannelDiagnosis] = {}
 
     @property
+    def own_effects(self) -> tuple[Effect, ...]:
+        """Those of the user's own."""
+        return tuple(self._library[name] for name in self._own)
+
+    @property
     def revisions(self) -> RevisionTable:
         """All stages that were ever kept, oldest first.
 

@@ -1,7 +1,6 @@
 """`palpate resolve`: probe and diagnose, again and again, until one explanation is left."""
 
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -31,7 +30,10 @@ def command(
     experiment: Annotated[Path | None, typer.Option(help="Plan (YAML) of the first probe.")] = None,
     probes: Annotated[int, typer.Option(help="Probes at most, the first among them.", min=1, max=50)] = 4,
     seconds: Annotated[
-        float, typer.Option(help="Time of probing at most.", metavar="S", min=1.0, max=36000.0)
+        float,
+        typer.Option(
+            help="Time of probing at most; the first probe is always run.", metavar="S", min=1.0, max=36000.0
+        ),
     ] = 300.0,
     channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
     out: Annotated[
@@ -52,7 +54,7 @@ def command(
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
-    _check_channel(channel, robot_file.joint_count)
+    _check_channel(channel, robot_file.joint_count, len(plan.targets_world_m))
     folder = out or SESSIONS / options.stamped_name("resolve")
     asked = [plan]
     job = ProbingJob(
@@ -74,7 +76,12 @@ def command(
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
     design = partial(next_probe, processes=os.cpu_count() or 1)
-    resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
+    try:
+        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
+    except KeyboardInterrupt:
+        if folder.exists():
+            console.stderr().print(f"kept: {shown(folder)}")
+        raise
     if options.as_json:
         console.print_json(resolved.as_data())
     else:
@@ -98,10 +105,10 @@ def _print(resolved: Resolved, *, hidden: bool) -> None:
     console.next_steps(*steps)
 
 
-def _check_channel(channel: str | None, joint_count: int) -> None:
-    """Refuse a channel that no session of this arm has, before the arm moves."""
-    joints = [f"joint_{number}" for number in range(1, joint_count + 1)]
-    if channel is not None and channel not in joints and not re.fullmatch(r"contact(_[1-9]\d*)?", channel):
-        raise InputError(
-            f"--channel {channel}: there are {', '.join(joints)}; contact (contact_1 ... of several targets)"
-        )
+def _check_channel(channel: str | None, joint_count: int, target_count: int) -> None:
+    """Refuse a channel that no session of this arm and plan has, before the arm moves."""
+    names = [*(f"joint_{number}" for number in range(1, joint_count + 1)), "contact"]
+    if target_count > 1:  # of places that are near to each other, there is one channel
+        names += [f"contact_{number}" for number in range(1, target_count + 1)]
+    if channel is not None and channel not in names:
+        raise InputError(f"--channel {channel}: there are {', '.join(names)}")

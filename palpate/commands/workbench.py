@@ -55,6 +55,10 @@ def command(
         raise InputError(f"--port {port} and --foxglove {foxglove}: give them different ports")
     if not data.file.is_dir():
         existing_file(data.file, "session or data file")
+    if data.urdf is not None:
+        existing_file(data.urdf, "URDF")
+    for effect in data.effect or ():
+        existing_file(Path(effect.rpartition(":")[0] or effect), "effect")
     data.refuse_unknown(model)
     is_folder = data.file.is_dir()
     folder, file = (data.file, None) if is_folder else (data.file.parent, data.file)

@@ -10,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 from estimation.effect import Effect
-from estimation.end_workers import end_workers
+from estimation.end_workers import end_with_parent, end_workers
 from estimation.study import StudyChannel, engine
 from palpate.study import Study
 
@@ -64,6 +64,7 @@ _fits: dict[tuple[str, ...], engine.Fitted] = {}
 def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
     """Make this process ready: it gives way to the page."""
     global _channel  # noqa: PLW0603, of this process alone
+    end_with_parent()
     os.nice(_NICE)
     _channel = channel
     _library.update({one.name: one for one in effects})

@@ -12,9 +12,10 @@ from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import candidates
 from estimation.effect import Effect, Parameter
 from estimation.study import Fitted, Revision, StudyChannel
-from estimation.study.source import joined, open_source
+from estimation.study.source import Source, joined, open_source
 from palpate.study import Study
 from palpate.words import as_shell_word
+from palpate.workbench.elsewhere import Elsewhere
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -71,6 +72,7 @@ class Bench:
         self.study, self.source = study, source
         self.whole: Bench | None = None  # with the runs that were taken out, as the page was opened
         self.out: tuple[int, ...] = ()
+        self.judging: Elsewhere | None = None  # the diagnosis that goes on
         self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
         first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
@@ -158,11 +160,12 @@ class Bench:
         """The present choice with a parameter bounded.
 
         Raises:
-            InputError: the lower bound is not below the upper one.
+            InputError: they are not two numbers, the lower one below the upper one.
         """
-        if not bounds[0] < bounds[1]:
+        if not (np.isfinite(bounds).all() and bounds[0] < bounds[1]):
             raise InputError(
-                f"{name}: the lower bound {bounds[0]:g} is not below the upper one {bounds[1]:g}"
+                f"{name}: the bounds are {bounds[0]:g} and {bounds[1]:g}; give two numbers, the first below "
+                "the second"
             )
         held = {other: at for other, at in self.choice.held.items() if other != name}
         return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds})
@@ -213,6 +216,12 @@ class Bench:
             raise InputError("nothing is added yet: tick an effect first")
         return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether the newest revision has the chosen effects."""
+        newest = self.study.latest(self.channel)
+        return newest is not None and tuple(newest.effects) == self.choice.effects
+
     def parameter(self, name: str) -> Parameter:
         """What is known of a parameter of the chosen model before any fit."""
         model = self.study.fit(self.channel, self.choice.effects).model
@@ -225,7 +234,7 @@ class Bench:
             InputError: the session cannot be read, or has no channel of this one.
         """
         source = joined(self.study.source, open_source(path))
-        return Bench(Study(source, self.channel.model.name))
+        return self._with(source, self.study.held_out)
 
     def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "Bench":
         """A bench of the same measurement, its runs used otherwise; in memory.
@@ -244,8 +253,14 @@ class Bench:
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):
             raise InputError("leave at least one run of each channel in")
-        bench = Bench(Study(source, whole.study.model, held_out=held), self.source)
-        bench.whole, bench.out = whole, tuple(sorted(out))
+        bench = self._with(source, held)
+        bench.source, bench.whole, bench.out = self.source, whole, tuple(sorted(out))
+        return bench
+
+    def _with(self, source: Source, held_out: Sequence[int]) -> "Bench":
+        """A bench of other data with the base model and effects of this one."""
+        study = self.study
+        bench = Bench(Study(source, study.model, effects=study.own_effects, held_out=held_out))
         bench.choice = Choice(self.choice.channel, self.choice.effects)
         return bench
 
@@ -270,8 +285,9 @@ class Bench:
             return self._python()
         source = f"study.source.without({list(self.out)})" if self.out else "study.source"
         model = f", model={self.study.model!r}" if self.study.model else ""
+        own = ", effects=study.own_effects" if self.study.own_effects else ""
         held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
-        return f"study = palpate.Study({source}{model}{held}); " + self._python()
+        return f"study = palpate.Study({source}{model}{own}{held}); " + self._python()
 
     def _python(self) -> str:
         effects = "".join(f'"{name}", ' for name in self.choice.effects)

@@ -146,8 +146,8 @@ class Centre:
 
     def _cursor_input(self, name: str) -> ui.number:
         def typed(event: events.ValueChangeEventArguments[Any]) -> None:
-            if event.value is not None and self._cursors.get(name) != event.value:
-                self._set_cursor(name, float(event.value))
+            if self._cursors.get(name) != event.value:
+                self._set_cursor(name, event.value)
 
         return (
             ui.number(f"{name} [s]", format="%.3f", on_change=typed).props("dense outlined").classes("cursor")
@@ -155,20 +155,19 @@ class Centre:
 
     def _clicked(self, event: events.GenericEventArguments) -> None:
         name, self._next = self._next, "B" if self._next == "A" else "A"
-        self._set_cursor(name, float(event.args))
         self._at[name].set_value(round(float(event.args), 4))
 
-    def _set_cursor(self, name: str, time_s: float) -> None:
-        self._cursors[name] = time_s
+    def _set_cursor(self, name: str, time_s: float | None) -> None:
+        """Put a cursor at a time [s], or on the nearer end of the curves; None takes it away."""
+        self._cursors.pop(name, None)
+        if time_s is not None:
+            self._cursors[name] = float(np.clip(time_s, *self._motion.time_s[[0, -1]]))
         self._time.relayout(curves.cursor_shapes(self._cursors))
         self._read_cursors()
 
     def _read_cursors(self) -> None:
-        if self._cursors:
-            rows = {
-                name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()
-            }
-            self._reading.set_content(" &nbsp; ".join(self._readings(rows)))
+        rows = {name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()}
+        self._reading.set_content(" &nbsp; ".join(self._readings(rows)))
 
     def _readings(self, rows: dict[str, int]) -> list[str]:
         unit, effort = self._motion.axes.effort_unit, self._data.effort

@@ -2,8 +2,9 @@
 
 import asyncio
 import shlex
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 from nicegui import run, ui
@@ -90,15 +91,16 @@ def _choose(home: Home) -> Drop:
     if growing is not None:
         Live(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
     place = ui.element("div")
-    ui.button(
-        "Probe the simulated arm", icon="precision_manufacturing", on_click=lambda: _probe(home, [], place)
-    ).props("outline no-caps dense").mark("probe")
+    _once("Probe the simulated arm", lambda: _probe(home, [], place)).props(
+        "outline no-caps dense icon=precision_manufacturing"
+    ).mark("probe")
     return drop
 
 
 def is_data(file: Path) -> bool:
     """Whether a file of a folder is offered."""
-    return file.is_file() and (is_session(file) or file.suffix in {".csv", ".parquet", ".npz", ".gz"})
+    is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
+    return file.is_file() and (is_table or is_session(file))
 
 
 async def _show(home: Home, path: Path, options: ImportOptions) -> None:
@@ -112,7 +114,7 @@ async def _show(home: Home, path: Path, options: ImportOptions) -> None:
 
 async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
     """Probe, following the session as it grows; what comes back is opened, or joined to what is there."""
-    session = _new_session(home)
+    session = _unused(home, "workbench", ".mcap")
 
     async def done(path: Path) -> None:
         if join and home.bench is not None:
@@ -132,7 +134,7 @@ async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: b
 
 async def _resolve(home: Home, world: str, place: ui.element) -> None:
     """Run `palpate resolve` in the world that was probed; its decisions are told as they come."""
-    folder = next(f for n in range(1, 10_000) if not (f := _sessions(home) / f"resolve-{n}").exists())
+    folder = _unused(home, "resolve")
     arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
     place.clear()
     with place:
@@ -144,9 +146,12 @@ async def _resolve(home: Home, world: str, place: ui.element) -> None:
     await _show(home, folder, ImportOptions())
 
 
-def _new_session(home: Home) -> Path:
-    folder = _sessions(home)
-    return next(path for n in range(1, 10_000) if not (path := folder / f"workbench-{n}.mcap").exists())
+def _unused(home: Home, name: str, ending: str = "") -> Path:
+    """A place where nothing is, and which no other tab is about to write to."""
+    paths = (_sessions(home) / f"{name}-{number}{ending}" for number in count(1))
+    free = next(path for path in paths if path not in home.promised and not path.exists())
+    home.promised.add(free)
+    return free
 
 
 def _sessions(home: Home) -> Path:
@@ -170,7 +175,9 @@ def _next_step(home: Home, bench: Bench) -> None:
     async def go() -> None:
         from palpate.resolving.designing import next_probe  # noqa: PLC0415, with the simulator
 
-        ui.notify("designing the experiment")
+        place.clear()
+        with place:
+            ui.label(words.DESIGNING).classes("quiet")
         try:
             following = await run.io_bound(lambda: next_probe(bench.study, [found]))
             if following is None:
@@ -181,6 +188,8 @@ def _next_step(home: Home, bench: Bench) -> None:
         except PalpateError as error:
             ui.notify(str(error), type="negative")
             return
+        if not place.client.has_socket_connection:  # nothing moves for a page that is gone
+            return
         arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
         if simulated:
             await _probe(home, arguments, place, join=True)
@@ -188,11 +197,25 @@ def _next_step(home: Home, bench: Bench) -> None:
             await _probe(home, [*arguments, "--yes"], place, join=True)
 
     if simulated:
-        ui.button(
-            "Resolve: probe until one explanation is left", on_click=lambda: _resolve(home, world, place)
-        ).props(f'dense outline no-caps title="{words.RESOLVE}"').mark("resolve")
+        _once("Resolve: probe until one explanation is left", lambda: _resolve(home, world, place)).props(
+            f'dense outline no-caps title="{words.RESOLVE}"'
+        ).mark("resolve")
     text = "Run it on the simulated arm" if simulated else "Run it on the robot"
-    ui.button(text, on_click=go).props("dense outline no-caps").mark("next")
+    _once(text, go).props("dense outline no-caps").mark("next")
+
+
+def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
+    """A button that cannot be pressed again before its work is done."""
+
+    async def pressed() -> None:
+        button.disable()
+        try:
+            await work()
+        finally:
+            button.enable()
+
+    button = ui.button(text, on_click=pressed)
+    return button
 
 
 async def _permitted(force_n: float, arguments: list[str]) -> bool:

@@ -1,93 +1,20 @@
-"""Diagnosis from the page: in a process of its own, with progress, and stopped at any time."""
+"""The card of the diagnosis: started, followed and stopped from any tab, its steps applied by a click."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from threading import Event
+from collections.abc import Awaitable, Callable
 
 from nicegui import ui
 
-from estimation.channel import ChannelData
-from estimation.diagnosis import Diagnosis
-from estimation.effect import Effect
-from estimation.model import Model
-from estimation.study import engine
 from estimation.study.kept_diagnosis import RESULT
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
 from palpate.render.sentences import diagnosed
 from palpate.workbench import words
 from palpate.workbench.bench import Bench
+from palpate.workbench.elsewhere import Elsewhere
 from robot_io.errors import InputError, PalpateError
 
-_POLL_S = 0.1
-
-
-class StoppedError(PalpateError):
-    """The user stopped the diagnosis."""
-
-
-class Elsewhere:
-    """Judges in another process, so that the page stays quick, and can be stopped; see `engine.diagnose`."""
-
-    def __init__(self) -> None:
-        self._stop = Event()
-
-    def stop(self) -> None:
-        """End the work; whoever waits for it gets `StoppedError`."""
-        self._stop.set()
-
-    def __call__(
-        self,
-        data: Sequence[ChannelData],
-        models: Sequence[Model],
-        effects: Sequence[Effect],
-        progress: engine.Progress,
-        file: str,
-    ) -> Diagnosis:
-        """See `engine.diagnose`.
-
-        Raises:
-            StoppedError: it was stopped.
-            PalpateError: the process failed.
-        """
-        here, there = get_context("spawn").Pipe()
-        job = (there, list(data), list(models), list(effects), file)
-        process = get_context("spawn").Process(target=_work, args=job, daemon=True)
-        process.start()
-        there.close()
-        try:
-            return self._wait(here, progress)
-        except EOFError as error:
-            raise PalpateError("the diagnosis ended without an answer; was there enough memory?") from error
-        finally:
-            process.terminate()
-            process.join()
-            here.close()
-
-    def _wait(self, here: Connection, progress: engine.Progress) -> Diagnosis:
-        while True:
-            if self._stop.is_set():
-                raise StoppedError("stopped")
-            if here.poll(_POLL_S):
-                what = here.recv()
-                if isinstance(what, Diagnosis):
-                    return what
-                if isinstance(what, PalpateError):
-                    raise what
-                progress(*what)
-
-
-def _work(
-    there: Connection, data: list[ChannelData], models: list[Model], effects: list[Effect], file: str
-) -> None:
-    try:
-        there.send(
-            engine.diagnose(data, models, effects, lambda what, share: there.send((what, share)), file)
-        )
-    except PalpateError as error:
-        there.send(error)
+_POLL_S = 0.2
 
 
 class DiagnosisCard:
@@ -97,8 +24,7 @@ class DiagnosisCard:
         self, bench: Bench, apply: Callable[[tuple[str, ...]], Awaitable[None]], found: Callable[[], None]
     ) -> None:
         self._bench, self._apply, self._found = bench, apply, found
-        self._elsewhere: Elsewhere | None = None
-        self._now = ("", 0.0)
+        self._judging: Elsewhere | None = None  # as the page shows it
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
         """Put the elements; `more` builds what belongs below the verdict."""
@@ -121,47 +47,56 @@ class DiagnosisCard:
             self._what = ui.label().classes("quiet").mark("progress")
             self._answer = ui.element("div")
         self._running(now=False)
-        ui.timer(0.2, self._tell)
+        ui.timer(_POLL_S, self._tell)
         self._show()
 
     async def start(self) -> None:
-        """Diagnose the channel that is shown."""
-        self._elsewhere, study, name = Elsewhere(), self._bench.study, self._bench.choice.channel
-        self._running(now=True)
+        """Diagnose the channel that is shown; where a diagnosis goes on already, wait for that."""
+        bench, study, name = self._bench, self._bench.study, self._bench.choice.channel
+        while (other := bench.judging) is not None:
+            await asyncio.sleep(_POLL_S)
+            if bench.judging is not other:
+                return
+        judge = bench.judging = Elsewhere()
+        self._tell()
         try:
-            judge = self._elsewhere
             diagnosis = await asyncio.to_thread(
-                lambda: study.diagnose(name, progress=self._progress, judge=judge)
+                lambda: study.diagnose(name, progress=judge.note, judge=judge)
             )
             if study.folder is not None:
                 write_text(output_folder(study.folder) / RESULT, as_json(study.diagnosis_data(diagnosis)))
-        except StoppedError:
-            ui.notify("stopped; nothing was changed")
         except PalpateError as error:
-            ui.notify(str(error), type="warning", multi_line=True)
-        self._running(now=False)
+            judge.said = str(error)
+        finally:
+            bench.judging = None
+
+    def _tell(self) -> None:
+        """Show how far it is; also what was started in another tab, or before the page was loaded again."""
+        before, judge = self._judging, self._bench.judging
+        self._judging = judge
+        if judge is not None:
+            self._what.set_text(judge.now[0])
+            self._bar.set_value(round(judge.now[1], 2))
+        if judge is not before:
+            self._running(now=judge is not None)
+        if judge is None and before is not None:
+            self._ended(before)
+
+    def _ended(self, judge: Elsewhere) -> None:
+        if judge.said:
+            ui.notify(judge.said, type="warning", multi_line=True)
         self._show()
         if self._bench.diagnosis is not None:
             self._found()
 
-    def _progress(self, what: str, share: float) -> None:
-        self._now = what, share
-
-    def _tell(self) -> None:
-        if self._elsewhere is not None:
-            self._what.set_text(self._now[0] or "starting a process for it")
-            self._bar.set_value(round(self._now[1], 2))
-
     def _stopped(self) -> None:
-        if self._elsewhere is not None:
-            self._elsewhere.stop()
+        if self._bench.judging is not None:
+            self._bench.judging.stop()
 
     def _running(self, *, now: bool) -> None:
         self._start.set_visibility(not now)
         for element in (self._stop, self._bar, self._what):
             element.set_visibility(now)
-        if not now:
-            self._elsewhere, self._now = None, ("", 0.0)
 
     def _show(self) -> None:
         try:

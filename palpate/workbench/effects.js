@@ -8,7 +8,7 @@ export default {
                     @update:model-value="tick(row)" />
         <div class="evidence" v-html="row.mark"></div>
         <div class="picture" role="button" tabindex="0" :title="hint" :aria-label="'picture of ' + row.name"
-             v-html="row.picture" @click="$emit('picture', row.name)"
+             v-html="row.picture || 'about'" @click="$emit('picture', row.name)"
              @keydown.enter="$emit('picture', row.name)"></div>
         <div class="signature" :title="row.equation">{{ row.signature }}</div>
         <div v-if="row.together" class="together" :title="alike">{{ row.together }}</div>

@@ -1,7 +1,7 @@
 """What the server shows; data is read while the page's library is still being imported."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from threading import Thread
@@ -24,6 +24,7 @@ class Home:
     riddle: bool = False  # whether something was hidden for the user to find
     bench: "Bench | None" = None  # once data was read
     raw: str = ""  # a drawing of what a session measured; empty for other files
+    promised: set[Path] = field(default_factory=set)  # what a tab is about to write
     reading: str = ""  # what is being read; empty once that is done
     error: str = ""  # why it could not be
     feed: "Feed | None" = None  # for Foxglove, if that was asked for

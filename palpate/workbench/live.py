@@ -4,6 +4,7 @@ The session's writer is a process of its own; what it has written in whole chunk
 """
 
 import asyncio
+import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from html import escape
@@ -118,7 +119,7 @@ class Live:
 
 
 async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
-    """Run a palpate command in a process of its own.
+    """Run a palpate command in a process of its own; if this is cancelled, as Ctrl-C in a terminal ends it.
 
     Args:
         arguments: of `palpate`; nobody is there to be asked.
@@ -132,11 +133,17 @@ async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,  # else it is interrupted twice where the terminal does that too
     )
     assert process.stdout is not None  # noqa: S101, asked for above
     assert process.stderr is not None  # noqa: S101, asked for above
     errors = asyncio.create_task(process.stderr.read())
-    async for line in process.stdout:
-        hear(line.decode(errors="replace").rstrip())
-    said = (await errors).decode(errors="replace").strip()
-    return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
+    try:
+        async for line in process.stdout:
+            hear(line.decode(errors="replace").rstrip())
+        said = (await errors).decode(errors="replace").strip()
+        return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
+    except asyncio.CancelledError:  # the server ends: an arm is brought to rest first, and its session closed
+        process.send_signal(signal.SIGINT)
+        await process.wait()
+        raise

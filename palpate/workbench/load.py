@@ -104,14 +104,15 @@ class Drop:
 
     async def _uploaded(self, event: events.UploadEventArguments) -> None:
         try:
-            path = await self._kept(event)
+            path, is_new = await self._kept(event)
         except PalpateError as error:
             _warn(error)
             return
-        await self.begin(path)
+        if not await self.begin(path) and is_new:
+            path.unlink()
 
-    async def begin(self, path: Path) -> None:
-        """Open a session at once, and a data file after a look at its columns."""
+    async def begin(self, path: Path) -> bool:
+        """Open a session at once, and a data file after a look at its columns; whether it can be read."""
         try:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
@@ -119,9 +120,11 @@ class Drop:
                 self._ask(path, await asyncio.to_thread(lambda: guess(read_table(path))))
         except PalpateError as error:
             _warn(error)
+            return False
+        return True
 
-    async def _kept(self, event: events.UploadEventArguments) -> Path:
-        """The file, kept under its own name; another of that name stays, and this one gets a number."""
+    async def _kept(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
+        """The file, kept under its own name, and whether it was not there; another of that name stays."""
         name = Path(event.file.name).name
         if event.file.size() > MOST_BYTES:  # the browser refuses it, but whoever sends it need not be one
             raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
@@ -133,9 +136,9 @@ class Drop:
                 if not path.exists():
                     with whole_file(path) as writing:
                         writing.write_bytes(content)
-                    return path
+                    return path, True
                 if path.is_file() and path.read_bytes() == content:
-                    return path
+                    return path, False
             except (OSError, ValueError) as error:
                 raise InputError(f"{name[:80]!r}: cannot be kept in {folder} ({error})") from error
         raise InputError(f"{folder}: too many files are called {name}")

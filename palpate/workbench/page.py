@@ -19,6 +19,7 @@ from palpate.workbench.effects import Effects
 from palpate.workbench.parameters import Error, Lines, Parameters, judged
 from robot_io.errors import InputError, PalpateError
 
+_FOLLOW_S = 0.5
 _NEXT_S = 0.03  # for the browser to draw what was sent before
 
 
@@ -67,6 +68,7 @@ class Page:
         ui.keyboard(self._key, ignore=["input", "textarea"])
         if not refused:
             ui.timer(0.01, self._first, once=True)
+            ui.timer(_FOLLOW_S, self._follow)
 
     async def tick(self, effect: str) -> None:
         """Add an effect, or take it away."""
@@ -95,6 +97,16 @@ class Page:
         if self._shown is not None:
             self._effects.fill()
             await self._effects.weigh(self._idle)
+
+    async def _follow(self) -> None:
+        """Show what was chosen in another tab."""
+        shown, choice = self._shown, self.bench.choice
+        if shown is None or choice == shown.choice or not self._idle.is_set():
+            return
+        if choice.channel != shown.choice.channel:
+            ui.navigate.reload()
+        else:
+            await self._change(self.bench.show)
 
     async def _change(self, work: Callable[[], Shown], coming: Callable[[], Choice] | None = None) -> None:
         """Fit, and show: error and curves first, maps next, intervals when they are ready.
@@ -246,7 +258,7 @@ class Page:
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
         try:
-            if self.bench.choice.effects:
+            if self.bench.choice.effects and not self.bench.is_kept:
                 await asyncio.to_thread(self.bench.keep)
             commands = [line for line in [self.bench.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))

@@ -112,6 +112,7 @@ class Parameters:
     ) -> None:
         self._bench, self._choose, self._preview = bench, choose, preview
         self._shown: Shown | None = None
+        self._listed: Choice | None = None  # whose parameters have rows
         self._values: dict[str, float] = {}
         self._intervals: dict[str, ui.label] = {}
         self._numbers: dict[str, ui.label] = {}
@@ -132,18 +133,21 @@ class Parameters:
     def show(self, shown: Shown) -> None:
         """List the parameters of a fit; its intervals come later."""
         self._shown, self._values = shown, dict(shown.fitted.values)
-        same = list(self._numbers) == list(self._values)
         self._back.set_visibility(False)
-        if same:
+        if shown.choice == self._listed:
             for name, value in self._values.items():
                 self._numbers[name].set_text(self._worded(name, value))
                 self._intervals[name].set_text(self._said(name))
+                self._sliders[name].set_value(value)
             return
+        self._listed = shown.choice
         self._list.clear()
         self._intervals, self._numbers, self._sliders = {}, {}, {}
         with self._list:
             for name, value in self._values.items():
                 self._row(name, value)
+            if not self._values:
+                ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, found: dict[str, ParameterEstimate]) -> None:
         """State the 95 % intervals."""
@@ -197,12 +201,14 @@ class Parameters:
     def _ask_bounds(self, name: str, low: float, high: float) -> None:
         with self._list, ui.dialog() as dialog, ui.card().classes("bounds"):
             ui.label(f"Bounds of {name}").classes("text-bold")
-            lower = ui.number("at least", value=float(f"{low:.4g}")).props("dense outlined")
-            upper = ui.number("at most", value=float(f"{high:.4g}")).props("dense outlined")
+            low, high = self._bench.choice.bounds.get(name, (float(f"{low:.4g}"), float(f"{high:.4g}")))
+            lower = ui.number("at least", value=low).props("dense outlined")
+            upper = ui.number("at most", value=high).props("dense outlined")
 
             async def bound() -> None:
                 try:
-                    choice = self._bench.with_bounds(name, (lower.value or 0.0, upper.value or 0.0))
+                    pair = [math.nan if one.value is None else one.value for one in (lower, upper)]
+                    choice = self._bench.with_bounds(name, (pair[0], pair[1]))
                 except InputError as error:
                     ui.notify(str(error), type="warning")
                     return
@@ -234,14 +240,11 @@ class Parameters:
 
     def _reset(self) -> None:
         if self._shown is not None:
-            for name, value in self._shown.fitted.values.items():
-                self._sliders[name].set_value(value)
             self.show(self._shown)
             self._preview(None)
 
     async def _hold(self, name: str) -> None:
         held = name in self._bench.choice.held
-        self._numbers.clear()  # the row is drawn again, with its lock
         await self._choose(self._bench.with_held(name, None if held else self._values[name]))
 
 
@@ -260,7 +263,5 @@ class Lines:
 
     def show(self) -> None:
         """State the lines."""
-        self._command.set_text(
-            self._bench.command() or "no command holds parameters or leaves runs out; in Python:"
-        )
+        self._command.set_text(self._bench.command() or "no command does this; in Python:")
         self._python.set_text(self._bench.python())

@@ -1,6 +1,6 @@
 // A plotly figure that changes trace by trace, and is drawn only while somebody sees it.
 export default {
-  template: '<div class="plot"></div>',
+  template: '<div class="plot" :style="{ minHeight: figure.layout?.height + \'px\' }"></div>', // what is below stays
   props: { figure: Object },
   emits: ["ready", "zoom", "point"],
   async mounted() {

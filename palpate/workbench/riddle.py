@@ -49,8 +49,8 @@ class Score:
         said = f"Hidden was {_listed(self.truth)}. "
         said += f"You said {_listed(self.guessed)}: {self._rated(self.guessed)}. "
         said += f"The diagnosis said {_listed(self.found)}: {self._rated(self.found)}."
-        if self.alike & self.truth:
-            said += f" It adds that this data cannot tell that from {_listed(self.alike)}."
+        if self.alike & self.truth and (others := self.alike - self.found):
+            said += f" It adds that this data cannot tell that from {_listed(others, ' or ')}."
         return said
 
     def _rated(self, names: frozenset[str]) -> str:
@@ -63,8 +63,8 @@ class Score:
         )
 
 
-def _listed(names: frozenset[str]) -> str:
-    return " and ".join(sorted(name.replace("_", " ") for name in names)) or "nothing"
+def _listed(names: frozenset[str], joint: str = " and ") -> str:
+    return joint.join(sorted(name.replace("_", " ") for name in names)) or "nothing"
 
 
 class RiddleCard:

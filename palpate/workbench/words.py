@@ -63,6 +63,7 @@ PICTURE = "What it looks like: grey without, orange with it. Click for live slid
 RESOLVE = (
     "Probes, diagnoses, and probes again in the way that best tells apart what is left; see palpate resolve."
 )
+DESIGNING = "Rehearsing what the arm can do, to find what tells most: up to a minute or two."
 SEALED = (
     "The session does not say in which world it was probed (what is hidden there may be sealed): probe again "
     "with the options of then, or begin with palpate resolve."

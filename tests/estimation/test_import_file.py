@@ -274,6 +274,8 @@ def test_any_increasing_times_and_finite_forces_are_accepted(tmp_path_factory, s
 
 def test_pairs():
     assert parse_pairs(["force_N = load", "run=log"], "--column") == {"force_N": "load", "run": "log"}
+    assert parse_pairs(["force=a=b"], "--column") == {"force": "a=b"}
+    assert parse_pairs(["a=b=mN"], "--unit") == {"a=b": "mN"}
     for wrong in (["force_N"], ["=load"], ["force_N="]):
         with pytest.raises(InputError, match=r"--column .*write it as NAME=VALUE"):
             parse_pairs(wrong, "--column")

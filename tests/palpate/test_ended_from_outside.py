@@ -11,6 +11,7 @@ from palpate.runs.session import ArmSession
 from robot_io.errors import SessionError
 from robot_io.session import SessionWriter
 from tests.palpate.cli import ROOT
+from tests.palpate.presses import write_presses
 from tests.robot_io.session_parts import METADATA, TICK
 
 HALF_WRITTEN = """
@@ -50,13 +51,33 @@ main.main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
     with subprocess.Popen([sys.executable, "-c", DIAGNOSING], stdout=subprocess.PIPE, cwd=ROOT) as program:
         assert [program.stdout.readline() for _ in range(2)] == [b"begun\n"] * 2
         program.send_signal(number)
-        assert program.wait(30) == 128 + number
+        assert program.wait(30) == (-number if number == signal.SIGKILL else 128 + number)
         assert program.stdout.read() == b""  # comes to its end once no worker holds it open
+
+
+FITTING_AHEAD = """
+import asyncio, sys, time
+from palpate.study import Study
+from palpate.workbench.ahead import Ahead
+study = Study(sys.argv[1], keep=False)
+ahead = Ahead(study, study.channels[0])
+asyncio.run(ahead.fit(("cubic_stiffness",)))
+print("begun", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_workbench_that_is_killed_leaves_no_process_behind(tmp_path):
+    command = [sys.executable, "-c", FITTING_AHEAD, str(write_presses(tmp_path / "press.csv"))]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as program:
+        assert program.stdout.readline() == b"begun\n"
+        program.kill()
+        assert program.stdout.read() == b""
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

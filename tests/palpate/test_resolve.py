@@ -204,8 +204,26 @@ def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeyp
     assert "budget" in result.stderr
 
 
+def test_ctrl_c_says_where_the_sessions_are_kept(tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Study, "diagnose", interrupted)
+    result = run("resolve", "--seed", SEED, "--out", tmp_path / "r")
+    assert result.exit_code != 0
+    assert f"kept: {tmp_path / 'r'}" in " ".join(result.stderr.split())
+    assert (tmp_path / "r" / "probe-01.mcap").exists()
+
+
 @pytest.mark.parametrize(
-    "options", [("--probes", 0), ("--seconds", -1), ("--experiment", "none.yaml"), ("--channel", "nope")]
+    "options",
+    [
+        ("--probes", 0),
+        ("--seconds", -1),
+        ("--experiment", "none.yaml"),
+        ("--channel", "nope"),
+        ("--channel", "contact_7"),
+    ],
 )
 def test_a_bad_option_is_refused_before_anything_moves(tmp_path, options):
     assert_refused(run("resolve", *options, "--out", tmp_path / "r"), str(options[0]).strip("-"))

@@ -1,6 +1,7 @@
 """What the page stands on, without a browser: choices, evidence, columns, gates, riddles, live curves."""
 
 import asyncio
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +22,14 @@ from palpate.study import Study
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import Bench, evidence_of, groups
+from palpate.workbench.compose import _unused
 from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
+from palpate.workbench.home import Home
+from palpate.workbench.live import ran
 from palpate.workbench.load import guess, options_of, units_of
 from palpate.workbench.riddle import Score
 from robot_io.errors import InputError
+from robot_io.session import Session
 from tests.palpate.presses import write_presses
 
 
@@ -82,8 +87,9 @@ def test_a_choice_that_cannot_be_fitted_changes_nothing(bench):
     with pytest.raises(InputError):
         bench.choose(bench.toggled("no_such_effect"))
     assert bench.choice == before
-    with pytest.raises(InputError, match="below"):
-        bench.with_bounds("stiffness.k", (2.0, 1.0))
+    for bounds in ((2.0, 1.0), (math.nan, 1.0), (1.0, math.inf)):
+        with pytest.raises(InputError, match="below"):
+            bench.with_bounds("stiffness.k", bounds)
 
 
 def test_the_python_line_does_what_the_page_shows(bench, press):
@@ -266,6 +272,27 @@ def test_a_form_that_needs_an_arm_is_not_drawn_on_a_plain_motion():
     assert Example.plain(of_arm, ChannelKind.REVOLUTE) is None
 
 
+def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
+    path = tmp_path / "left.mcap"
+
+    async def left():
+        probing = asyncio.create_task(ran(["probe", "--realtime", "--out", str(path)], print))
+        while not path.exists() or path.stat().st_size < 200_000:
+            await asyncio.sleep(0.1)
+        probing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await probing
+
+    asyncio.run(left())
+    assert not Session.open(path).truncated
+
+
+def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    home = Home(tmp_path)
+    assert [_unused(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
+
+
 def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
     other = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
     both = joined(open_source(press), open_source(other)).channels[0]
@@ -275,6 +302,37 @@ def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
     swing = {"time_s": np.arange(0, 1, 0.01), "position_rad": np.zeros(100), "torque_Nm": np.zeros(100)}
     with pytest.raises(InputError, match="no channel"):
         joined(open_source(press), open_source(swing))
+
+
+_OWN = """
+from estimation.effects import EFFECTS
+
+class Mine(EFFECTS["cubic_stiffness"]):
+    name = "mine"
+"""
+
+
+def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(_OWN)
+    study = Study(press, "hunt_crossley", effects=[f"{own}:Mine"], held_out=[2], keep=False)
+    bench = Bench(study, "press.csv")
+    bench.choose(bench.toggled("mine"))
+    more = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
+    for other in (bench.joined_with(more), bench.with_runs((0,), (2,))):
+        assert other.channel.model.name == "hunt_crossley"
+        assert other.study.held_out == (2,)
+        assert other.show().steps[-1][0] == "+ mine"
+    told = other.python().split("; ")[0].removeprefix("study = ")
+    again = eval(told, {"palpate": palpate, "study": study})
+    assert again.fit("contact", ["mine"]).rmse == other.show().fitted.rmse
+
+
+def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
+    lag = frozenset({"lag"})
+    alone = Score(lag, lag, lag, lag)
+    assert alone.in_words().endswith("The diagnosis said lag: right.")
+    assert "cannot tell that from delay." in replace(alone, alike=lag | {"delay"}).in_words()
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,8 @@ def status(port, host):
         (["press.csv", "--riddle"], "leave out the file"),
         (["--port", "99999"], "65535"),
         (["--port", "8123", "--foxglove", "8123"], "--port 8123 and --foxglove 8123"),
+        (["there.csv", "--urdf", "no.urdf"], "URDF no.urdf: no such file"),
+        (["there.csv", "--effect", "no.py:Mine"], "effect no.py: no such file"),
         (["there.csv", "--held-out", "x"], "--held-out x: give run numbers"),
         (["there.csv", "--held-out", "7"], "there is no run 7. There are: 0, 1, 2, 3"),
         (["there.csv", "--model", "kelvin"], "no model is called 'kelvin'; did you mean 'kelvin_voigt'?"),

@@ -118,6 +118,12 @@ def test_tick_error_falls_undo_keep_report(browser, serve, press):
     report = press.parent / "press-palpate" / "report.html"
     assert "cubic_stiffness" in report.read_text()
     page.wait_for_selector(".revision:has-text('cubic_stiffness')")
+    written = report.stat().st_mtime_ns
+    page.click("button:has-text('Report')")  # what is kept is not kept again
+    while report.stat().st_mtime_ns == written:
+        page.wait_for_timeout(100)
+    page.wait_for_timeout(1000)  # for the list of revisions to be drawn again
+    assert page.locator(".revision:has-text('cubic_stiffness')").count() == 1
     assert tab.wrong == []
 
 
@@ -160,7 +166,87 @@ def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(browser, s
     page.click('[aria-label="hold stiffness.k"]')
     page.wait_for_selector("text=held and bounded")
     assert "fit_held" in page.inner_text(".same")
-    assert tab.error() > before
+    held = tab.error()
+    assert held > before
+    slider, lock = '[aria-label="stiffness.k"]', '[aria-label="hold stiffness.k"]'
+    pulled = float(page.get_attribute(slider, "aria-valuenow"))
+    assert page.inner_text(lock) == "lock"
+    page.click("text=Undo")
+    assert tab.wait_for_other_error(held) == before
+    page.wait_for_selector(f"{lock}:has-text('lock_open')")
+    assert float(page.get_attribute(slider, "aria-valuenow")) < pulled
+    assert tab.wrong == []
+
+
+def test_bounds_need_two_numbers_and_are_shown_again(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    before, page = tab.error(), tab.page
+    page.click('[aria-label="bound damping.c"]')
+    page.fill(".bounds input >> nth=0", "")
+    page.click(".bounds button:has-text('bound')")
+    page.wait_for_selector("text=give two numbers")
+    page.fill(".bounds input >> nth=0", "50")
+    page.fill(".bounds input >> nth=1", "60")
+    page.click(".bounds button:has-text('bound')")
+    assert tab.wait_for_other_error(before) > before
+    page.wait_for_selector("text=within 50 to 60")
+    page.click('[aria-label="bound damping.c"]')
+    assert [page.input_value(f".bounds input >> nth={n}") for n in (0, 1)] == ["50", "60"]
+    assert tab.wrong == []
+
+
+def test_a_cursor_stays_on_the_curves_and_is_taken_away(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    page = tab.page
+    tab.error()
+    drawn = "() => document.querySelector('.js-plotly-plot').layout.shapes ?? []"
+    page.fill('[aria-label="A [s]"]', "999")
+    page.wait_for_selector(".reading:has-text('A')")
+    page.wait_for_function(f"() => ({drawn})().length === 1")
+    ends = page.evaluate("() => document.querySelector('.js-plotly-plot').data[0].x.filter(Number.isFinite)")
+    assert page.evaluate(drawn)[0]["x0"] == pytest.approx(max(ends), rel=0.01)
+    page.fill('[aria-label="A [s]"]', "")
+    page.wait_for_function(f"() => ({drawn})().length === 0")
+    assert "A" not in page.inner_text(".reading")
+    assert tab.wrong == []
+
+
+def test_two_tabs_show_the_same_choice(browser, serve, press):
+    address = serve(press)
+    first, second = Tab(browser, address), Tab(browser, address)
+    before = first.error()
+    assert second.error() == before
+    first.box("cubic_stiffness").click()
+    after = first.wait_for_other_error(before)
+    assert second.wait_for_other_error(before) == after
+    assert second.box("cubic_stiffness").get_attribute("aria-checked") == "true"
+    assert first.wrong == second.wrong == []
+
+
+def test_a_diagnosis_outlives_a_reload_and_can_still_be_stopped(browser, serve, press):
+    tab = Tab(browser, serve(press))
+    tab.error()
+    page = tab.page
+    page.click("button:has-text('Diagnose')")
+    page.wait_for_selector("button:has-text('Stop')")
+    page.reload()
+    page.click("button:has-text('Stop')")
+    page.wait_for_selector("text=nothing was changed")
+    page.click("button:has-text('Diagnose')")
+    page.wait_for_selector("button:has-text('Stop')")
+    page.reload()
+    page.wait_for_selector(".verdict.missing")
+    assert tab.wrong == []
+
+
+def test_a_dropped_file_that_cannot_be_read_is_not_kept(browser, serve, tmp_path):
+    (tmp_path / "odd").mkdir()
+    bad = tmp_path / "odd" / "bad.csv"
+    bad.write_text("a,b\nx,y\n")
+    tab = Tab(browser, serve())
+    tab.page.set_input_files("input[type=file]", bad)
+    tab.page.wait_for_selector("text=/bad.csv: no line with the names/")
+    assert list((tmp_path / "sessions").iterdir()) == []
     assert tab.wrong == []
 
 
@@ -188,7 +274,7 @@ def test_a_dropped_file_is_shown_corrected_and_judged(browser, serve, tmp_path, 
     other = tmp_path / "odd" / "odd.csv"
     other.parent.mkdir()
     other.write_text(
-        press.read_text().replace("time_s,displacement_m,force_N,run", "t [s],depth,Fz [N],trial")
+        press.read_text().replace("time_s,displacement_m,force_N,run", "t [s],depth,Fz title=x [N],trial")
     )
     tab = Tab(browser, serve())
     page = tab.page
@@ -256,6 +342,7 @@ def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
     tab = Tab(browser, serve(sessions))
     tab.page.click("text=Probe the simulated arm")
     tab.page.wait_for_selector("text=palpate probe")
+    assert tab.page.is_disabled("button:has-text('Probe the simulated arm')")
     assert tab.error() > 0.0  # the session that came back is open
     assert [file.name for file in sessions.glob("*.mcap")] == ["workbench-1.mcap"]
     tab.page.click(".channel")
@@ -263,4 +350,6 @@ def test_a_probing_is_followed_while_it_goes_on(browser, serve, tmp_path):
     tab.page.wait_for_selector("text=base model rigid_body")
     tab.box("gravity_tilt").click()
     tab.page.wait_for_selector("text=+ gravity_tilt")
+    tab.page.click('[data-effect="payload"] .picture:has-text("about")')  # needs an arm: has no picture
+    tab.page.wait_for_selector(".gallery:has-text('payload')")
     assert tab.wrong == []
