@@ -169,13 +169,17 @@ class Fits(Shown):
                     return now
                 fixed |= outside
 
-    def noise_floor(self, channel: StudyChannel | str) -> float:
+    def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
         """The error that a complete model would leave, in the unit of the effort.
+
+        Args:
+            channel: or its name.
+            reached: errors of models that stand beside it; what one of them reaches is no more than noise.
 
         Raises:
             InputError: the channel cannot be judged.
         """
-        return self.fit(channel).noise_floor
+        return min([self.fit(channel).noise_floor, *reached])
 
     def compare(self, channel: str | None = None) -> Comparisons:
         """Put the base models beside the measurement.
@@ -196,7 +200,8 @@ class Fits(Shown):
     def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
         """One model beside the measurement; see `fit`."""
         with self._lock:
-            fitted, floor = self.fit(channel, effects), self.noise_floor(channel)
+            fitted = self.fit(channel, effects)
+            floor = self.noise_floor(channel, fitted.rmse)
             key = _key(channel, effects), floor
             if key not in self._comparisons:
                 name = " + ".join([channel.model.name, *effects])

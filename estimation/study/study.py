@@ -121,11 +121,16 @@ class Study(Fits):
         reason = refuse(channel.to_fit.select(usable(channel.to_fit)), channel.model) or ""
         return of_runs_left(reason, len(channel.to_fit.runs), len(channel.data.runs))
 
-    def noise_floor(self, channel: StudyChannel | str) -> float:
+    def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.
 
         What a diagnosis found, which is the error of the final model where that is complete; before there is
-        one, or where runs are held out by choice, an estimate beside the base model.
+        one, or where runs are held out by choice, an estimate beside the base model, or the least error of
+        models that stand beside it, where one of these reaches less.
+
+        Args:
+            channel: or its name.
+            reached: errors of those models.
 
         Raises:
             InputError: the channel cannot be judged.
@@ -133,8 +138,8 @@ class Study(Fits):
         one = self.channel(channel) if isinstance(channel, str) else channel
         found = self.known_diagnosis(one)
         if found is not None and found.noise_floor is not None and not one.held_out:
-            return found.noise_floor
-        return super().noise_floor(one)
+            return min([found.noise_floor, *reached])
+        return super().noise_floor(one, *reached)
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """A diagnosis as plain data, with what it is about; the keys are stable."""
@@ -274,9 +279,8 @@ class Study(Fits):
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
         stages = [Stage(self.fit(channel, one), "".join(one[-1:]), numbers.get(one)) for one in chains]
         grown = self.comparison(channel, effects) if effects else None
-        return ChannelResult(
-            channel, diagnosis, base, tuple(stages), grown, self.noise_floor(channel), reason
-        )
+        floor = self.noise_floor(channel, *(stage.fitted.rmse for stage in stages))
+        return ChannelResult(channel, diagnosis, base, tuple(stages), grown, floor, reason)
 
     def latest(self, channel: StudyChannel) -> Revision | None:
         """The newest revision of this channel, data and base model."""
@@ -385,7 +389,7 @@ class Study(Fits):
                 user_effects=[self._own[name] for name in effects if name in self._own],
                 effort_unit=one.effort_unit,
                 rmse=fitted.rmse,
-                noise_floor=self.noise_floor(one),
+                noise_floor=self.noise_floor(one, fitted.rmse),
                 parameters={name: KeptParameter.of(one) for name, one in fitted.parameters.items()},
                 data_sha256=one.sha256,
                 created_utc=made,

@@ -115,7 +115,7 @@ class Bench:
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
         steps = tuple((label, one.rmse) for label, one in zip(labels, stages, strict=False))
-        floor = min(self.study.noise_floor(choice.channel), *(error for _, error in steps))
+        floor = self.study.noise_floor(choice.channel, *(error for _, error in steps))
         return Shown(choice, base, stages[-1], steps, floor, is_rough)
 
     def glance(self, choice: Choice) -> Shown | None:

@@ -79,6 +79,15 @@ def test_a_channel_has_one_noise_floor(pressed):
     assert len(floors) == 1
 
 
+def test_what_a_model_reaches_is_no_less_than_the_noise_floor(monkeypatch):
+    monkeypatch.setattr(engine.Fitted, "noise_floor", 1e3)  # beside a base model it is an upper bound
+    study = Study(session(4, cubic), "kelvin_voigt")
+    change = study.add("cubic_stiffness")
+    least = min(stage.rmse for stage in change.result.stages)
+    assert change.result.noise_floor == change.result.grown.noise_floor == least
+    assert change.revisions[-1].noise_floor == least
+
+
 def test_every_channel_that_is_compared_is_diagnosed(arm):
     study, diagnosis = arm
     assert [one.channel for one in diagnosis.channels] == [one.channel for one in study.compare().channels]
