@@ -33,6 +33,7 @@ class End(StrEnum):
     SEPARATED = "separated"  # one explanation is left in each channel
     SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
     UNSEEN = "unseen"  # what an earlier probe showed is too little to be seen in all of them together
+    UNEXPLAINED = "unexplained"  # what is left follows no effect of the library
     INSEPARABLE = "inseparable"  # nothing that the arm can do is expected to set apart what is left
     PROBES = "probes"  # the budget of probes is used up
     SECONDS = "seconds"  # all that would separate takes longer than the time that is left
@@ -165,7 +166,8 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     progress: Progress,
     design: Design,
 ) -> tuple[End | None, NextProbe | None]:
-    is_open = any(is_undecided(one) for one in found)
+    undecided = [one for one in found if is_undecided(one)]
+    is_open = bool(undecided)
     refused = any(one.verdict is Verdict.INSUFFICIENT for one in found)
     if not is_open and not refused:
         return End.SEPARATED, None
@@ -178,7 +180,10 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     if not is_open:
         return End.INSUFFICIENT, None
     separable = left_s < LONGEST_S and design(study, found, LONGEST_S, progress) is not None
-    return (End.SECONDS if separable else End.INSEPARABLE), None
+    if separable:
+        return End.SECONDS, None
+    is_named = any(one.accepted for one in undecided)
+    return (End.INSEPARABLE if is_named else End.UNEXPLAINED), None
 
 
 def _is_adequate(found: ChannelDiagnosis) -> bool:
@@ -223,6 +228,7 @@ _ENDS = {
     End.SEPARATED: "one explanation is left",
     End.SIMPLEST: "nothing that the arm can do is expected to show more than this, which the others contain",
     End.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
+    End.UNEXPLAINED: "what is left is no effect of the library, as far as this arm can show",
     End.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
     End.PROBES: "the budget of probes is used up",
     End.SECONDS: "what would separate takes longer than the time that is left",

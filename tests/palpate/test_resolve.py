@@ -194,6 +194,20 @@ def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_pat
     assert [one.end for one in done.decisions] == [None, End.UNSEEN]
 
 
+@pytest.mark.parametrize("named", [True, False])
+def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, monkeypatch):
+    (shown,) = diagnosed.channels
+    left = shown.model_copy(update={"verdict": Verdict.UNEXPLAINED, "accepted": [], "complete": False})
+    said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})
+    monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
+    monkeypatch.setattr(
+        "palpate.resolving.resolve._simplest", lambda study, found: (End.INSEPARABLE, list(found))
+    )
+    job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
+    (decision,) = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: None).decisions
+    assert decision.end in ({End.INSEPARABLE, End.SIMPLEST} if named else {End.UNEXPLAINED})
+
+
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: diagnosed)
     options = ("--seed", SEED, "--channel", "joint_1", "--probes", 1, "--out", tmp_path / "r", "--json")
