@@ -389,7 +389,7 @@ class Study(Fits):
                 user_effects=[self._own[name] for name in effects if name in self._own],
                 effort_unit=one.effort_unit,
                 rmse=fitted.rmse,
-                noise_floor=self.noise_floor(one, fitted.rmse),
+                noise_floor=self.noise_floor(one),
                 parameters={name: KeptParameter.of(one) for name, one in fitted.parameters.items()},
                 data_sha256=one.sha256,
                 created_utc=made,
