@@ -162,13 +162,11 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
 
 def _hum(end: Standing) -> str:
     """What of the noise swings, in words: mains, a fan or a drive that the sensor picks up."""
-    found = swinging(end)
+    found = swinging(end) if free_air(end.data) else None
     if found is None:
         return ""
-    size = np.sqrt(found[1]) * end.rmse
-    return (
-        f"; {size:.3g} {end.data.kind.effort_unit} of the noise swings at {found[0]:.3g} Hz, in free air too"
-    )
+    size = f"{np.sqrt(found[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
+    return f"; {size} of the noise swings at {found[0]:.3g} Hz, in free air too"
 
 
 def _left(found: Judgement) -> str:
