@@ -1,14 +1,10 @@
 """Friction that does not depend on speed."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
-
-_REACHED = 0.9  # of the force, at the usual speed
 
 
 class CoulombFriction(AdditiveEffect):
@@ -41,15 +37,5 @@ class CoulombFriction(AdditiveEffect):
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: smoothing at a small share of the usual speed."""
-        speed = _usual_speed(data) or 1.0
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
         return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
-
-    def is_misnamed(
-        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
-    ) -> bool:
-        """See `Effect.is_misnamed`: it still grows with the speed where the joint usually moves."""
-        return bool(np.tanh(_usual_speed(data) / parameters[f"{self.name}.transition"]) < _REACHED)
-
-
-def _usual_speed(data: ChannelData) -> float:
-    return float(np.sqrt(np.mean(data.velocity**2)))

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from estimation.effects import EFFECTS
 from tests.estimation.presses import session
-from tests.estimation.swings import swings
 from tests.estimation.test_effect_form import some_channel
 
 DEPTH_M, NOISE_N = 0.004, 0.05
@@ -102,11 +100,3 @@ def test_readings_do_not_go_on_beyond_the_end_of_a_range(share, clipped):
     data = replace(data, effort=data.effort.clip(-0.7 * top, 0.7 * top))
     given = {"saturation.limit": share * 0.7 * top}
     assert EFFECTS["saturation"]().is_misnamed(data, given, dict, 0.01 * top) is not clipped
-
-
-@pytest.mark.parametrize(("share", "named"), [(0.01, True), (0.5, True), (1.0, False), (10.0, False)])
-def test_friction_that_still_grows_at_the_usual_speed_is_no_constant(share, named):
-    data = swings(1)
-    usual = float(np.sqrt(np.mean(data.velocity**2)))
-    given = {"coulomb_friction.force": 0.1, "coulomb_friction.transition": share * usual}
-    assert EFFECTS["coulomb_friction"]().is_misnamed(data, given, dict, 0.01) is not named
