@@ -15,7 +15,7 @@ from robot_io.types import FloatArray
 
 _CALLED = (
     *("columns", "known", "simpler", "move", "fade", "sense", "slope", "follow", "starts", "is_misnamed"),
-    *("applies_to", "suited_to"),
+    *("applies_to", "suited_to", "in_order"),
 )
 _MOTION = ("position", "velocity", "acceleration", "effort")
 _REAL = "fiub"  # kinds of dtype: floats, whole numbers, truth values
