@@ -13,7 +13,7 @@ from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, still_explained
-from estimation.diagnosis.established import established, simplest, standards
+from estimation.diagnosis.established import established, simplest, standards, sufficient_part
 from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import Objection, objection_to
 from estimation.diagnosis.of_runs import vary
@@ -109,7 +109,10 @@ def diagnose_channel(
         return insufficient(data, reason)
     tried = search_of(data, model, good, effects, rng, progress)
     is_complete = _Completeness(tried)
-    found = tried.start if is_exact(tried.start) else search(tried, is_complete.in_every_respect)
+    found = tried.start
+    if not is_exact(found):
+        part = partial(sufficient_part, tried, readings=is_complete.readings)
+        found = search(tried, is_complete.in_every_respect, part)
     varied = vary(tried, found)
     if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
         found = varied

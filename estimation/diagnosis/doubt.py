@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import grid_step
@@ -26,7 +27,9 @@ from robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty
-_FEW, _FAR = 4, 3.0  # draws, and times the largest of them: data beyond need no more draws
+_FEW = 4  # draws, at least
+_CHANCE = 1e-3  # that one more draw would be as large as the data, if draws are normal: then they are enough
+_FAR = 3.0  # times the largest of draws, beyond which no polish takes them
 _SETTLED = 1e-3  # share of a draw's energy that a step of its fit must take away; `SMALL` decides
 _STARTS = 6  # of an effect's inner parameters, that are tried on a draw beside those found
 _LEAST_NOISE = 0.05  # share of the noise that is the effort's own, however much the readings may make
@@ -46,9 +49,16 @@ class Placed:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the data are so far beyond some draws that more of them would say the same."""
-        far = self.observed > max(SMALL, _FAR * float(np.max(self.drawn, initial=0.0)))
-        return len(self.drawn) >= _FEW and bool(far)
+        """Whether the data are so far beyond some draws that more of them would say the same.
+
+        Beyond the range, that is, in which one more normal draw would be expected (Student's).
+        """
+        count = len(self.drawn)
+        if count < _FEW:
+            return False
+        spread = float(np.std(self.drawn, ddof=1)) * np.sqrt(1.0 + 1.0 / count)
+        far = stdtrit(count - 1, 1.0 - _CHANCE) * spread
+        return self.is_unusual and bool(self.observed > np.mean(self.drawn) + far)
 
 
 def place(observed: float, draws: Iterator[float]) -> Placed:
@@ -115,7 +125,7 @@ def gained(
         return place(observed, (of_one(*one) for one in drawn))
 
     roughly = placed(gain)
-    if not roughly.is_unusual or roughly.is_clear:
+    if not roughly.is_unusual or observed > _FAR * np.max(roughly.drawn, initial=0.0):
         return roughly
     return placed(polished_gain)  # all inner parameters were fitted to the data, too
 

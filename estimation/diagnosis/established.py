@@ -84,7 +84,7 @@ def established(search: Search, end: Standing, readings: Readings, *, complete: 
     """
     if not search.added(end) or not _may_have_names(search, end, complete=complete):
         return search.start
-    some = _sufficient_part(search, end, readings)
+    some = sufficient_part(search, end, readings)
     less = _without_needless(search, end, readings, complete=complete) if some is end else some
     if less is end or less is search.start:
         return less
@@ -103,7 +103,7 @@ def _may_have_names(search: Search, end: Standing, *, complete: bool) -> bool:
     return held.is_met or (held.explains_most and all(_stands_by_itself(search, end, one) for one in names))
 
 
-def _sufficient_part(search: Search, end: Standing, readings: Readings) -> Standing:
+def sufficient_part(search: Search, end: Standing, readings: Readings) -> Standing:
     """The first part of a model from which draws gain as much by the whole; some need each other."""
     parts = (search.start, *in_order(search, end)[:-1])
     enough = (part for part in parts if not gained(part, end, readings, search.rng).is_unusual)

@@ -361,10 +361,17 @@ def _some_runs(frame: Frame) -> BoolArray:
     return chosen
 
 
-def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
+def search(
+    whole: Search, is_complete: Callable[[Standing], bool], sufficient: Callable[[Standing], Standing]
+) -> Standing:
     """The model that explains most, each of its effects needed beside the others.
 
-    Many effects imitate almost anything: where more than two were taken, pairs are tried as well.
+    Many effects imitate almost anything: where more than two are needed, pairs are tried as well.
+
+    Args:
+        whole: the channel.
+        is_complete: whether a model leaves no more than draws from it do.
+        sufficient: the part of a model from which draws gain as much by the whole.
     """
     sketch = whole.sketch or whole
     on_all = partial(_refined, whole)
@@ -375,6 +382,9 @@ def search(whole: Search, is_complete: Callable[[Standing], bool]) -> Standing:
 
     best = on_all(_climb(sketch, sketch.start))
     enough = is_enough(best)
+    if enough and len(whole.added(best)) > _PAIR:
+        best = looked_back(whole, sufficient(best))
+        enough = is_enough(best)
     if enough and len(whole.added(best)) <= _PAIR:
         return best
     firsts = [] if enough else sketch.extensions(sketch.start, FIRSTS)

@@ -93,6 +93,10 @@ class World:
         return sorted(found, key=lambda pair: pair.held_out)
 
 
+def sought(world, is_complete, part=lambda one: one):
+    return search(world, is_complete, part)
+
+
 def came_to(found):
     return "".join(sorted(found.names))
 
@@ -156,17 +160,33 @@ MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
 )  # fmt: skip
 def test_a_search_begins_with_other_effects_where_the_best_leads_to_no_complete_model(left, complete, found):
     world = World(left)
-    assert came_to(search(world, lambda one: came_to(one) in complete)) == found
+    assert came_to(sought(world, lambda one: came_to(one) in complete)) == found
+
+
+THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
+
+
+@pytest.mark.parametrize(
+    ("complete", "part", "found"),
+    [
+        ({"abc", "de"}, "abc", "de"),  # two explain what three did
+        ({"abc", "ab", "de"}, "ab", "ab"),  # draws from the two show what the third took away
+        ({"abc", "de"}, "ab", "de"),  # those two are not complete
+    ],
+)
+def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
+    world = World(THREE)
+    assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
 
 
 def test_what_came_out_unsound_is_not_taken():
     world = World(MISLED, unsound=["bc"])
-    assert came_to(search(world, lambda one: False)) == "a"
+    assert came_to(sought(world, lambda one: False)) == "a"
 
 
 def test_a_search_ends_with_the_first_model_that_is_complete():
     world, asked = World({"": 100, "a": 50, "b": 55, "c": 60, "bd": 10, "ce": 5}), []
-    assert came_to(search(world, lambda one: asked.append(came_to(one)) or came_to(one) == "bd")) == "bd"
+    assert came_to(sought(world, lambda one: asked.append(came_to(one)) or came_to(one) == "bd")) == "bd"
     assert asked == ["a", "bd"]
 
 
@@ -182,13 +202,13 @@ def test_a_search_ends_with_the_first_model_that_is_complete():
 def test_draws_settle_it_only_where_little_is_left(smooth, floor, found):
     """Of the error that a smooth law explains, or within a twentieth of the floor."""
     world = World(MISLED, smooth=smooth, floor=floor)
-    assert came_to(search(world, lambda one: came_to(one) == "a")) == found
+    assert came_to(sought(world, lambda one: came_to(one) == "a")) == found
 
 
 def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there():
     whole = World({"": 100, "a": 50, "b": 20, "ab": 19.9})
     whole.sketch = World({"": 100, "a": 50, "ab": 20})
-    assert came_to(search(whole, lambda one: True)) == "b"
+    assert came_to(sought(whole, lambda one: True)) == "b"
     assert "abc" not in whole.fits
 
 

@@ -89,7 +89,9 @@ def test_an_effect_gains_more_than_chance_only_where_it_is():
         (1.0, (2.0, 3.0, 0.5), 1, False),  # one as large: the data will never be beyond all
         (1.0, (0.96, 0.1), 1, False),  # nor by enough
         (1.0, (0.1,) * 30, 4, True),  # far beyond the first few: enough
-        (1.0, (0.9,) * 30, DRAWS, True),  # beyond all, but not far: all are needed
+        (1.0, (0.9,) * 30, 4, True),  # they are all alike
+        (1.0, (0.9, 0.1) * 15, DRAWS, True),  # beyond all, but not far: all are needed
+        (1.0, (0.5, 0.4, 0.5, 0.4, 0.5, 0.4) * 5, 5, True),
         (1.0, (0.9, 1.1, *(0.9,) * 30), 2, False),
     ],
 )
@@ -158,12 +160,15 @@ def test_a_rival_is_refused_where_the_data_refuse_it(name):
         (0.149, (0.1, 0.0), False, False),
         (0.04, (-0.2,) * 4, False, False),  # that a draw gained less than nothing proves nothing
         (0.06, (-0.2,) * 4, True, True),
-        (0.31, (0.1,) * 4, True, True),
-        (0.29, (0.1,) * 4, True, False),
-        (0.31, (0.1,) * 3, True, False),
+        (0.16, (0.1,) * 3, True, False),
+        # of four draws with a spread of 0.0082, a fifth is 0.093 above their mean once in a thousand times
+        (0.189, (0.085, 0.095, 0.095, 0.105), True, True),
+        (0.187, (0.085, 0.095, 0.095, 0.105), True, False),
     ],
 )
-def test_beyond_all_draws_by_a_margin_is_unusual_and_thrice_as_far_is_clear(observed, drawn, unusual, clear):
+def test_beyond_all_draws_by_a_margin_is_unusual_and_beyond_where_the_next_may_be_is_clear(
+    observed, drawn, unusual, clear
+):
     placed = Placed(observed, np.array(drawn))
     assert (placed.is_unusual, placed.is_clear) == (unusual, clear)
 
