@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.doubt import SMALL, of_steps
 from estimation.diagnosis.established import in_order, rivals
 from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.objections import Objection, free_air, swinging
@@ -149,15 +150,25 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
     if verdict is Verdict.ADEQUATE:
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
-            f"law explains no more of it than of draws from the model{_hum(end)}"
+            f"law explains no more of it than of draws from the model{_steps(found)}{_hum(end)}"
         )
     left = _left(found)
     if verdict is Verdict.MISSING:
         names = " and ".join(_or_rivals(entry) for entry in accepted)
         before = f"{found.search.start.rmse:.3g} {unit}"
         fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
-        return f"{fall}, and no more than noise is left{_hum(end)}" if found.complete else f"{fall}; {left}"
+        nothing = f"no more than noise is left{_steps(found)}{_hum(end)}"
+        return f"{fall}, and {nothing}" if found.complete else f"{fall}; {left}"
     return f"the error is {end.rmse:.3g} {unit}; {left}"
+
+
+def _steps(found: Judgement) -> str:
+    """What a smooth law takes away beside a complete model where the position's steps may make it."""
+    end, unit, off = found.end, found.search.data.kind.effort_unit, of_steps(found.end, found.readings)
+    left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.plain.kept.sum(), 1))
+    if not off or end.left_of_blocks() <= SMALL:
+        return ""
+    return f" or of encoders half a step off: {left:.3g} {unit}, where these make up to {off:.3g} {unit}"
 
 
 def _hum(end: Standing) -> str:

@@ -12,7 +12,7 @@ from estimation.channel import ChannelData
 from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
-from estimation.diagnosis.doubt import SMALL, still_explained
+from estimation.diagnosis.doubt import SMALL, of_steps, still_explained
 from estimation.diagnosis.established import established, simplest, standards, sufficient_part
 from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import Objection, objection_to
@@ -171,6 +171,8 @@ class _Completeness:
         if standards(self._search.start, standing).is_outdone:
             return False
         if standing.rmse <= (1.0 + SMALL) * standing.floor():
+            return True
+        if standing.flexible.explained <= standing.plain.kept.sum() * of_steps(standing, self.readings) ** 2:
             return True
         return not still_explained(standing, self.readings, self._search.rng).is_unusual
 

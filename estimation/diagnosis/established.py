@@ -184,9 +184,7 @@ def simplest(search: Search, end: Standing, readings: Readings, is_complete: Com
         as_good = (
             one
             for one in smaller
-            if one.rmse <= (1.0 + SMALL) * end.rmse
-            and search.is_sensible(one)
-            and (is_complete(one) or not is_complete(end))
+            if one.rmse <= (1.0 + SMALL) * end.rmse and (is_complete(one) or not is_complete(end))
         )
         end = min(as_good, key=search.size, default=end)
     return end
@@ -207,6 +205,8 @@ def _rivals(
         if size(candidate.effect) >= below or candidate.followed(end.plain) > NEAR * half:
             continue
         theirs = search.with_candidate(candidate)
+        if not search.is_sensible(theirs):
+            continue
         is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase
         if theirs.trial.held_out > half or (is_larger and _is_same_curve(theirs, end, without)):
             continue

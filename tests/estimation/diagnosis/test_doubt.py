@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from estimation.base_model import ModelContext
+from estimation.data.derivatives import differentiate
 from estimation.diagnosis import doubt
-from estimation.diagnosis.doubt import DRAWS, Placed, draws, gained, place, still_explained
+from estimation.diagnosis.doubt import DRAWS, Placed, draws, gained, of_steps, place, still_explained
 from estimation.effects import EFFECTS
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import stand
@@ -187,6 +188,31 @@ def test_what_is_compared_is_the_share_of_the_held_out_error():
     assert left.observed == before.left_of_blocks()
     # of what no law is in, a law of many signals explains next to nothing
     assert np.abs(left.drawn).max() < 0.05
+
+
+def arm_read(data, encoders):
+    """The channel with its position read by encoders of (step, share of the way that each makes)."""
+    shown = sum(step * np.round(share * data.position / step + 0.3) for step, share in encoders)
+    made = differentiate(data.time_s, shown, data.run)
+    return replace(data, position=shown, velocity=made.velocity, acceleration=made.acceleration)
+
+
+@pytest.mark.parametrize(
+    ("encoders", "slope", "is_of_steps"),
+    [
+        (((2e-5, 0.98), (3.1e-5, 0.02)), 0.0, True),  # one makes a few steps in all
+        (((2e-5, 0.98), (3.1e-5, 0.02)), 1e5, False),  # and the spring bends by more
+    ],
+)
+def test_what_an_encoder_that_hardly_turns_makes_is_no_more_than_half_a_step(encoders, slope, is_of_steps):
+    made = session(0, lambda t, x, v, run: np.where(x > 0.0, 8.0 * kelvin_voigt(x, v) + slope * x * x, 0.0))
+    standing = stand(arm_read(made, encoders), PRESS, {})
+    readings = readings_of(standing.data)
+    left = standing.flexible.explained / standing.plain.kept.sum()
+    off = of_steps(standing, readings)
+    assert standing.left_of_blocks() > doubt.SMALL
+    assert bool(left <= off**2) is is_of_steps
+    assert not of_steps(stand(made, PRESS, {}), readings_of(made))
 
 
 @pytest.mark.parametrize("step", [0.0, 0.05])

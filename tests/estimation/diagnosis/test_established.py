@@ -158,14 +158,18 @@ def test_a_rival_explains_half_of_what_the_effect_does_and_is_not_refused(search
 
 @pytest.mark.parametrize(
     ("same", "found"),
-    [(False, {"stribeck_friction", "presliding_friction"}), (True, {"presliding_friction"})],
+    [(False, {"stribeck_friction", "load_dependent_friction"}), (True, {"load_dependent_friction"})],
 )
 def test_what_needs_more_parameters_to_draw_the_same_is_no_rival(refused, same, found, monkeypatch):
-    """Friction that falls with the speed; what creeps before it slides has no more parameters."""
+    """Friction that falls with the speed: with the load it has one parameter more.
+
+    What creeps no way at all before it slides is another's name for the same, and no rival either.
+    """
     refused()
     monkeypatch.setattr(module, "_is_same_curve", lambda *_: same)
     data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
-    search = searched(data, RUB, "stribeck_friction", "presliding_friction", SPRING)
+    others = ("stribeck_friction", "presliding_friction", "load_dependent_friction", SPRING)
+    search = searched(data, RUB, *others)
     assert rivals(search, reached(search, RUB), RUB, readings_of(data)).keys() == found
 
 

@@ -47,19 +47,23 @@ def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, s
 
 
 @pytest.mark.parametrize(
-    ("exact", "outdone", "rmse", "unusual", "complete", "drawn"),
+    ("exact", "outdone", "rmse", "steps", "unusual", "complete", "drawn"),
     [
-        (True, True, 2.0, True, True, 0),  # nothing is left
-        (False, True, 1.0, False, False, 0),  # a law without a name does better
-        (False, False, 1.049, True, True, 0),  # within a twentieth of the floor
-        (False, False, 1.051, True, False, 1),
-        (False, False, 1.051, False, True, 1),  # draws from it show as much
+        (True, True, 2.0, 0.0, True, True, 0),  # nothing is left
+        (False, True, 1.0, 0.0, False, False, 0),  # a law without a name does better
+        (False, False, 1.049, 0.0, True, True, 0),  # within a twentieth of the floor
+        (False, False, 1.051, 0.0, True, False, 1),
+        (False, False, 1.051, 0.0, False, True, 1),  # draws from it show as much
+        (False, False, 1.051, 0.31, True, True, 0),  # steps of the position may make as much
+        (False, False, 1.051, 0.29, True, False, 1),
     ],
 )
 def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
-    exact, outdone, rmse, unusual, complete, drawn, monkeypatch
+    exact, outdone, rmse, steps, unusual, complete, drawn, monkeypatch
 ):
-    asked, standing = [], SimpleNamespace(rmse=rmse, floor=lambda: 1.0)
+    left = {"flexible": SimpleNamespace(explained=0.9), "plain": SimpleNamespace(kept=np.ones(10))}
+    asked, standing = [], SimpleNamespace(rmse=rmse, floor=lambda: 1.0, **left)
+    monkeypatch.setattr(module, "of_steps", lambda *_: steps)
     monkeypatch.setattr(module, "is_exact", lambda _: exact)
     monkeypatch.setattr(module, "standards", lambda *_: SimpleNamespace(is_outdone=outdone))
     unlike = SimpleNamespace(is_unusual=unusual)
@@ -130,7 +134,7 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
         def in_every_respect(self, one):
             return given.get("complete", True)
 
-    def searching(tried, is_complete):
+    def searching(tried, is_complete, sufficient):
         assert not given.get("exact")  # nothing is left to be searched for
         return found
 
