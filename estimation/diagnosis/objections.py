@@ -26,7 +26,7 @@ _FREE = 0.9  # of the samples before a touch; the last of them may already belon
 _LEAST = 50  # samples
 _APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself
-_ABOVE_AIR = 3.0  # times what draws show
+_ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
 _LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
 _FEW_DRAWS = 4  # whose largest is compared
 _BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
@@ -103,13 +103,17 @@ def swinging(end: Standing) -> tuple[float, float] | None:
 
 
 def _swings(end: Standing) -> Objection | None:
-    """An error that swings and is larger than in free air: what a sensor picks up there too is noise."""
-    if end.rmse <= (1.0 + SMALL) * (free_air(end.data) or 0.0):
-        return None
+    """An error that swings: more than in free air, or so far that it is several times what is left beside it.
+
+    A hum that a sensor picks up in free air too, and that is no larger than its noise, is noise.
+    """
     found, unit = swinging(end), end.data.kind.effort_unit
     if found is None:
         return None
     size, floor = np.sqrt(found[1]) * end.rmse, np.sqrt(1.0 - found[1]) * end.rmse
+    in_air = (1.0 + SMALL) * (free_air(end.data) or 0.0)
+    if end.rmse <= min(in_air, _ABOVE_AIR * floor):
+        return None
     return Objection(
         f"the error swings at {found[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
         "time",

@@ -324,9 +324,18 @@ def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, t
         assert swung.floor == pytest.approx(0.8 * end.rmse)
 
 
-@pytest.mark.parametrize(("air", "named"), [(None, True), (0.99, True), (1.0, False), (2.0, False)])
-def test_a_swing_that_is_in_free_air_too_is_noise(air, named, monkeypatch):
-    monkeypatch.setattr(objections, "strongest_swing", lambda *_: (50.0, 0.5, 100.0))
+@pytest.mark.parametrize(
+    ("air", "share", "named"),
+    [
+        (None, 0.5, True),
+        (0.99, 0.5, True),
+        (1.0, 0.5, False),
+        (2.0, 0.88, False),
+        (2.0, 0.89, True),  # the error is three times what is left beside it
+    ],
+)
+def test_a_swing_that_is_in_free_air_too_is_noise_unless_it_is_most_of_it(air, share, named, monkeypatch):
+    monkeypatch.setattr(objections, "strongest_swing", lambda *_: (50.0, share, 100.0))
     monkeypatch.setattr(objections, "free_air", lambda _: air)
     end = stand(session(7), MODEL, {})
     monkeypatch.setattr(type(end), "rmse", 1.045)
