@@ -261,7 +261,8 @@ def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], round
 def _pilot(trials: list[_Trial]) -> _Trial:
     """The window before the two between which the velocity changes least.
 
-    Of several such places the first one: windows that are far too wide agree again, on nothing.
+    Of several such places the first one: windows that are far too wide agree again, on nothing. But as long
+    as they miss the positions by no more than these are rounded by, they are not: they follow steps.
     """
     velocity = [trial.fitted[:, 1] for trial in trials]
     changes = [float(np.mean((wider - one) ** 2)) for one, wider in pairwise(velocity)]
@@ -269,7 +270,7 @@ def _pilot(trials: list[_Trial]) -> _Trial:
     for number, change in enumerate(changes):
         if change < changes[least]:
             least = number
-        elif change > _RISEN**2 * changes[least]:
+        elif change > _RISEN**2 * changes[least] and trials[number].noise > trials[number].rounding:
             break
     return trials[max(least - 1, 0)]
 

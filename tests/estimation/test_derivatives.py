@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from estimation.data.derivatives import centre_slope, differentiate
+from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate
 from estimation.data.local_fit import local_derivative, local_fit, local_fits
 from estimation.signals.pieces import number_pieces
 
@@ -143,6 +143,18 @@ def test_an_encoders_steps_do_not_narrow_the_window(steps):
     found = differentiate(t, seen, ONE_PIECE(t))
     others = [differentiate(t, seen, ONE_PIECE(t), half) for half in (2, 3, 4, 5, 7, 10, 14, 20, 28)]
     assert np.std(found.velocity - true) < 1.25 * min(np.std(other.velocity - true) for other in others)
+
+
+@pytest.mark.parametrize(("missed", "half"), [(0.9, 10), (1.1, 3)])
+def test_windows_that_miss_less_than_the_rounding_follow_steps_and_do_not_bend_the_motion(missed, half):
+    """The velocity changes least between 4 and 5, then between 14 and 20; 4 to 7 is the wider step."""
+    velocity = np.cumsum([0.0, 12.0, 7.0, 3.8, 4.8, 3.2, 1.9, 1.1, 1.5])
+    windows = zip((2, 3, 4, 5, 7, 10, 14, 20, 28), velocity, strict=True)
+    trials = [
+        _Trial(one, 1.0, np.full(8, missed), np.full((8, 3), found), np.zeros((8, 3)))
+        for one, found in windows
+    ]
+    assert _pilot(trials).half == half
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])

@@ -192,7 +192,8 @@ def test_of_means_neither_beside_a_surface_counts(averaged, lost):
 def test_a_press_that_was_not_seen_from_its_start_counts_where_there_is_hardly_another(again, taken):
     depth = np.full(200, -0.01)
     depth[:100] = depth[150 : 150 + again] = 0.01
-    frame = frame_of(recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0))
+    data = recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0)
+    frame = frame_of(replace(data, position_step=1e-6))
     assert frame.trusted[20:99].all() == frame.trusted[20:99].any() == taken
     assert frame.trusted[102:149].all()
 
