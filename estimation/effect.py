@@ -80,6 +80,7 @@ class Effect(ABC):
     # The few others (exponent, speed, time), searched within their bounds.
     inner: ClassVar[tuple[Parameter, ...]] = ()
     essential: ClassVar[tuple[str, ...]] = ()  # gains without which it would be another, simpler effect
+    path: ClassVar[str] = ""  # inner parameter, a way without which it would be another, simpler effect
     # Signals of `ChannelData.context` without which the effect cannot be tried.
     needs: ClassVar[tuple[str, ...]] = ()
     # Effects that data often cannot tell from this one, with the experiment that can.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data.reading_error import reading_error
 from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.inner_search import Attempts, look, of, refine
@@ -164,12 +165,19 @@ def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) 
     times = [abs(trial.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
     if times and min(times) < 0.5 * finest_step(bench.frame.data.time_s, bench.frame.data.run):
         return False
+    if effect.path and _is_within_a_step(trial.parameters[f"{effect.name}.{effect.path}"], bench.frame.data):
+        return False
     simpler = effect.simpler(_own_columns(effect, trial))
     if simpler.shape[1] == len(effect.gains):
         return True
     others = trial.columns[:, ~_is_own(effect, trial)]
     without = bench.fit(np.column_stack([others, simpler]), trial.target)
     return float(without.sse.sum()) - trial.sse >= ESSENTIAL * trial.sse
+
+
+def _is_within_a_step(path: float, data: ChannelData) -> bool:
+    """Whether a path is shorter than half a step, which is the most that rounding puts a position off by."""
+    return bool(path**2 < 3.0 * np.mean(reading_error(data) ** 2))
 
 
 def is_credible(effect: Effect, trial: Trial) -> bool:

@@ -37,6 +37,7 @@ class BoucWenHysteresis(AdditiveEffect):
         Parameter("sharpness", "1", 0.5, 20.0, (1.0, 5.0), log=True),
         Parameter("unloading", "1", 0.0, 1.0, (0.0, 1.0)),
     )
+    path = "path"
     confused_with = {
         "presliding_friction": "reverse half way: the curves of Dahl's friction are exponentials",
         "dry_friction": "reverse half way: the curves of Dahl's friction are exponentials",

@@ -25,6 +25,7 @@ class PreslidingFriction(AdditiveEffect):
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
+    path = "presliding"
     confused_with = {
         "coulomb_friction": "stop and creep back and forth: a path, not a speed, counts",
         "load_dependent_presliding": "repeat with another load",

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import grid_step, position_error, rounding_variance
+from estimation.data.reading_error import reading_error
 from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.load import LOAD
 from estimation.fit.memory import Memory
 from estimation.signals.blocks import rows_of_runs
-from estimation.signals.remembered import Itself, remembered
+from estimation.signals.remembered import Itself
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -182,16 +182,9 @@ def _mixed(data: ChannelData, frame: Frame) -> BoolArray:
     mixed[1:] |= borders
     if data.averaged > 1:  # the surface may lie among the readings that either sample is the mean of
         mixed[:-1] |= borders
-    error = _position_error(frame.data)
+    error = reading_error(frame.data)
     near: BoolArray = np.abs(data.position[frame.rows]).min(axis=1) < _BORDER * float(np.std(error))
     return mixed | near
-
-
-@remembered("time_s", "position", "run", "position_step")
-def _position_error(data: ChannelData) -> FloatArray:
-    step = data.position_step or grid_step(data.position)
-    rounding = rounding_variance(data.time_s, data.position, data.run, step)
-    return position_error(data.time_s, data.position, data.run, rounding)[0]
 
 
 def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:

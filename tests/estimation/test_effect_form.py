@@ -57,6 +57,7 @@ def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
     parameters = effect.gains + effect.inner
     assert parameters or effect.needs  # without any, it must bring a signal
     assert len({p.name for p in parameters}) == len(parameters)
+    assert not effect.path or {p.name: p.unit for p in effect.inner}[effect.path] == "{position}"
     for p in parameters:
         assert p.unit.format(effort="N", position="m")
         assert p.lower <= p.typical[0] < p.typical[1] <= p.upper
