@@ -22,7 +22,7 @@ from estimation.estimate import ParameterEstimate
 from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.inner_search import Attempts
 from estimation.fit.intervals import final, values
-from estimation.fit.load import LOAD, with_load
+from estimation.fit.load import LOAD, LUMPED, with_load
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial
@@ -201,12 +201,11 @@ class Packed:
 
     trial: Trial  # the model fitted
     trusted: BoolArray  # blocks that count, shape (m,)
-    load: FloatArray | None  # of a joint, that was derived for this model, (n,); None where there is none
+    derived: dict[str, FloatArray]  # signals that were derived for this model, by name, each (n,)
 
     def unpacked(self, data: ChannelData, other: Fitted) -> Fitted:
         """The fit to `data`, beside another fit to it."""
-        if self.load is not None:
-            data = replace(data, context={**data.context, LOAD: self.load})
+        data = replace(data, context={**data.context, **self.derived})
         frame = replace(other.standing.plain.frame, data=data, trusted=self.trusted, of_load=Memory())
         return Fitted(Standing(data, Bench(frame, other.standing.plain.colour), self.trial), other.whole)
 
@@ -214,7 +213,8 @@ class Packed:
 def pack(fitted: Fitted) -> Packed:
     """A fit, as small as it can be sent."""
     standing = fitted.standing
-    return Packed(standing.trial, standing.plain.frame.trusted, standing.data.context.get(LOAD))
+    derived = {name: standing.data.context[name] for name in (LOAD, LUMPED) if name in standing.data.context}
+    return Packed(standing.trial, standing.plain.frame.trusted, derived)
 
 
 def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fitted:
