@@ -70,16 +70,6 @@ class Standing(Fit):
         return Bench(frame, colour_of(self.flexible.residual, frame.run, frame.trusted))
 
     @cached_property
-    def judged(self) -> Trial:
-        """The model on that bench, at the same inner parameters."""
-        return attempt(self.judge, self.trial.model, self.trial.parameters)
-
-    @cached_property
-    def flexible_judged(self) -> Flexible:
-        """What any smooth law could explain beyond the model on the bench with the colour."""
-        return flexible(self.judge, self.judged, self.windows)
-
-    @cached_property
     def rmse(self) -> float:
         """Error in held-out runs, sample by sample."""
         return rmse(held_out_residual(self.plain.frame, self.trial))

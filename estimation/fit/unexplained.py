@@ -8,10 +8,7 @@ _LEAST = 0.01
 
 def depends_on(standing: Standing) -> list[str]:
     """Signals that the remaining error depends on in held-out runs, the most telling first."""
-    shares = {
-        name: max(share, standing.flexible_judged.by_signal[name])
-        for name, share in standing.flexible.by_signal.items()
-    }
+    shares = standing.flexible.by_signal
     most = max(shares.values(), default=0.0)
     if most < _LEAST:
         return []
