@@ -19,13 +19,12 @@ from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
-from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.inner_search import Attempts
 from estimation.fit.intervals import final, values
 from estimation.fit.load import LOAD, LUMPED, with_load
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, bench_of, stand
-from estimation.fit.trial import Bench, Trial
+from estimation.fit.trial import Bench, Trial, held_out_residual, rmse
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
 from estimation.physical import unphysical

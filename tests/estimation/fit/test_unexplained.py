@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.fit.exact import is_exact
-from estimation.fit.unexplained import depends_on
+from estimation.fit.standing import Standing
 
 
 @pytest.mark.parametrize(("rmse", "exact"), [(0.0, True), (1.9e-7, True), (2.1e-7, False)])
 def test_single_precision_is_no_noise(rmse, exact):
     effort = np.array([2.0, -2.0, 2.0])
-    assert is_exact(SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=rmse)) is exact
+    standing = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=rmse)
+    assert Standing.is_exact.fget(standing) is exact
 
 
 @pytest.mark.parametrize(
@@ -25,4 +25,4 @@ def test_single_precision_is_no_noise(rmse, exact):
     ],
 )
 def test_signals_are_told_by_how_much_they_explain(shares, told):
-    assert depends_on(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
+    assert Standing.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
