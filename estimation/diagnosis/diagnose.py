@@ -103,10 +103,9 @@ def diagnose_channel(
     progress: Progress = lambda what, share: None,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
-    good = usable(data)
-    if reason := refuse(data.select(good), model):
+    if reason := refuse(data, model):
         return insufficient(data, reason)
-    tried = search_of(data, model, good, effects, rng, progress)
+    tried = search_of(data, model, usable(data), effects, rng, progress)
     is_complete = _Completeness(tried)
     found = tried.start
     if not found.is_exact:

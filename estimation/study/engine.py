@@ -168,7 +168,7 @@ def fit(
     with _one_thread():
         if parent is not None:
             return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
-        if reason := refuse(data.select(good), model):
+        if reason := refuse(data, model):
             said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
             raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
