@@ -48,22 +48,6 @@ def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_p
     assert_refused(refused, "--where run=0,77", "There are: 0, 1")
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
-def test_a_moment_that_is_none_is_refused(value, tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", value), "--at-s", "seconds")
-
-
-def test_a_moment_without_a_picture_is_refused(tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", 1), "--at-s 1", "--screenshot FILE.png")
-
-
-def test_a_size_in_other_digits_is_refused(tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--size", "١٦٠٠x١٠٠٠"), "--size", "1600x1000")
-
-
 @pytest.mark.parametrize("command", ["export", "revisions"])
 def test_a_folder_of_revisions_that_is_not_there_is_refused(command, hardening, tmp_path):
     assert_refused(run(command, hardening, "--folder", tmp_path / "nope"), "--folder", "no such folder")
