@@ -17,7 +17,6 @@ WHERE = ImportOptions(where={"run": "0,2"})
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--run", "0,0"), ("--run 0,0", "twice")),
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
         (("--context", "force_N"), ("--context force_N", "made of that column")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
