@@ -8,6 +8,7 @@ from typing import Literal, Self
 from robot_io.errors import DeviceError
 from robot_io.interfaces import Component
 
+_ATTEMPTS = 3  # against interrupts, such as several Ctrl-C
 Labelled = tuple[str, Component]
 """A component and what to call it in messages."""
 
@@ -88,10 +89,10 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
         raise DeviceError(text) from failures[0][1]
 
 
-def _insist(call: Callable[[], None], attempts: int = 3) -> list[BaseException]:
+def _insist(call: Callable[[], None]) -> list[BaseException]:
     """Call until it was not interrupted, and return what it raised; a plain failure is not repeated."""
     caught: list[BaseException] = []
-    for _ in range(attempts):
+    for _ in range(_ATTEMPTS):
         try:
             call()
         except Exception as error:  # a driver's bug must not leave the next motor on
