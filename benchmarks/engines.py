@@ -10,20 +10,18 @@ finding about one.
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
+from swept import Row, worked_out
 
 from control.probing.plan import ProbingPlan
-from palpate.render.progress import sweep_progress
-from palpate.sweep import Case, Cluster, ResultStore, run_cases
+from palpate.sweep import Case, Cluster
 from palpate.sweep.grid import DIAGNOSE, shipped_grid
 from palpate.sweep.works.probing import NOTHING
 from sim_backend.hidden import draw_hidden, noise_scale
@@ -39,7 +37,6 @@ FINE = {
 }
 """Sensors without noise, whose steps are too small to count."""
 UNSEEN = 20.0  # strength of an effect that no probing run shows, over the noise
-Row = Mapping[str, Any]
 
 
 def in_both(case: Case) -> tuple[Case, Case]:
@@ -76,18 +73,12 @@ def diagnosis_case(effect: str, seed: int, *, all_channels: bool) -> Case:
     return Case(DIAGNOSE, parameters | ({"channels": judged} if judged else {}), seed)
 
 
-def worked_out(
+def of_pairs(
     pairs: Sequence[tuple[Case, Case]], options: argparse.Namespace
 ) -> Iterator[tuple[list[Row], list[Row]]]:
-    """Rows of each pair of cases; those that are in the folder of results already are not repeated."""
+    """Rows of each pair of cases."""
     cases = [case for pair in pairs for case in pair]
-    with ExitStack() as stack:
-        folder = options.results or Path(stack.enter_context(TemporaryDirectory()))
-        store = ResultStore(folder)
-        run_cases(cases, store, Cluster(workers=options.processes), stack.enter_context(sweep_progress()))
-        rows = [store.rows([case.address]) for case in cases]
-    for row in (row for of_case in rows for row in of_case if row["error"]):
-        raise SystemExit(row["error"])
+    rows = worked_out(cases, options.results, Cluster(workers=options.processes))
     yield from zip(rows[::2], rows[1::2], strict=True)
 
 
@@ -98,7 +89,7 @@ def compare_grid(console: Console, options: argparse.Namespace) -> None:
         fine = {"scenario": {"sensors": FINE}}
         cases = [replace(case, parameters={**case.parameters, **fine}) for case in cases]
     apart: dict[str, list[dict[str, float]]] = {}
-    for rows in worked_out([in_both(case) for case in cases], options):
+    for rows in of_pairs([in_both(case) for case in cases], options):
         for bullet, mujoco in zip(*rows, strict=True):
             found = apart.setdefault(bullet["estimator"], [])
             if not (bullet["problem"] or mujoco["problem"]):
@@ -138,7 +129,7 @@ def compare_diagnoses(console: Console, options: argparse.Namespace) -> None:
         for effect in options.hidden
     ]
     table, same, channels, alike = Table("hidden", *ENGINES, "same"), 0, 0, 0
-    for effect, rows in zip(options.hidden, worked_out(pairs, options), strict=True):
+    for effect, rows in zip(options.hidden, of_pairs(pairs, options), strict=True):
         bullet, mujoco = ({row["channel"]: in_words(row) for row in of_engine} for of_engine in rows)
         agreed = bullet == mujoco
         same += agreed

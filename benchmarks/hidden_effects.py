@@ -2,7 +2,6 @@
 
     python benchmarks/hidden_effects.py [--quick | --small | --sample N] [--kind contact|revolute] [--seed 0]
                                         [--ways] [--out FILE] [--results FOLDER] [--scheduler ADDRESS]
-    python benchmarks/hidden_effects.py --simulated [--quick] [--seed 0]
 
 Sessions are cases of a sweep (docs/studies.md): two processes by default, or a scheduler's workers; with
 `--results` a killed benchmark goes on where it was. `--ways` adds sessions read through an arm's encoders, of
@@ -10,54 +9,19 @@ stiff objects, with coarse steps, without velocities and of other controllers, i
 writes JSON lines.
 
 The sessions come from `synthetic/`, which shares no code with the effects that find them. Strength is the RMS
-of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out. With
-`--simulated` they are probing runs of the simulated arm, with the simulator's own hidden effects.
+of what the base model cannot mimic over the noise; cells that an effect cannot reach are left out.
 """
 
-import argparse
-from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from command_line import arguments
-from simulated.probing import drawable
+from swept import worked_out
 from synthetic.grid import BASE, FULL, QUICK, SMALL, Outcome, case_of, jobs, other_ways
-from synthetic.tally import report, share
+from synthetic.tally import report
 
 from estimation.channel import ChannelKind
-from palpate.render.progress import sweep_progress
-from palpate.sweep import Case, Cluster, ResultStore, run_cases
-
-
-def run_simulated(options: argparse.Namespace) -> None:
-    """Probe the simulated arm with each effect hidden once, and a few times with nothing."""
-    shown = drawable()[::5] if options.quick else drawable()
-    hidden = ["" for _ in range(2 if options.quick else 10)] + shown
-    cases = [
-        Case("simulated.probing:work", {"effect": effect}, options.seed + number)
-        for number, effect in enumerate(hidden)
-    ]
-    probed = worked_out(cases, options)
-    for one in probed:
-        print(f"{'right' if one['is_right'] else 'WRONG'} | {one['hidden'] or 'nothing'} | {one['told']}")
-    print(f"nothing hidden: right {share([one['is_right'] for one in probed if not one['effect']])}")
-    print(f"one effect hidden: right {share([one['is_right'] for one in probed if one['effect']])}")
-
-
-def worked_out(cases: list[Case], options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Rows of all cases; those that are in the folder of results already are not repeated."""
-    with ExitStack() as stack:
-        folder = options.results or Path(stack.enter_context(TemporaryDirectory()))
-        store = ResultStore(folder)
-        progress = stack.enter_context(sweep_progress())
-        run_cases(cases, store, Cluster(options.scheduler, options.processes), progress)
-        rows = store.rows([case.address for case in cases])
-    for row in rows:
-        if row["error"]:
-            raise SystemExit(row["error"])
-    return rows
+from palpate.sweep import Cluster
 
 
 def main() -> None:
@@ -67,7 +31,6 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="one seed, about a quarter of an hour")
     parser.add_argument("--sample", type=int, help="so many sessions of the full grid, drawn by chance")
     parser.add_argument("--kind", choices=["contact", "revolute"], help="one kind of channel only")
-    parser.add_argument("--simulated", action="store_true", help="probing runs of the simulated arm")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--ways", action="store_true", help="other motions and readings as well")
     parser.add_argument("--out", type=Path, help="JSON lines, one a session")
@@ -75,9 +38,6 @@ def main() -> None:
     parser.add_argument("--results", type=Path, help="folder of results, to go on from; default: a new one")
     parser.add_argument("--scheduler", help="address of a dask scheduler, whose workers see that folder")
     options = parser.parse_args()
-    if options.simulated:
-        run_simulated(options)
-        return
     kinds = [ChannelKind(options.kind)] if options.kind else list(BASE)
     written = []
     for kind in kinds:
@@ -89,8 +49,9 @@ def main() -> None:
             grid = grid[: options.sample]
         if options.ways:
             grid += other_ways(kind, size, options.seed)
-        rows = worked_out([case_of(job) for job in grid], options)
-        outcomes = [Outcome.from_row(row) for row in rows if row["outcome"]]
+        cluster = Cluster(options.scheduler, options.processes)
+        rows = worked_out([case_of(job) for job in grid], options.results, cluster)
+        outcomes = [Outcome.from_row(row) for of_case in rows for row in of_case if row["outcome"]]
         report(outcomes)
         written += [outcome.record() for outcome in outcomes]
     if options.out:

@@ -32,7 +32,6 @@ class Judged:
     verdict: str
     reason: str
     accepted: list[dict[str, Any]]
-    suspects: list[str]
     rmse: tuple[float, float] | None
     floor: float | None
     complete: bool | None
@@ -58,18 +57,16 @@ def judge(recording: str, found: ChannelDiagnosis, expected: Expected, seconds: 
     ]
     known = expected.allowed.union(*expected.needed)
     unasked = [entry.effect for entry, group in zip(found.accepted, groups, strict=True) if not group & known]
-    remaining = getattr(found, "remaining", None)
     return Judged(
         recording=recording,
         channel=found.channel,
         verdict=found.verdict.value,
         reason=found.reason,
         accepted=[entry.model_dump() for entry in found.accepted],
-        suspects=[entry.effect for entry in getattr(found, "suspects", [])],
         rmse=(found.baseline.rmse, found.final.rmse) if found.baseline and found.final else None,
         floor=found.noise_floor,
-        complete=getattr(found, "complete", None),
-        depends_on=list(getattr(remaining, "depends_on", getattr(found, "depends_on", []))),
+        complete=found.complete,
+        depends_on=found.depends_on,
         ladder=expected.ladder,
         said=expected.said,
         control=expected.is_control,
@@ -105,8 +102,6 @@ def show(one: Judged, unit: str) -> None:
         mark = "+" if one.named else "?"
         errors = f"{entry['rmse_before']:.4g} -> {entry['rmse_after']:.4g}"
         say(f"  {mark} {entry['effect']} ({values}): {errors}{also}")
-    if one.suspects:
-        say(f"  ? suspects: {', '.join(one.suspects)}")
     if one.depends_on:
         say(f"  what is left depends on: {', '.join(one.depends_on)}")
     for what, some in (("not found", one.missed), ("not in the README", one.unasked)):

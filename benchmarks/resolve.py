@@ -33,7 +33,6 @@ from typing import Any
 
 import numpy as np
 from command_line import arguments
-from simulated.probing import drawable
 from threadpoolctl import threadpool_limits
 
 from control.probing.plan import ProbingPlan
@@ -55,6 +54,14 @@ from sim_backend.scenario import Scenario
 SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
 WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor
 SAME = {"force_deadband": "deadband"}  # what the simulator calls an effect that was found
+
+
+def drawable() -> list[str]:
+    """Effects that some channel of a probing run shows."""
+    channels = noise_scale(Scenario()).channels
+    return [
+        name for name in IMPERFECTIONS if any(channel in IMPERFECTIONS[name].shows_in for channel in channels)
+    ]
 
 
 def screened(effect: str, seed: int) -> dict[str, Any] | None:

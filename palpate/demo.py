@@ -99,7 +99,7 @@ def show_demo(session: Path) -> Demo:
     folder = output_folder(opened.derived_dir)
     inspection = look_into(opened, found)
     inspection.record(folder / RECORDING)
-    return Demo(session, study, found, folder / RECORDING, tuple(inspection.plot(folder)))
+    return Demo(session, study, found, folder / RECORDING, (inspection.plot(folder),))
 
 
 def drawn_seed() -> int:

@@ -1,13 +1,42 @@
 """Starting several devices so that a failure half-way leaves none of them on, and stopping all of them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Literal
+from types import TracebackType
+from typing import Literal, Self
 
 from robot_io.errors import DeviceError
 from robot_io.interfaces import Component
 
+_ATTEMPTS = 3  # against interrupts, such as several Ctrl-C
 Labelled = tuple[str, Component]
 """A component and what to call it in messages."""
+
+
+class Opened(ABC):
+    """What a `with` configures on entry and closes on exit; a failure to close hides no error before it."""
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Open it. DeviceError: a device is absent or is another one."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release it, torque or force off first; can be called again."""
+
+    def __enter__(self) -> Self:
+        self.configure()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except DeviceError as failure:
+            if error is None:
+                raise
+            error.add_note(f"closing failed too: {failure}")
 
 
 def start_all(
@@ -60,10 +89,10 @@ def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"
         raise DeviceError(text) from failures[0][1]
 
 
-def _insist(call: Callable[[], None], attempts: int = 3) -> list[BaseException]:
+def _insist(call: Callable[[], None]) -> list[BaseException]:
     """Call until it was not interrupted, and return what it raised; a plain failure is not repeated."""
     caught: list[BaseException] = []
-    for _ in range(attempts):
+    for _ in range(_ATTEMPTS):
         try:
             call()
         except Exception as error:  # a driver's bug must not leave the next motor on

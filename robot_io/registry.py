@@ -26,7 +26,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def __init__(self, kind: str, base: type[T], *packages: str) -> None:
         self.kind = kind
-        self._base = base
+        self.base = base
         self._packages = packages
 
     @cached_property
@@ -41,7 +41,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     def _search(self) -> Iterator[type[T]]:
         for name in self._packages:
-            found = _members_in(importlib.import_module(name), self._base)  # type: ignore[arg-type]
+            found = _members_in(importlib.import_module(name), self.base)  # type: ignore[arg-type]
             yield from cast("tuple[type[T], ...]", found)
 
     def __getitem__(self, name: str) -> type[T]:

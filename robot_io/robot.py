@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from enum import Enum
 from math import inf
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -14,7 +12,7 @@ from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue, DriverContext, make_driver
 from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
 from robot_io.interfaces import Bus, ForceSensor, JointEncoder, JointTorque
-from robot_io.lifecycle import Labelled, start_all, undo_all
+from robot_io.lifecycle import Labelled, Opened, start_all, undo_all
 from robot_io.robot_file import DeviceSection, RobotFile
 from robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
 
@@ -30,7 +28,7 @@ class RobotState(Enum):
     CLOSED = "closed"
 
 
-class Robot:
+class Robot(Opened):
     """An arm with encoders, torque-controlled drives and a uniaxial force sensor.
 
     `read` never shows an old sample as a new one: what did not arrive in time keeps its value and its time,
@@ -130,20 +128,6 @@ class Robot:
         finally:
             self._state = RobotState.CLOSED
             undo_all(self._components, "close")
-
-    def __enter__(self) -> Self:
-        self.configure()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except DeviceError as failure:
-            if error is None:
-                raise
-            error.add_note(f"closing the robot failed too: {failure}")
 
     def read(self, deadline_s: float) -> Measurement:
         """Poll each bus once and put together what the devices have.

@@ -1,11 +1,9 @@
 """What a contact law is: the force that an object returns at a depth and a rate of depth."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import ClassVar
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, validate
+from robot_io.files.file_model import FileModel, member
 from robot_io.registry import Registry
 
 
@@ -41,16 +39,8 @@ CONTACT_LAWS: Registry[ContactLaw] = Registry("contact law", ContactLaw, "sim_ba
 
 
 def parse_contact_law(value: object) -> ContactLaw:
-    """Make a law from a scenario's `{name: ..., parameter: ...}`.
-
-    InputError: no such law, no name given, or a parameter is unknown, missing or outside its range.
-    """
-    if isinstance(value, ContactLaw):
-        return value
-    if not isinstance(value, Mapping) or not isinstance(value.get("name"), str):
-        raise InputError(f"a law is a mapping with a name. Valid names: {', '.join(CONTACT_LAWS)}")
-    parameters = {key: entry for key, entry in value.items() if key != "name"}
-    return validate(CONTACT_LAWS[value["name"]], parameters)
+    """Make a law from a scenario's `{name: ..., parameter: ...}`; see `member`."""
+    return member(value, CONTACT_LAWS, "name")
 
 
 def describe_contact_law(law: ContactLaw) -> dict[str, object]:

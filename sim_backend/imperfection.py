@@ -1,7 +1,7 @@
 """What a hidden effect is: a name, a place, parameters with unit and range, and what it does to a world."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -9,7 +9,7 @@ from numpy.random import Generator
 from pydantic import Field
 
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, matching, validate
+from robot_io.files.file_model import FileModel, matching, member
 from robot_io.registry import Registry
 from sim_backend.channel_effect import ChannelEffect, Transducer
 from sim_backend.hooks import Effects
@@ -172,18 +172,8 @@ IMPERFECTIONS: Registry[Imperfection] = Registry(
 
 
 def parse_imperfection(value: object) -> Imperfection:
-    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`.
-
-    InputError: no such effect, none named, or a parameter is unknown, missing or outside its range.
-    """
-    if isinstance(value, Imperfection):
-        return value
-    if not isinstance(value, Mapping) or not isinstance(value.get("effect"), str):
-        raise InputError(
-            f"a hidden effect is a mapping with an effect. Valid effects: {', '.join(IMPERFECTIONS)}"
-        )
-    parameters = {key: entry for key, entry in value.items() if key != "effect"}
-    return validate(IMPERFECTIONS[value["effect"]], parameters)
+    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`; see `member`."""
+    return member(value, IMPERFECTIONS, "effect")
 
 
 def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:

@@ -141,10 +141,6 @@ def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Ou
         "nothing": verdict == "adequate",
         "outside": verdict == "unexplained" or (verdict == "missing" and first),
     }.get(job.sort, verdict == "missing" and first)
-    remaining = getattr(found, "remaining", None)
-    times = getattr(remaining, "times_floor", None)
-    if times is None and found.final is not None and found.noise_floor:
-        times = found.final.rmse / found.noise_floor
     return Outcome(
         job=job,
         seed=seed,
@@ -156,8 +152,8 @@ def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Ou
         reason=found.reason,
         accepted=names,
         first_group=group,
-        complete=getattr(found, "complete", None),
-        remaining_times_floor=times,
+        complete=found.complete,
+        remaining_times_floor=found.remaining.times_floor if found.remaining else None,
         rmse=(found.baseline.rmse, found.final.rmse) if found.baseline and found.final else None,
         right=right,
         first=first,

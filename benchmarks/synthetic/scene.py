@@ -1,12 +1,12 @@
 """One session with a known answer: motion, object or joint, sensor, noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.signal import lfilter
 from synthetic import contact, joint
 from synthetic.motion import Motion, measured, presses
-from synthetic.noise import coloured
 from synthetic.sensors import FAULTS
 from synthetic.truth import OF_THE_JOINT, Facts, of_effect
 from synthetic.ways import WAYS, Way, derived, imported, steps_seen, usual_swings
@@ -36,8 +36,6 @@ class Made:
     """A session made."""
 
     data: ChannelData  # its channel
-    sizes: dict[str, float]  # of the hidden effects, that gave the strengths
-    clean: np.ndarray  # effort without noise, shape (n,)
     truth: dict[str, float]  # parameters of the base model and of what is hidden, by "effect.parameter"
     # Error that the true law leaves: the noise as drawn (a coloured one is up to a tenth larger or smaller in
     # so short a session than on the average), and beside dry friction what the error of the motion makes of
@@ -92,7 +90,7 @@ def make(scene: Scene) -> Made | None:
     if DRY & sizes.keys():
         seen = Motion(data.time_s, data.position, data.velocity, data.acceleration, data.run)
         floor = float(np.sqrt(np.mean((data.effort - effort(sizes, by=seen)) ** 2)))
-    return Made(data, sizes, clean, truth, floor)
+    return Made(data, truth, floor)
 
 
 def _less(sizes: Mapping[str, float], name: str) -> dict[str, float]:
@@ -164,6 +162,7 @@ def _channel(
     )
 
 
-def without(names_left_out: Sequence[str], library: Sequence[str]) -> list[str]:
-    """The library with some effects removed."""
-    return [name for name in library if name not in names_left_out]
+def coloured(rng: np.random.Generator, count: int, std: float, correlation: float) -> np.ndarray:
+    """AR(1) noise of this standard deviation, `correlation` from one sample to the next."""
+    steps = rng.normal(0.0, std * np.sqrt(1.0 - correlation**2), count + 2000)
+    return np.asarray(lfilter([1.0], [1.0, -correlation], steps))[2000:]

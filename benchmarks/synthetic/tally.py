@@ -174,11 +174,9 @@ def described(outcome: Outcome) -> str:
     scene, found = outcome.job.scene, outcome.found
     hidden = ", ".join(f"{name} x{strength:g}" for name, strength in scene.hidden.items()) or "nothing"
     named = " + ".join(e.effect for e in found.accepted) or "none"
-    suspects = ", ".join(s.effect for s in getattr(found, "suspects", [])) or "none"
     return (
         f"{outcome.job.part} | {hidden}, seed {scene.seed}, AR(1) {scene.correlation:g} | "
-        f"{found.verdict.value} | named {named} | suspects {suspects} | "
-        f"depends on {', '.join(found.depends_on) or 'nothing told'}"
+        f"{found.verdict.value} | named {named} | depends on {', '.join(found.depends_on) or 'nothing told'}"
     )
 
 

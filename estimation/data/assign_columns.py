@@ -212,7 +212,7 @@ def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, st
         if column not in table.names:
             raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
-            role = role_of_option(name, "--column")
+            role = role_of_option(name)
             chosen[role.key] = (role, column)
     return chosen
 

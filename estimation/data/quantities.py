@@ -70,13 +70,13 @@ def parse_role(name: str) -> Role | None:
     return Role(quantity, joint, unit)
 
 
-def role_of_option(name: str, option: str) -> Role:
-    """The role that a user names in an option. InputError: it is none."""
+def role_of_option(name: str) -> Role:
+    """The role that a user names in --column. InputError: it is none."""
     role = parse_role(name)
     if role is None:
         valid = ", ".join([*QUANTITIES, RUN, PHASE])
         raise InputError(
-            f"{option}: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
+            f"--column: '{name}' is no quantity with its unit. Quantities: {valid}; such as force_N"
         )
     return role
 

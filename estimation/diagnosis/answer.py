@@ -27,7 +27,6 @@ from estimation.effects.run_variation import RunVariation
 from estimation.fit.intervals import final, values
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
-from estimation.fit.unexplained import depends_on
 
 _Rivals = Mapping[str, Mapping[str, Standing]]  # models with another effect in the place of one, by both
 
@@ -55,7 +54,7 @@ class Judgement:
         """What the error that is left depends on."""
         if self.complete:
             return []
-        return [self.objection.depends_on] if self.objection else depends_on(self.end)
+        return [self.objection.depends_on] if self.objection else self.end.depends_on
 
 
 def insufficient(data: ChannelData, reason: str) -> ChannelDiagnosis:

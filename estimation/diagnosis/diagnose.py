@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 from zlib import crc32
 
@@ -21,7 +21,6 @@ from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from estimation.diagnosis.search import Progress, Search, search, search_of
 from estimation.effect import Effect
 from estimation.end_workers import end_when_told, end_workers
-from estimation.fit.exact import is_exact
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
 from estimation.gate import refuse, usable
@@ -104,13 +103,12 @@ def diagnose_channel(
     progress: Progress = lambda what, share: None,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
-    good = usable(data)
-    if reason := refuse(data.select(good), model):
+    if reason := refuse(data, model):
         return insufficient(data, reason)
-    tried = search_of(data, model, good, effects, rng, progress)
+    tried = search_of(data, model, usable(data), effects, rng, progress)
     is_complete = _Completeness(tried)
     found = tried.start
-    if not is_exact(found):
+    if not found.is_exact:
         part = partial(sufficient_part, tried, readings=is_complete.readings)
         found = search(tried, is_complete.in_every_respect, part)
     varied = vary(tried, found)
@@ -142,31 +140,24 @@ class _Completeness:
     """Whether models leave no more than draws from them do; each is judged once."""
 
     def __init__(self, search: Search) -> None:
-        self._search, self._known = search, dict[int, tuple[Standing, bool]]()
-        self._objections = dict[int, tuple[Standing, Objection | None]]()
+        self._search = search
         self.readings = readings_of(search.data)
-
-    def objection(self, standing: Standing) -> Objection | None:
-        """What no signal shows and speaks against a model."""
-        if id(standing) not in self._objections:
-            found = None
-            if not is_exact(standing):
-                complete = self(standing)
-                found = objection_to(standing, self.readings, self._search.rng, complete=complete)
-            self._objections[id(standing)] = standing, found
-        return self._objections[id(standing)][1]
+        self.leaves_noise = cache(self._leaves_noise)
+        self.objection = cache(self._objection)
 
     def in_every_respect(self, standing: Standing) -> bool:
         """Whether a model is complete, and nothing that no signal shows speaks against it."""
-        return self(standing) and self.objection(standing) is None
+        return self.leaves_noise(standing) and self.objection(standing) is None
 
-    def __call__(self, standing: Standing) -> bool:
-        if id(standing) not in self._known:
-            self._known[id(standing)] = standing, self._judge(standing)
-        return self._known[id(standing)][1]
+    def _objection(self, standing: Standing) -> Objection | None:
+        """What no signal shows and speaks against a model."""
+        if standing.is_exact:
+            return None
+        complete = self.leaves_noise(standing)
+        return objection_to(standing, self.readings, self._search.rng, complete=complete)
 
-    def _judge(self, standing: Standing) -> bool:
-        if is_exact(standing):
+    def _leaves_noise(self, standing: Standing) -> bool:
+        if standing.is_exact:
             return True
         if standards(self._search.start, standing).is_outdone:
             return False

@@ -12,10 +12,9 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.doubt import SMALL, draws, place
 from estimation.fit.frame import Frame, moves
-from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
-from estimation.fit.trial import Trial
+from estimation.fit.trial import Trial, held_out_residual, rmse
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from estimation.signals.swinging import strongest_swing

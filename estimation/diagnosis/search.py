@@ -71,7 +71,6 @@ class Search:
     _memory: Memory = field(default_factory=Memory)
     _fits: dict[_Key, Standing] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
-    _glanced: dict[_Key, list[Candidate]] = field(default_factory=dict)
     _instead: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
 
     @property
@@ -190,11 +189,7 @@ class Search:
 
     def glanced(self, beside: Standing) -> list[Candidate]:
         """The possible candidates beside a model, tried in few places, the best first."""
-        key = _key(beside.trial.model)
-        if key not in self._glanced:
-            tried = candidates(beside.data, beside.trial.model, self.effects)
-            self._glanced[key] = _glance(beside, tried)
-        return self._glanced[key]
+        return _glance(beside, candidates(beside.data, beside.trial.model, self.effects))
 
     def instead(self, standing: Standing, name: str) -> list[Candidate]:
         """The possible candidates in the place of one effect, the best first, that one among them.

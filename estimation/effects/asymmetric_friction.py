@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Inner, Parameter, sliding_starts
 from robot_io.types import FloatArray
 
 
@@ -36,9 +36,7 @@ class AsymmetricFriction(AdditiveEffect):
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: smoothing at a small share of the usual speed."""
-        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
+        return sliding_starts(data)
 
     def simpler(self, columns: FloatArray) -> FloatArray:
         """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""

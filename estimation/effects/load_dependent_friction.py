@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Inner, Parameter, sliding_starts
 from robot_io.types import FloatArray
 
 _LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
@@ -48,9 +48,7 @@ class LoadDependentFriction(AdditiveEffect):
         return np.asarray(data.context["load"])
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """See `Effect.starts`: smoothing at a small share of the usual speed."""
-        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-        return tuple({"transition": float(part * speed)} for part in (0.003, 0.01, 0.03, 0.08))
+        return sliding_starts(data)
 
     def suited_to(self, data: ChannelData) -> "LoadDependentFriction":
         return _WithRotor() if _LUMPED in data.context else self

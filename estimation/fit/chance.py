@@ -41,13 +41,13 @@ def chance_gains(
     return best
 
 
-def surrogates(noise: FloatArray, run: IntArray, rng: np.random.Generator, count: int = COUNT) -> FloatArray:
-    """Noise (w,) like the one given, shape (w, count)."""
-    made = np.empty((len(noise), count))
+def surrogates(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Noise (w,) like the one given, shape (w, COUNT)."""
+    made = np.empty((len(noise), COUNT))
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
-        shifts = (np.arange(len(rows))[:, None] + rng.integers(0, len(rows), count)) % len(rows)
-        made[rows] = noise[rows][shifts] * rng.choice([-1.0, 1.0], count)
+        shifts = (np.arange(len(rows))[:, None] + rng.integers(0, len(rows), COUNT)) % len(rows)
+        made[rows] = noise[rows][shifts] * rng.choice([-1.0, 1.0], COUNT)
     return made
 
 

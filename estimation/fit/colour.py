@@ -40,11 +40,11 @@ class Colour:
 WHITE = Colour(np.empty(0))
 
 
-def colour_of(residual: FloatArray, run: IntArray, trusted: BoolArray, order: int = ORDER) -> Colour:
+def colour_of(residual: FloatArray, run: IntArray, trusted: BoolArray) -> Colour:
     """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise)."""
     clean = np.where(trusted, residual, 0.0)
-    products = np.empty(order + 1)
-    for lag in range(order + 1):
+    products = np.empty(ORDER + 1)
+    for lag in range(ORDER + 1):
         same = run[lag:] == run[: len(run) - lag]
         products[lag] = np.sum((clean[lag:] * clean[: len(clean) - lag])[same])
     if not products[0] > 0.0:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from estimation.fit.colour import WHITE
 from estimation.fit.frame import Frame
 from estimation.fit.moments import Moments, held_out_energy, score
 from estimation.fit.smooth_signals import features
@@ -71,7 +70,7 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
     """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
 
     Args:
-        bench: blocks, and the colour of their noise.
+        bench: blocks, whose noise is taken for white.
         trial: the model.
         windows: by which the velocity and the acceleration were derived.
         without: signals that it does not know.
@@ -91,8 +90,7 @@ def flexible(bench: Bench, trial: Trial, windows: Windows, without: Collection[s
         name: 1.0 - one.energy / plainly.energy if plainly.energy > 0.0 else 0.0
         for name, one in zip(blocks, alone, strict=True)
     }
-    plain = moments if bench.colour is WHITE else Bench(frame, WHITE).moments(columns, target, names)
-    residual, before = (_held_out_residual(columns, target, frame, plain, one) for one in (best, plainly))
+    residual, before = (_held_out_residual(columns, target, frame, moments, one) for one in (best, plainly))
     return Flexible(plainly.held_out, best.held_out, residual, before, by_signal)
 
 
@@ -183,14 +181,14 @@ def _best(moments: Moments, owner: IntArray, alone: list[_Tried], before: float)
 
 
 def _held_out_residual(
-    columns: FloatArray, target: FloatArray, frame: Frame, plain: Moments, best: _Tried
+    columns: FloatArray, target: FloatArray, frame: Frame, moments: Moments, best: _Tried
 ) -> FloatArray:
     residual = np.empty_like(target)
     columns = columns[:, best.kept]
     width = np.sqrt(np.mean(columns**2, axis=0))
     width[width == 0.0] = 1.0
     scale = np.append(1.0 / width, 1.0)
-    products = plain.only(best.kept).products * scale[:, None] * scale
+    products = moments.only(best.kept).products * scale[:, None] * scale
     whole = products.sum(axis=0)
     for fold in range(frame.folds):
         test = frame.fold == fold

@@ -10,19 +10,21 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.colour import WHITE, colour_of
 from estimation.fit.flexible import Flexible, Windows, flexible
 from estimation.fit.frame import frame_of, off_borders
-from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.polish import polish
 from estimation.fit.readings import readings_of
-from estimation.fit.trial import Bench, Trial, attempt
+from estimation.fit.trial import Bench, Trial, attempt, held_out_residual, rmse
 from estimation.model import Model
 from robot_io.types import BoolArray, IntArray
 
+_DIGITS = 1e-7  # of the effort: single precision keeps 6e-8, and the fit's own shrinkage leaves some 1e-9
+_SHARE = 0.4  # of the most telling signal's share; signals with less are not named
+_LEAST = 0.01
 _OF_VELOCITY = frozenset({"velocity", "direction"})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A model fitted to a channel."""
 
@@ -41,7 +43,7 @@ class Fit:
         return self.trial.held_out / max(int(self.plain.kept.sum()), 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Standing(Fit):
     """A model on its bench, and what it leaves.
 
@@ -70,19 +72,28 @@ class Standing(Fit):
         return Bench(frame, colour_of(self.flexible.residual, frame.run, frame.trusted))
 
     @cached_property
-    def judged(self) -> Trial:
-        """The model on that bench, at the same inner parameters."""
-        return attempt(self.judge, self.trial.model, self.trial.parameters)
-
-    @cached_property
-    def flexible_judged(self) -> Flexible:
-        """What any smooth law could explain beyond the model on the bench with the colour."""
-        return flexible(self.judge, self.judged, self.windows)
-
-    @cached_property
     def rmse(self) -> float:
         """Error in held-out runs, sample by sample."""
         return rmse(held_out_residual(self.plain.frame, self.trial))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether no more than the last digits of the numbers is left: the data were made without noise.
+
+        That is smaller than any reader's noise, and has a shape all the same: rounding and the fit's own
+        shrinkage depend on the signals. It is no law of the object.
+        """
+        return self.rmse <= _DIGITS * float(np.sqrt(np.mean(self.data.effort**2)))
+
+    @property
+    def depends_on(self) -> list[str]:
+        """Signals that the remaining error depends on in held-out runs, the most telling first."""
+        shares = self.flexible.by_signal
+        most = max(shares.values(), default=0.0)
+        if most < _LEAST:
+            return []
+        told = [name for name, share in shares.items() if share >= max(_SHARE * most, _LEAST)]
+        return sorted(told, key=lambda name: -shares[name])
 
     def floor(self) -> float:
         """The error that would be left, sample by sample, if all that can be explained were known."""

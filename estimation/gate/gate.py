@@ -1,6 +1,6 @@
 """Whether a channel can be diagnosed at all; if not, the reason and the remedy in one sentence."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -52,9 +52,8 @@ def refuse(data: ChannelData, model: Model | None = None) -> str | None:
         model: what is to explain it. One with nothing to fit knows what readings at the end of a sensor's
             range should have been, so that these are no reason.
     """
-    known = model is not None and not model.gains and not model.inner
-    checks = (*_OF_THE_SESSION, *_OF_THE_SIGNALS, _blocks, *(() if known else (at_its_end,)))
-    return _first(checks, data) or angle_in_degrees(data, model)
+    good = data.select(usable(data))
+    return _first((check for _, check in _checks(model)), good) or angle_in_degrees(good, model)
 
 
 def spoilt(data: ChannelData, model: Model) -> str | None:
@@ -63,7 +62,8 @@ def spoilt(data: ChannelData, model: Model) -> str | None:
     Unlike `refuse`, it asks for nothing to be held out.
     """
     good = data.select(usable(data))
-    return _first((unchanging, *_OF_THE_SIGNALS, at_its_end), good) or angle_in_degrees(good, model)
+    of_it = (check for kind, check in _CHECKS if kind != "enough" and check is not _blocks)
+    return _first(of_it, good) or angle_in_degrees(good, model)
 
 
 def of_runs_left(reason: str, left: int, recorded: int) -> str:
@@ -79,11 +79,10 @@ def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     "saturation". Where one of the first two fails, the others make no sense and are left out.
     """
     good, found = data.select(usable(data)), dict[str, str]()
-    known = model is not None and not model.gains and not model.inner
-    for kind, checks in _KINDS.items():
+    for kind in ("enough", "units", "sync", "excitation", "readings", "saturation"):
         if any(found.get(first) for first in ("enough", "units")):
             break
-        found[kind] = "" if known and kind == "saturation" else _first(checks, good) or ""
+        found[kind] = _first((check for its, check in _checks(model) if its == kind), good) or ""
     if "units" in found and not found["units"]:
         found["units"] = angle_in_degrees(good, model) or ""
     return found
@@ -157,26 +156,28 @@ def _blocks(data: ChannelData) -> str | None:
 
 
 _Check = Callable[[ChannelData], str | None]
-_OF_THE_SESSION: tuple[_Check, ...] = (_length, _size, unchanging, _runs, copied)
-_OF_THE_SIGNALS: tuple[_Check, ...] = (
-    mistaken_units,
-    mistaken_times,
-    misaligned,
-    no_contact,
-    too_coarse,
-    rectified,
+_CHECKS: tuple[tuple[str, _Check], ...] = (  # by kind; in the order in which `refuse` asks
+    ("enough", _length),
+    ("enough", _size),
+    ("excitation", unchanging),
+    ("enough", _runs),
+    ("enough", copied),
+    ("units", mistaken_units),
+    ("units", mistaken_times),
+    ("sync", misaligned),
+    ("excitation", no_contact),
+    ("readings", too_coarse),
+    ("readings", rectified),
+    ("excitation", _blocks),
+    ("saturation", at_its_end),
 )
 
 
-_KINDS: dict[str, tuple[_Check, ...]] = {
-    "enough": (_length, _size, _runs, copied),
-    "units": (mistaken_units, mistaken_times),
-    "sync": (misaligned,),
-    "excitation": (unchanging, no_contact, _blocks),
-    "readings": (too_coarse, rectified),
-    "saturation": (at_its_end,),
-}
+def _checks(model: Model | None) -> tuple[tuple[str, _Check], ...]:
+    """Those that concern a channel which this model is to explain."""
+    known = model is not None and not model.gains and not model.inner
+    return tuple(one for one in _CHECKS if not (known and one[0] == "saturation"))
 
 
-def _first(checks: tuple[_Check, ...], data: ChannelData) -> str | None:
+def _first(checks: Iterable[_Check], data: ChannelData) -> str | None:
     return next(filter(None, (check(data) for check in checks)), None)

@@ -4,7 +4,7 @@ from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.engine import Fitted
 from estimation.study.estimates import ChannelEstimates
-from estimation.study.part import Part
+from estimation.study.patterns import Part
 from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
 from estimation.study.revisions import Revision, Revisions
 from estimation.study.source import Arm

@@ -10,8 +10,7 @@ from estimation.diagnosis.doubt import SMALL
 from estimation.estimate import ParameterEstimate
 from estimation.physical import UNPHYSICAL
 from estimation.study.engine import Fitted, likeliest
-from estimation.study.part import Part
-from estimation.study.patterns import Pattern, patterns
+from estimation.study.patterns import Part, Pattern, patterns
 from estimation.study.shown import Shown, Table
 from estimation.study.split import splits
 from robot_io.errors import InputError, UnknownNameError

@@ -19,13 +19,12 @@ from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
-from estimation.fit.held_out import held_out_residual, rmse
 from estimation.fit.inner_search import Attempts
 from estimation.fit.intervals import final, values
-from estimation.fit.load import LOAD, with_load
+from estimation.fit.load import LOAD, LUMPED, with_load
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, bench_of, stand
-from estimation.fit.trial import Bench, Trial
+from estimation.fit.trial import Bench, Trial, held_out_residual, rmse
 from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
 from estimation.physical import unphysical
@@ -169,7 +168,7 @@ def fit(
     with _one_thread():
         if parent is not None:
             return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
-        if reason := refuse(data.select(good), model):
+        if reason := refuse(data, model):
             said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
             raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
@@ -201,12 +200,11 @@ class Packed:
 
     trial: Trial  # the model fitted
     trusted: BoolArray  # blocks that count, shape (m,)
-    load: FloatArray | None  # of a joint, that was derived for this model, (n,); None where there is none
+    derived: dict[str, FloatArray]  # signals that were derived for this model, by name, each (n,)
 
     def unpacked(self, data: ChannelData, other: Fitted) -> Fitted:
         """The fit to `data`, beside another fit to it."""
-        if self.load is not None:
-            data = replace(data, context={**data.context, LOAD: self.load})
+        data = replace(data, context={**data.context, **self.derived})
         frame = replace(other.standing.plain.frame, data=data, trusted=self.trusted, of_load=Memory())
         return Fitted(Standing(data, Bench(frame, other.standing.plain.colour), self.trial), other.whole)
 
@@ -214,7 +212,8 @@ class Packed:
 def pack(fitted: Fitted) -> Packed:
     """A fit, as small as it can be sent."""
     standing = fitted.standing
-    return Packed(standing.trial, standing.plain.frame.trusted, standing.data.context.get(LOAD))
+    derived = {name: standing.data.context[name] for name in (LOAD, LUMPED) if name in standing.data.context}
+    return Packed(standing.trial, standing.plain.frame.trusted, derived)
 
 
 def fit_held(data: ChannelData, fitted: Fitted, held: Mapping[str, float]) -> Fitted:

@@ -103,14 +103,13 @@ def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> Chan
     """
     if not (isinstance(runs, list | tuple) and all(isinstance(run, int) for run in runs)):
         raise InputError(f"runs {runs!r}: give a list of run numbers, such as [0, 2]")
-    typed = ",".join(map(str, runs))
     if len(set(runs)) < len(runs):
-        raise InputError(f"--run {typed}: a run is there twice")
+        raise InputError(f"runs {runs!r}: a run is there twice")
     recorded = sorted(set(source.recorded(channel)))
     if missing := sorted(set(runs).difference(recorded)):
         there = ", ".join(map(str, recorded[:20]))
         raise InputError(
-            f"--run {typed}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
+            f"runs {runs!r}: channel '{channel.name}' has no run {missing[0]}. There are: {there}"
         )
     return channel.of_runs(np.array(source.runs_of(channel, runs)))
 

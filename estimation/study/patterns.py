@@ -7,7 +7,6 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
-from estimation.study.part import Part
 
 _TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
 _TURNS = 0.3  # the same where the error only changes with the direction
@@ -41,6 +40,18 @@ _SUSPECTS: Mapping[str, tuple[str, ...]] = {
     "recorded": ("recorded_dependence",),
     "sign": ("bias", "contact_offset", "gravity_tilt", "weight", "drift"),
 }
+
+
+@dataclass(frozen=True)
+class Part:
+    """The error in one part of the data."""
+
+    label: str  # such as "moving in" or "0.01 to 0.05 m/s"
+    samples: int  # how many
+    rmse: float  # root mean square of the residual
+    mean: float  # mean of the residual; positive where the measurement is above the model
+    energy: float  # share of the whole squared error
+    excess: float  # rmse over the noise floor
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
-from estimation.gate import of_runs_left, refuse, usable
+from estimation.gate import of_runs_left, refuse
 from estimation.study import engine
 from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
@@ -118,7 +118,7 @@ class Study(Fits):
 
     def refusal(self, channel: StudyChannel) -> str:
         """Why a channel cannot be judged; empty where it can."""
-        reason = refuse(channel.to_fit.select(usable(channel.to_fit)), channel.model) or ""
+        reason = refuse(channel.to_fit, channel.model) or ""
         return of_runs_left(reason, len(channel.to_fit.runs), len(channel.data.runs))
 
     def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:

@@ -14,7 +14,6 @@ from palpate.data_options import DataArguments, JsonOption, ModelOption, takes_d
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.study import Study
 from palpate.words import count, safe, shown, typed
-from robot_io.errors import InputError
 
 
 @takes_data
@@ -28,7 +27,6 @@ def command(
             help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.", autocompletion=estimator_names
         ),
     ] = ALL,
-    run: Annotated[str | None, typer.Option(help="Only these runs, such as 0,2.", metavar="N,...")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the parameters of a model, by every method, with 95 % intervals.
@@ -37,7 +35,7 @@ def command(
     """
     study = data.study(model)
     data.say_left_out()
-    found = study.estimate(estimator, runs=_runs(run))
+    found = study.estimate(estimator)
     if as_json:
         results = [as_data(each, study.truth_of(each.channel)) for each in found]
         cut_off = study.source.session is not None and study.source.session.truncated
@@ -45,13 +43,6 @@ def command(
         console.print_json({"file": str(data.file), "model": used, "cut_off": cut_off, "channels": results})
     else:
         _print(data, study, found, model)
-
-
-def _runs(text: str | None) -> list[int] | None:
-    try:
-        return None if text is None else [int(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"--run {text!r}: give numbers with commas between them, such as 0,2") from None
 
 
 def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates], model: str | None) -> None:

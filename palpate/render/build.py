@@ -15,7 +15,7 @@ from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.model import Model
 from estimation.signals.blocks import blocks, places, since_their_start
-from estimation.study.part import Part
+from estimation.study.patterns import Part
 from palpate.render import sentences
 from palpate.render.view import (
     Axes,

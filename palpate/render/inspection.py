@@ -25,7 +25,7 @@ from robot_io.session import Session
 from robot_io.types import FloatArray
 
 RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
-PLOTS = ("plots.html",)  # what `Inspection.plot` writes
+PLOTS = "plots.html"  # what `Inspection.plot` writes
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,6 @@ class Inspection:
     session: Session  # what happened
     view: StudyView  # its channels with the estimate of the first place that was touched
     scene: Scene | None  # for the views of an arm; None where the session was imported
-
-    @property
-    def lasts_s(self) -> float:
-        """From the start of its recording to the end [s]."""
-        times = self.view.channels[0].time_s if self.scene is None else self.scene.time_s
-        return float(times[-1])
 
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
@@ -57,7 +51,7 @@ class Inspection:
         record_session(self.scene, path)
         return self.scene.picture_moment_s
 
-    def plot(self, folder: Path) -> list[Path]:
+    def plot(self, folder: Path) -> Path:
         """Save a page of plots in a folder that is there; returns the file.
 
         Raises:
@@ -65,7 +59,7 @@ class Inspection:
         """
         if not any(channel.stages for channel in self.view.channels):
             raise InputError(f"{self.session.path}: nothing was touched, so there is nothing to plot")
-        return [write_report(self.view, folder / PLOTS[0])]
+        return write_report(self.view, folder / PLOTS)
 
 
 def look_into(session: Session, found: ChannelEstimates | None = None) -> Inspection:

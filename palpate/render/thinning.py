@@ -7,7 +7,7 @@ import numpy as np
 from robot_io.types import FloatArray, IntArray
 
 MOST_POINTS = 4000
-MOST_RUNS = 60
+_MOST_RUNS = 60
 _FEWEST = 16  # points of a run
 
 
@@ -29,18 +29,17 @@ def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
     return np.unique(np.concatenate([lows, highs, [0, n - 1]]))
 
 
-def rows_by_run(run: IntArray, most: int = MOST_RUNS) -> dict[int, IntArray]:
+def rows_by_run(run: IntArray) -> dict[int, IntArray]:
     """Rows of each run by its number; of very many runs, evenly chosen ones."""
     numbers = np.unique(run)
-    chosen = numbers[np.unique(np.linspace(0, len(numbers) - 1, min(len(numbers), most)).round().astype(int))]
+    places = np.linspace(0, len(numbers) - 1, min(len(numbers), _MOST_RUNS))
+    chosen = numbers[np.unique(places.round().astype(int))]
     return {number: np.flatnonzero(run == number) for number in chosen.tolist()}
 
 
-def run_curves(
-    x: FloatArray, y: FloatArray, runs: Sequence[IntArray], most: int = MOST_POINTS
-) -> list[tuple[FloatArray, FloatArray]]:
+def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[tuple[FloatArray, FloatArray]]:
     """Each run's curve (x, y), with few enough points for all of them together and the peaks of both."""
-    share = max(most // (2 * max(len(runs), 1)), _FEWEST)
+    share = max(MOST_POINTS // (2 * max(len(runs), 1)), _FEWEST)
     kept = (rows[np.union1d(peaks(x[rows], share), peaks(y[rows], share))] for rows in runs)
     return [(x[rows], y[rows]) for rows in kept]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.diagnosis.result import Accepted, NextExperiment, Ranked
 from estimation.effect import Effect
-from estimation.study.part import Part
+from estimation.study.patterns import Part
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # times the noise floor, below which an error passes for noise

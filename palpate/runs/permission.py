@@ -34,7 +34,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
     talk.print("Keep clear of it, also from below, with its switch in your hand.")
-    if not yes and not _confirmed("Power the arm now?"):
+    if not yes and not _confirmed():
         raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
         talk.print(f"power in {left_s} s; Ctrl-C stops it")
@@ -50,9 +50,9 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
     )
 
 
-def _confirmed(question: str) -> bool:
+def _confirmed() -> bool:
     """Whether the answer is yes; stdout, where `--json` goes, is left alone."""
-    console.stderr().print(f"{question} \\[y/N]: ", end="")
+    console.stderr().print("Power the arm now? \\[y/N]: ", end="")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 

@@ -5,10 +5,9 @@ from threading import Lock
 
 import numpy as np
 
-from palpate.workbench.online import online_residual
 from robot_io.errors import InputError
 from robot_io.session import Samples
-from robot_io.types import IntArray
+from robot_io.types import FloatArray, IntArray
 
 TOPIC = "/probing"
 _NUMBERS = {
@@ -93,3 +92,13 @@ class Feed:
         """End the server."""
         self._channel.close()
         self._server.stop()
+
+
+def online_residual(ticks: Samples) -> FloatArray:
+    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none."""
+    along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
+    speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
+    depth = along - ticks["surface_m"]
+    expected = np.where(depth > 0.0, ticks["stiffness_n_m"] * depth + ticks["damping_n_s_m"] * speed, 0.0)
+    left: FloatArray = ticks["force_n"] - np.maximum(expected, 0.0)
+    return left

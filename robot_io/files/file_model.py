@@ -18,6 +18,7 @@ from pydantic_core import PydanticCustomError
 
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import KeyPath, YamlDocument, one_line
+from robot_io.registry import Registry
 
 _MAX_SHOWN = 60  # characters of a value in an error
 
@@ -118,6 +119,19 @@ def validate(
         problems = error.errors(include_url=False)
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InputError(_describe(problems[0], document, at) + more) from error
+
+
+def member(value: object, registry: Registry[Model], key: str) -> Model:
+    """Make a registry's member from `{key: its name, parameter: ...}`; one that is made is returned as it is.
+
+    InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.
+    """
+    if isinstance(value, registry.base):
+        return value
+    if not isinstance(value, Mapping) or not isinstance(value.get(key), str):
+        valid = ", ".join(registry)
+        raise InputError(f"a {registry.kind} is a mapping with '{key}' and parameters. Valid: {valid}")
+    return validate(registry[value[key]], {name: entry for name, entry in value.items() if name != key})
 
 
 def input_error(

@@ -4,13 +4,13 @@ A device is read and commanded once a step of the haptic loop and blocks it no l
 takes to answer. Devices without motors (keyboard, gamepad) push a modelled hand (`modelled_hand`).
 """
 
-from abc import ABC, abstractmethod
-from types import TracebackType
-from typing import Any, ClassVar, NamedTuple, Self
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
 
 from robot_io.clock import Clock
-from robot_io.errors import DeviceError, LifecycleError
+from robot_io.errors import LifecycleError
 from robot_io.files.file_model import FileModel
+from robot_io.lifecycle import Opened
 from robot_io.types import FloatArray, frozen_array
 
 
@@ -23,7 +23,7 @@ class Hand(NamedTuple):
     select: bool = False  # whether the operator asks to probe here (button held down)
 
 
-class OperatorDevice(ABC):
+class OperatorDevice(Opened):
     """A device of an operator, found by its `name`. As a context manager it opens on entry, closes on exit.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
@@ -94,20 +94,6 @@ class OperatorDevice(ABC):
             if self._is_open:
                 self._is_open = False
                 self._release()
-
-    def __enter__(self) -> Self:
-        self.configure()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        try:
-            self.close()
-        except DeviceError as failure:
-            if error is None:
-                raise
-            error.add_note(f"closing the operator device failed too: {failure}")
 
     def _expect(self, holds: bool, call: str, state: str) -> None:
         if not holds:

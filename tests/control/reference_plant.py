@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from control.arm.dh import DhRow, DhTable
-from control.arm.dh_urdf import LinkInertia, dh_to_urdf
 from control.arm.rigid_body import RigidBody
 from robot_io.types import Measurement
+from tests.control.dh_urdf import LinkInertia, dh_to_urdf
 
 SUBSTEP_S = 0.00025
 TABLE = DhTable(

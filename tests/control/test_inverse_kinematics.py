@@ -9,10 +9,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from control.arm.dh import DhRow, DhTable
-from control.arm.dh_urdf import dh_to_urdf
 from control.arm.inverse_kinematics import Elbow, PlanarArm
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
+from tests.control.dh_urdf import dh_to_urdf
 from tests.control.reference_plant import DOWN, TABLE, TOOL_AXIS_TIP, test_arm
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.arm.dh_urdf import JointRange, dh_to_urdf
 from control.arm.inverse_kinematics import Elbow
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import ContactGains, Gains
@@ -14,6 +13,7 @@ from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.errors import InputError, SafetyTripError
+from tests.control.dh_urdf import JointRange, dh_to_urdf
 from tests.control.probing_runs import plant_above, probing_task, run_probing
 from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP
 

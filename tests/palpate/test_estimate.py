@@ -47,7 +47,7 @@ def test_the_table_shows_truth_error_and_interval(probed):
 
 
 def test_one_run_and_some_estimators_can_be_chosen(probed):
-    data = estimate_json(probed[0], "--run", "1", "--estimator", "lsq,robust")
+    data = estimate_json(probed[0], "--where", "run=1", "--estimator", "lsq,robust")
     (channel,) = data["channels"]
     assert channel["runs"] == 1
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust"]
@@ -147,8 +147,7 @@ def test_an_imported_session_gives_what_its_file_gives(tmp_path):
         (("--estimator", "magic"), ("magic", "robust")),
         (("--estimator", ""), ("estimator",)),
         (("--model", "magic"), ("magic", "kelvin_voigt")),
-        (("--run", "x"), ("--run", "x")),
-        (("--run", "9"), ("no run 9", "0, 1, 2")),
+        (("--where", "run=9"), ("--where run=9", "0, 1, 2")),
     ],
 )
 def test_bad_options_are_refused(probed, options, words):

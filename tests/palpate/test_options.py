@@ -17,7 +17,6 @@ WHERE = ImportOptions(where={"run": "0,2"})
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--run", "0,0"), ("--run 0,0", "twice")),
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
         (("--context", "force_N"), ("--context force_N", "made of that column")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
@@ -46,22 +45,6 @@ def test_runs_of_a_session_are_chosen_as_those_of_its_data_file(hardening, tmp_p
     assert len(open_source(hardening, WHERE).channels[0]) == len(few.channels[0]) < len(all_runs.channels[0])
     refused = run("diagnose", tmp_path / "x.mcap", "--where", "run=0,77")
     assert_refused(refused, "--where run=0,77", "There are: 0, 1")
-
-
-@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
-def test_a_moment_that_is_none_is_refused(value, tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", value), "--at-s", "seconds")
-
-
-def test_a_moment_without_a_picture_is_refused(tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--at-s", 1), "--at-s 1", "--screenshot FILE.png")
-
-
-def test_a_size_in_other_digits_is_refused(tmp_path):
-    synthetic_session(tmp_path / "x.mcap")
-    assert_refused(run("inspect", tmp_path / "x.mcap", "--size", "١٦٠٠x١٠٠٠"), "--size", "1600x1000")
 
 
 @pytest.mark.parametrize("command", ["export", "revisions"])

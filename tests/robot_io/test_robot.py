@@ -331,7 +331,7 @@ class TestLife:
 
         with pytest.raises(ZeroDivisionError, match="the work") as caught:
             work()
-        assert "closing the robot failed too: encoder: close failed" in caught.value.__notes__[0]
+        assert "closing failed too: encoder: close failed" in caught.value.__notes__[0]
 
     def test_a_with_block_reports_a_failed_close(self, robot, bus):
         bus.faults.refuse.add(("encoder", "close"))

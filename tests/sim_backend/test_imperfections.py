@@ -179,7 +179,7 @@ def test_a_scenario_says_in_public_nothing_of_what_it_hides():
         ("[{effect: stress_relaxation, stiffness_n_m: 5, time_s: 0}]", "time_s: "),
         ("[{effect: bias, channel: force, bias: 1}]", "channel: .*contact"),
         ("[{effect: bias, channel: joint_0, bias: 1}]", "channel: "),
-        ("[{joint: 2}]", "a mapping with an effect. Valid effects: adhesion, armature"),
+        ("[{joint: 2}]", "a mapping with 'effect' and parameters. Valid: adhesion, armature"),
         ("{effect: bias}", "hidden: "),
         ("[bias]", "hidden entry 1: a hidden effect is a mapping"),
     ],

@@ -65,7 +65,7 @@ def test_a_scenario_file_is_found_beside_the_robot_file(tmp_path):
         ("object: {law: {name: kelvin_voight}}", "did you mean 'kelvin_voigt'. Valid: engine, hunt_cr"),
         ("seed: 1\nobject:\n law: {name: kelvin_voigt, stiffness_n_m: -1, damping_n_s_m: 0}", "line 3, obj"),
         ("object: {law: {name: kelvin_voigt, damping_n_s_m: 0}}", "stiffness_n_m: is missing"),
-        ("object: {law: {stiffness_n_m: 3}}", "Valid names: engine, hunt_crossley, kelvin_voigt"),
+        ("object: {law: {stiffness_n_m: 3}}", "with 'name' and parameters. Valid: engine, hunt_crossley"),
         ("sensors:\n  forse: {}", "line 2, sensors.forse: is not known; did you mean 'force'"),
         ("sensors: {force: {delay_s: 1e308}}", "sensors.force.delay_s: .*less than or equal to 10"),
         ("sensors: {encoder: {delay_s: 11}}", "sensors.encoder.delay_s: .*less than or equal to 10"),

@@ -17,7 +17,6 @@ from estimation.effects import EFFECTS
 from estimation.fit.intervals import final, values
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import fit
-from estimation.fit.unexplained import depends_on
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
@@ -93,7 +92,7 @@ def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(swun
     assert (found.verdict, found.complete, found.accepted) == (Verdict.UNEXPLAINED, False, [])
     assert found.noise_floor == end.floor() < 0.5 * end.rmse
     assert found.remaining.times_floor == pytest.approx(end.rmse / end.floor())
-    assert found.depends_on == found.remaining.depends_on == depends_on(end) != []
+    assert found.depends_on == found.remaining.depends_on == end.depends_on != []
     assert (
         f"{end.rmse / end.floor():.2g} times the noise floor, and depends on {found.depends_on[0]}"
         in found.reason

@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -61,16 +62,16 @@ def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, s
 def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
     exact, outdone, rmse, steps, unusual, complete, drawn, monkeypatch
 ):
-    left = {"flexible": SimpleNamespace(explained=0.9), "plain": SimpleNamespace(kept=np.ones(10))}
-    asked, standing = [], SimpleNamespace(rmse=rmse, floor=lambda: 1.0, **left)
+    standing = Mock(is_exact=exact, rmse=rmse, **{"floor.return_value": 1.0, "flexible.explained": 0.9})
+    standing.plain.kept = np.ones(10)
+    asked = []
     monkeypatch.setattr(module, "of_steps", lambda *_: steps)
-    monkeypatch.setattr(module, "is_exact", lambda _: exact)
     monkeypatch.setattr(module, "standards", lambda *_: SimpleNamespace(is_outdone=outdone))
     unlike = SimpleNamespace(is_unusual=unusual)
     monkeypatch.setattr(module, "still_explained", lambda *_: asked.append(1) or unlike)
     monkeypatch.setattr(module, "objection_to", lambda *_, complete: asked.append(complete) or "why")
     judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
-    assert judge(standing) is judge(standing) is complete
+    assert judge.leaves_noise(standing) is judge.leaves_noise(standing) is complete
     assert asked == [1] * drawn  # each model is judged once
     assert judge.objection(standing) == judge.objection(standing) == (None if exact else "why")
     assert asked[drawn:] == ([] if exact else [complete])
@@ -118,10 +119,16 @@ FLOW = {  # what is true of a channel: what is answered
 }  # fmt: skip
 
 
+class _Named(str):
+    """A model that is its name."""
+
+
 @pytest.mark.parametrize("name", FLOW)
 def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch):
     given, expected = FLOW[name]
-    found = given.get("found", "base")
+    base = _Named("base")
+    base.is_exact = given.get("exact", False)
+    found = given.get("found", base)
     objected = given.get("objected", ())
 
     class Judge:
@@ -140,9 +147,8 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
 
     stubs = {
         "refuse": lambda data, model: given.get("refused"),
-        "search_of": lambda *_: SimpleNamespace(start="base"),
+        "search_of": lambda *_: SimpleNamespace(start=base),
         "_Completeness": Judge,
-        "is_exact": lambda _: given.get("exact", False),
         "search": searching,
         "vary": lambda tried, one: given.get("varied", one),
         "_established": lambda tried, one, judge: one,

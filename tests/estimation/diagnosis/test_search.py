@@ -318,8 +318,6 @@ def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
     beside = search.screened(poor)
     assert search.screened(poor) is beside
     assert search.instead(poor, "torque_ripple") is search.instead(poor, "torque_ripple")
-    glanced = search.glanced(poor)
-    assert search.glanced(poor) is glanced
     good = search.refitted(ripple, {"torque_ripple.cycles": 15.0})
     assert good.trial.sse < 0.9 * poor.trial.sse
     assert search.fitted(ripple, {}) is good

@@ -12,9 +12,9 @@ RUN = np.repeat([0, 1], 500)
 def test_surrogates_keep_the_noise_s_values_and_colour_and_lose_its_place():
     rng = np.random.default_rng(3)
     noise = np.convolve(rng.normal(size=1004), np.ones(5), "valid")
-    made = surrogates(noise, RUN, rng, 50)
+    made = surrogates(noise, RUN, rng)
     assert np.sort(np.abs(made[:500]), axis=0) == pytest.approx(
-        np.sort(np.abs(noise[:500]))[:, None] + np.zeros(50)
+        np.sort(np.abs(noise[:500]))[:, None] + np.zeros(COUNT)
     )
     neighbours = [np.corrcoef(one[1:500], one[:499])[0, 1] for one in made.T]
     assert np.mean(neighbours) == pytest.approx(0.8, abs=0.05)

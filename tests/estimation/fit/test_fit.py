@@ -12,13 +12,12 @@ from estimation.effects import EFFECTS
 from estimation.fit.along import parts_along
 from estimation.fit.colour import colour_of
 from estimation.fit.frame import frame_of
-from estimation.fit.held_out import held_out_residual
 from estimation.fit.intervals import _widest, final, inner_slopes, values
 from estimation.fit.load import with_load
 from estimation.fit.memory import Memory
 from estimation.fit.moments import cross_products, held_out_energy, score
 from estimation.fit.standing import fit, stand
-from estimation.fit.trial import attempt
+from estimation.fit.trial import attempt, held_out_residual
 from estimation.information import Information
 from estimation.model import Model
 from estimation.models import MODELS

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pytest
 
 from estimation.data.import_options import ImportOptions
+from estimation.effects import EFFECTS
 from estimation.study import Study, engine
 from estimation.study.kept_diagnosis import RESULT
 from estimation.study.source import NO_ARM, Arm
@@ -42,6 +43,16 @@ def arm():
     """A contact that is explained and two joints of which one rubs, all diagnosed by default."""
     study = Study([session(4), *joints(friction_nm=(0.0, 0.4))])
     return study, study.diagnose()
+
+
+def test_a_fit_sent_from_another_process_has_all_signals_that_it_was_derived_with():
+    effects = ["load_dependent_friction"]
+    own = {name: EFFECTS[name]() for name in effects}
+    there, here = (Study(joints((0.4,)), "pendulum", effects=own) for _ in range(2))
+    made, one = there.fit("joint_1", effects), here.channel("joint_1")
+    assert "load_dependent_friction.link_share" in made.values  # the form that knows rotor and link apart
+    here.take(one, effects, engine.pack(made))
+    assert np.array_equal(here.fit(one, effects).predicted, made.predicted)
 
 
 def test_one_model_has_one_fit_whatever_asks_for_it(pressed):

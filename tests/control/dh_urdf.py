@@ -68,7 +68,7 @@ def dh_to_urdf(
     return tostring(robot, encoding="unicode") + "\n"
 
 
-def _add_joint(  # noqa: PLR0917
+def _add_joint(
     robot: Element, name: str, kind: str, parent: str, child: str, placement: "pin.SE3"
 ) -> Element:
     joint = SubElement(robot, "joint", name=name, type=kind)
