@@ -87,7 +87,7 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
     holds = () if roles is None else ("holds",)
     made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:
-        values = ", ".join(map(_value, table.head(_VALUES).columns.column(name).to_pylist()))
+        values = ", ".join(_told_apart(table.head(_VALUES).columns.column(name).to_pylist()))
         role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
         made.add_row(safe(name), *role, safe(values[:40]))
     return made
@@ -118,5 +118,10 @@ def _phases(channel: ChannelData) -> str:
     return ", ".join(f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
 
 
-def _value(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _told_apart(values: list[Any]) -> list[str]:
+    """Values with as few digits as show that they differ, if they do."""
+    for digits in (4, 8, 12):
+        texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
+        if len(set(texts)) == len(set(values)):
+            break
+    return texts

@@ -39,7 +39,8 @@ def choose_columns(
     named = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
     named = [one for one in named if one.key not in known]
     free = [one for one in named if table.is_numeric(one.column)]
-    if not _wanted({*known, *(one.key for one in free)}):
+    there = {*known, *(one.key for one in free)}
+    if not (_wanted(there) and TIME in there):
         _refuse_spoilt(table, known, named)
     clear = [
         one

@@ -34,6 +34,7 @@ class _Sheet:
     names: tuple[str, ...]
     rows: list[list[Any]]
     skipped: int
+    titles: tuple[str, ...]
 
 
 def read_excel_table(path: Path) -> FileColumns:
@@ -53,14 +54,16 @@ def read_excel_table(path: Path) -> FileColumns:
     first = max(found, key=lambda sheet: len(sheet.rows))
     alike = [sheet for sheet in found if sheet.names == first.names]
     rows = [row for sheet in alike for row in sheet.rows]
-    columns = {name: _column(rows, place) for place, name in enumerate(first.names)}
-    if len(alike) > 1 and RUN not in columns:
-        columns[RUN] = pa.array([sheet.title for sheet in alike for _ in sheet.rows])
+    names, columns = list(first.names), [_column(rows, place) for place in range(len(first.names))]
+    if len(alike) > 1 and RUN not in names:
+        names.append(RUN)
+        columns.append(pa.array([sheet.title for sheet in alike for _ in sheet.rows]))
     text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
     return FileColumns(
-        pa.table(list(columns.values()), names=list(columns)),
+        pa.table(columns, names=names),
         "," if commas_decide(text) else ".",
         _words(first, alike, book.sheet_names),
+        first.titles,
     )
 
 
@@ -115,7 +118,8 @@ def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
         return None
     width = len(layout.names)
     body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
-    return _Sheet(sheet.name, layout.names, body, sum(any(row) for row in head[: layout.header]))
+    skipped = sum(any(row) for row in head[: layout.header])
+    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles)
 
 
 def _column(rows: Sequence[Sequence[Any]], place: int) -> pa.Array:

@@ -25,7 +25,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
-_BRACKETED = re.compile(r"\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$")
+_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
 _AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
 
 

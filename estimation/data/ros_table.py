@@ -1,7 +1,9 @@
-"""Joint states of a ROS 2 recording (MCAP, as rosbag2 writes it)."""
+"""Joint states of ROS 2, as rosbag2 writes them: MCAP or SQLite, in one file or in the files of a folder."""
 
+import sqlite3
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_ros2.decoder import DecoderFactory
 
-from estimation.data.file_columns import FileColumns, check_size
+from estimation.data.file_columns import BAGS, FileColumns, check_size, counted
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -35,6 +37,7 @@ uint32 nanosec
 """
 _COLUMNS = {"position": "position_{}_rad", "velocity": "velocity_{}_rad_s", "effort": "torque_{}_Nm"}
 _NANO = 10**9
+_MOST_MESSAGE_BYTES = 1 << 20
 
 
 def read_ros_table(path: Path) -> FileColumns:
@@ -42,10 +45,13 @@ def read_ros_table(path: Path) -> FileColumns:
 
     The type's definition is ours, not the file's. Joints are taken as revolute: a message does not say.
 
+    Args:
+        path: MCAP or SQLite file, or the folder of a recording that lies in several.
+
     Raises:
         InputError: it is too large, or holds no joint states with an effort.
     """
-    topics = _messages(path)
+    topics = _joint_states(path)
     if not topics:
         raise InputError(f"{path}: no messages of type {_TYPE}")
     topic = max(topics, key=lambda name: sum(len(state.effort) > 0 for state in topics[name]))
@@ -65,22 +71,47 @@ def read_ros_table(path: Path) -> FileColumns:
     )
 
 
-def _messages(path: Path) -> dict[str, list[Any]]:
+def _joint_states(path: Path) -> dict[str, list[Any]]:
     """The joint states by topic."""
     decode = DecoderFactory().decoder_for(
         MessageEncoding.CDR, Schema(id=1, name=_TYPE, encoding=SchemaEncoding.ROS2, data=_DEFINITION)
     )
+    found: dict[str, list[Any]] = defaultdict(list)
+    parts = [part for part in path.iterdir() if part.suffix in BAGS] if path.is_dir() else [path]
+    for part in sorted(parts, key=counted):
+        for topic, message in (_of_sqlite if part.suffix == ".db3" else _of_mcap)(part):
+            if decode is not None:
+                found[topic].append(decode(message))
+    return found
+
+
+def _of_sqlite(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Topic and bytes of each joint state. Only tables are read: a view of a stranger's may never end."""
+    check_size(path, path.stat().st_size)
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        database.execute("PRAGMA trusted_schema=OFF")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
+        tables = {name for (name,) in database.execute("SELECT name FROM sqlite_schema WHERE type='table'")}
+        if not {"topics", "messages"} <= tables:
+            raise InputError(f"{path}: is no recording of ROS 2: it has no tables 'topics' and 'messages'")
+        yield from database.execute(
+            "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
+            "WHERE type = ? ORDER BY timestamp",
+            (_TYPE,),
+        )
+
+
+def _of_mcap(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Topic and bytes of each joint state."""
     schemas: dict[int, str] = {}
     topics: dict[int, str] = {}
-    found: dict[str, list[Any]] = defaultdict(list)
     for record in _records(path):
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel) and schemas.get(record.schema_id) == _TYPE:
             topics[record.id] = record.topic
-        elif isinstance(record, Message) and record.channel_id in topics and decode is not None:
-            found[topics[record.channel_id]].append(decode(record.data))
-    return found
+        elif isinstance(record, Message) and record.channel_id in topics:
+            yield topics[record.channel_id], record.data
 
 
 def _records(path: Path) -> Iterator[Any]:

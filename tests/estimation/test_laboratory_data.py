@@ -17,7 +17,7 @@ from estimation.data.table import read_table
 from estimation.data.text_decoding import as_utf8
 from estimation.study.source import open_source
 from robot_io.errors import InputError
-from tests.estimation.laboratories import excel, one_file_a_run, presses, zwick
+from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
 
@@ -328,3 +328,58 @@ def test_how_a_file_is_written_is_said(tmp_path):
         "cp1252",
     ):
         assert words in read
+
+
+@pytest.mark.parametrize(
+    ("cells", "seconds"),
+    [
+        (("0:00.25", "0:59,75", "1:00.5"), (0.25, 59.75, 60.5)),
+        (("23:59:59.5", "00:00:00.5", "00:00:01.0"), (86399.5, 86400.5, 86401.0)),
+        (("2024-02-29T23:59:59.5Z", "2024-03-01T00:00:00.5Z", ""), (86399.5, 86400.5, None)),
+        (("31.12.2023 23:59:59", "01.01.2024 00:00:00", "01.01.2024 00:00:01"), (86399.0, 86400.0, 86401.0)),
+        (
+            ("3/17/2024 11:59:59.5 AM", "3/17/2024 12:00:00.5 PM", "3/18/2024 1:00:00 AM"),
+            (43199.5, 43200.5, 90000.0),
+        ),
+        (("100:00:00.0", "100:00:00.5", "0:00:01"), (360000.0, 360000.5, 1.0)),
+    ],
+)
+def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
+    path = tmp_path / "clock.csv"
+    path.write_text("When;Weg [mm];Kraft [N]\n" + "".join(f"{cell};1;2\n" for cell in cells))
+    table = read_table(path)
+    assert table.columns.column("When [s]").to_pylist() == list(seconds)
+    assert "clock times in 'When', as seconds" in table.words
+
+
+def test_a_cell_that_is_no_time_is_named_among_times(press):
+    times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
+    with pytest.raises(InputError, match=r"row 8, column 'Time .s.': '0:xx' is no finite number; remove"):
+        contact_of(press(**{TIME: [*times[:7], "0:xx", *times[8:]]}))
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_time_without_a_unit_is_told_by_its_steps(press, scale, unit):
+    imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
+    assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
+    assert f"'__time' does not say its unit: its steps are taken for {unit}" in imported.notes[0]
+
+
+def test_a_column_that_is_there_twice_is_no_second_test(tmp_path):
+    path = tmp_path / "twice.csv"
+    path.write_text("Time,Force,Time,Way\n" + "".join(f"{i},{i},{i},{i}\n" for i in range(9)))
+    with pytest.raises(InputError, match="column 'Time' is there twice"):
+        read_table(path)
+
+
+def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):
+    imported = import_file(side_by_side(tmp_path))
+    assert list(imported.run_labels.values()) == ["Foam A", "Foam B", "Foam C", "Foam D"]
+    assert "4 tests side by side" in imported.read
+
+
+def test_a_row_that_is_cut_off_is_no_footer(tmp_path):
+    path = tmp_path / "cut.csv"
+    path.write_text("Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9)) + "9\n")
+    with pytest.raises(InputError, match="row 10 has 1 cells and the header 3"):
+        read_table(path)
