@@ -98,7 +98,9 @@ def _wanted(there: Collection[Key]) -> list[Key]:
 
 
 def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
-    """The column whose name fits best."""
+    """The column whose name fits best; of several times, one that goes on all along."""
+    if key == TIME and len(guesses) > 1:
+        guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
     fit = max(one.fit for one in guesses)
     first, *equal = (one for one in guesses if one.fit == fit)
     others = [one for one in equal if not _same(table, first, one)]
@@ -120,4 +122,6 @@ def _same(table: Table, one: Guess, other: Guess) -> bool:
         factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column) * table.numbers(guess.column)
         for guess in (one, other)
     )
+    if one.key == TIME:  # of which only the differences count
+        first, second = first - first[0], second - second[0]
     return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))

@@ -5,14 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from estimation.data.quantities import QUANTITIES, RUN, parse_role, split_unit
+from estimation.data.quantities import QUANTITIES, RUN, joint_number, parse_role, split_unit
 from estimation.data.units import dimension_of
 
 WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         quantity: frozenset(words.split())
         for quantity, words in {
-            "time": "t time times zeit prüfzeit testzeit messzeit temps tempo timestamp sec seconds clock",
+            "time": "t time times zeit prüfzeit testzeit messzeit temps tempo tiempo timestamp sec seconds "
+            "clock millis micros",
             "displacement": "x z d depth disp displacement indentation deformation stroke extension "
             "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub",
             "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza",
@@ -38,9 +39,12 @@ _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantit
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
 _JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
 _RADIANS = {"position": "rad", "velocity": "rad_s"}
-_INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), and UR's RTDE
+_INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), RTDE, libfranka, Arduino
     (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
     (re.compile(r"^actual_(q|qd|current)_\d$"), _RADIANS | {"torque": "A"}),
+    (re.compile(r"^(q|dq|tau_J)\[\d\]$"), _RADIANS | {"torque": "Nm"}),
+    (re.compile(r"^millis(\(\))?$"), {"time": "ms"}),
+    (re.compile(r"^micros(\(\))?$"), {"time": "us"}),
 )
 
 
@@ -101,7 +105,7 @@ def _guess(name: str) -> Guess:
     role = parse_role(name)
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME
-        return Guess(name, role.quantity, role.joint or None, role.unit, rank, "by its name")
+        return Guess(name, role.quantity, joint_number(name), role.unit, rank, "by its name")
     if name.strip().lower() in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)

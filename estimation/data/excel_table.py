@@ -52,8 +52,8 @@ def read_excel_table(path: Path) -> FileColumns:
     if not found:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
     first = max(found, key=lambda sheet: len(sheet.rows))
-    alike = [sheet for sheet in found if sheet.names == first.names]
-    rows = [row for sheet in alike for row in sheet.rows]
+    alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
+    rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
     names, columns = list(first.names), [_column(rows, place) for place in range(len(first.names))]
     if len(alike) > 1 and RUN not in names:
         names.append(RUN)
@@ -62,15 +62,30 @@ def read_excel_table(path: Path) -> FileColumns:
     return FileColumns(
         pa.table(columns, names=names),
         "," if commas_decide(text) else ".",
-        _words(first, alike, book.sheet_names),
+        _words(first, found, alike, book.sheet_names),
         first.titles,
     )
 
 
-def _words(first: _Sheet, alike: Sequence[_Sheet], names: Sequence[str]) -> tuple[str, ...]:
-    titles = ", ".join(f"'{sheet.title}'" for sheet in alike[:5]) + (" ..." if len(alike) > 5 else "")
-    words = [f"sheet{'s' if len(alike) > 1 else ''} {titles} of {len(names)}"]
+def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
+    """A sheet's rows with the cells in the order of these names."""
+    if sheet.names == names:
+        return sheet.rows
+    places = [sheet.names.index(name) for name in names]
+    return [[row[place] for place in places] for row in sheet.rows]
+
+
+def _words(
+    first: _Sheet, found: Sequence[_Sheet], alike: Sequence[_Sheet], names: Sequence[str]
+) -> tuple[str, ...]:
+    words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(names)}"]
+    if others := [sheet for sheet in found if sheet not in alike]:
+        words.append(f"not read, since their columns differ: {_titles(others)}")
     return (*words, *preamble_words(first.skipped))
+
+
+def _titles(sheets: Sequence[_Sheet]) -> str:
+    return ", ".join(f"'{sheet.title}'" for sheet in sheets[:5]) + (" ..." if len(sheets) > 5 else "")
 
 
 def _check_is_workbook(path: Path) -> None:

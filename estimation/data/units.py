@@ -54,7 +54,7 @@ _SPELT: Mapping[str, str] = MappingProxyType(
     {
         spelling: unit
         for unit, spellings in {
-            "s": "sec secs second seconds sek sekunden",
+            "s": "sec secs second seconds sek sekunden seg segundos secondes",
             "ms": "msec msecs millisecond milliseconds",
             "us": "usec usecs microsecond microseconds",
             "ns": "nsec nsecs nanosecond nanoseconds",

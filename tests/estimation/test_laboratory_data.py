@@ -252,6 +252,32 @@ def test_sheets_with_the_same_columns_are_runs(tmp_path):
     assert "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5" in imported.read
 
 
+def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_named(tmp_path):
+    book = openpyxl.Workbook()
+    for sheet, names in (
+        (book.active, "sxF"),
+        (book.create_sheet("B"), "Fsx"),
+        (book.create_sheet("C"), "sx"),
+    ):
+        sheet.append([{"s": "Time (s)", "x": "Way (mm)", "F": "Load (N)"}[name] for name in names])
+        for row in range(30):
+            sheet.append([{"s": row, "x": 2 * row, "F": 3 * row}[name] for name in names])
+    book.save(tmp_path / "order.xlsx")
+    table = read_table(tmp_path / "order.xlsx")
+    np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
+    assert len(table) == 60
+    assert "not read, since their columns differ: 'C'" in table.words
+
+
+@pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
+def test_of_several_times_one_that_goes_on_all_along_is_taken(press, other):
+    t = presses()[0]
+    cells = {"Clock": [f"9:{each // 60:02.0f}:{each % 60:06.3f}" for each in t], "Cycle time [s]": t % 2.0}
+    np.testing.assert_allclose(
+        np.diff(contact_of(press(**{other: cells[other]})).time_s), np.diff(t), atol=1e-9
+    )
+
+
 def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "far.xlsx"
     book = openpyxl.Workbook()

@@ -178,13 +178,15 @@ def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
     [
         ("/joint_states/{}/position /joint_states/{}/effort", "torque"),
         ("/joint_states/position[{}] /joint_states/effort[{}]", "torque"),
+        ("q[{}] tau_J[{}]", "torque"),
+        ("position_{}_rad torque_{}_Nm", "torque"),
         ("{}_position[deg] {}_torque[mNm]", "torque"),
         ("actual_q_{} actual_current_{}", "current"),
     ],
 )
 def test_joints_are_told_apart_by_what_the_interface_calls_them(tmp_path, names, effort):
-    joints = ("shoulder", "elbow") if "shoulder" in names or "{}/" in names or "[deg]" in names else (0, 1)
     in_degrees = "[deg]" in names
+    joints = ("shoulder", "elbow") if "{}/" in names or in_degrees else (0, 1)
     columns = {"timestamp": 1_700_000_000 + T, "target_q_0": T, "gripper_position": T}
     for joint, called in enumerate(joints):
         position, torque = names.format(called, called).split()
