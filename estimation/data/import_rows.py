@@ -77,7 +77,8 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     if contact and count is None:
         run = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)
     elif contact and count is not None and count > 1:
-        run = cut_into(columns.values(FORCE), piece, count, f"{place}: --runs {count}")
+        motion = columns.values(FORCE), columns.values(DISPLACEMENT)
+        run = cut_into(*motion, piece, count, f"{place}: --runs {count}")
     number = int(run[-1]) + 1
     if number == 1:
         return run, ""

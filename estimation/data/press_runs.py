@@ -70,22 +70,23 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS)
 
 
-def cut_into(force: FloatArray, piece: IntArray, count: int, where: str) -> IntArray:
-    """Number of each row's run, shape (n,), if there are so many: the most prominent presses.
+def cut_into(
+    force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
+) -> IntArray:
+    """Number of each row's run, shape (n,), if there are so many: the presses that come from furthest out.
 
     Raises:
         InputError: there are fewer presses.
     """
     from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
 
-    smooth = np.asarray(median_filter(force, 5))
-    peaks = find_peaks(np.concatenate([[smooth.min()], smooth, [smooth.min()]]))[0] - 1
-    prominence = peak_prominences(smooth, peaks)[0] if len(peaks) else np.zeros(0)
-    noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
-    edge = (peaks == 0) | (peaks == len(smooth) - 1)  # nothing is known of what lies beyond
-    prominence[edge] = smooth[peaks[edge]] - smooth.min()
-    stand_out = np.argsort(prominence)[::-1][:count]
-    tops = np.sort(peaks[stand_out[prominence[stand_out] > _SIGMAS[1] * noise]])
+    depth = np.asarray(median_filter(displacement, 5))
+    padded = np.pad(depth, 1, constant_values=depth.min())
+    peaks = find_peaks(padded)[0]
+    way = peak_prominences(padded, peaks)[0]
+    pressed = np.asarray(median_filter(force, 5))[peaks - 1] > force_levels(force, displacement).released
+    is_press = pressed & (way > _RELEASED * np.ptp(depth))
+    tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
     run = _cut(force, piece, tops, 1) if len(tops) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"

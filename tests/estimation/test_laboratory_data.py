@@ -93,13 +93,14 @@ def test_a_hold_between_sharp_ramps_is_as_long_as_it_was(press, noise_mm):
     way_mm = way_mm + np.random.default_rng(0).normal(0.0, noise_mm, len(way_mm))
     time_s = np.round(0.01 * np.arange(len(way_mm)), 2)
     phase = contact_of(press(**{TIME: time_s, WAY: way_mm, LOAD: load})).phase
-    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.2)
-    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.05)
+    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.05)
+    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.03)
 
 
-def test_noise_is_no_press(press):
+@pytest.mark.parametrize("wavers", [0.0, 0.1])
+def test_noise_is_no_press(press, wavers):
     t, x, f = (column[: len(column) // 4] for column in presses())
-    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f})
+    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f + wavers * np.sin(20.0 * t)})
     assert len(contact_of(one, runs=1).runs) == 1
     with pytest.raises(InputError, match="--runs 3: 1 press can be told apart at most"):
         contact_of(one, runs=3)
