@@ -111,6 +111,21 @@ def test_a_force_below_every_level_is_one_run(press):
     assert len(contact_of(press(**{LOAD: load})).runs) == 1
 
 
+def test_of_very_many_presses_several_are_a_run(press):
+    t = np.arange(30_000) * 0.01
+    x = 4.0 * np.sin(np.pi * t)  # a press every other second
+    imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
+    assert "cut into 150 runs, one for each press" in imported.notes[0]
+    t = np.arange(300_000) * 0.01
+    x = 4.0 * np.sin(5.0 * np.pi * t)
+    imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
+    (channel,) = imported.channels
+    assert "cut into 469 runs, one for 16 presses" in imported.notes[0]
+    ends = np.flatnonzero(np.diff(channel.run))
+    assert np.all(channel.position[ends] < 0.0)
+    assert np.ptp(np.diff(ends)) <= 2
+
+
 def test_more_runs_than_presses_are_refused(press):
     with pytest.raises(InputError, match=r"--runs 5000: \d+ presses can be told apart at most"):
         contact_of(press(), runs=5000)
