@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import struct
 from contextlib import closing
 
 import numpy as np
@@ -159,6 +160,30 @@ def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_pat
         for one, other in zip(whole.channels, open_source(place).channels, strict=True):
             np.testing.assert_array_equal(one.effort, other.effort)
             np.testing.assert_array_equal(one.time_s, other.time_s)
+
+
+def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
+    """CDR may be written either way round: the second byte says which."""
+    names = b"".join(struct.pack(">I4s", 3, name) for name in (b"ab", b"cd"))
+    path = tmp_path / "big.db3"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data BLOB)"
+        )
+        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
+        for row, (q, torque) in enumerate(zip(Q, TORQUE, strict=True)):
+            data = (
+                b"\0\0\0\0" + struct.pack(">iI", 1_700_000_000 + row, 5) + struct.pack(">I4s", 1, b"\0\0\0\0")
+            )
+            data += struct.pack(">I", 2) + names + struct.pack(">I", 2) + struct.pack(">2d", *q)
+            data += struct.pack(">II", 0, 2) + struct.pack(">2d", *torque)
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (row, data))
+        database.commit()
+    for joint, channel in enumerate(import_file(path).channels):
+        np.testing.assert_array_equal(channel.time_s, np.arange(len(Q)))
+        np.testing.assert_array_equal(channel.position, Q[:, joint])
+        np.testing.assert_array_equal(channel.effort, TORQUE[:, joint])
 
 
 def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
