@@ -7,7 +7,7 @@ import pytest
 
 from palpate.study import Study, arm_from_urdf
 from robot_io.errors import InputError
-from tests.estimation.laboratories import LABORATORIES, presses, zwick
+from tests.estimation.laboratories import LABORATORIES, joint_log, presses, zwick
 from tests.palpate.cli import ROOT, next_commands, run
 
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
@@ -37,6 +37,14 @@ def test_what_was_taken_for_what_is_said(tmp_path, write):
     assert channel["runs"] == (1 if channel["kind"] == "revolute" else 4)
     assert "read: " in result.stderr
     assert "time '" in result.stderr
+
+
+def test_the_report_says_how_the_file_was_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("report", joint_log(tmp_path)).exit_code == 0
+    page = (tmp_path / "report.html").read_text()
+    assert "How the data were read" in page
+    assert "1 A counts as 1 N m" in page
 
 
 def test_a_look_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monkeypatch):
