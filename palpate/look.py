@@ -1,5 +1,6 @@
 """A look at a data file before anything is stored: how it is written, what is taken for what, the runs."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,13 @@ def facts(imported: Imported) -> list[dict[str, Any]]:
     ]
 
 
-def look_at(path: Path, options: ImportOptions) -> None:
-    """Print what is in a file, as it would be imported.
+def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None = None) -> Mapping[str, str]:
+    """Print what is in a file, as it would be imported; returns what its columns hold.
+
+    Args:
+        path: the file.
+        options: how to read it.
+        like: what the columns of the file before held: where they are the same they are not shown again.
 
     Raises:
         InputError: it cannot be read; its columns are shown before where they could be.
@@ -66,13 +72,15 @@ def look_at(path: Path, options: ImportOptions) -> None:
     except InputError:
         out.print(_columns(table))
         raise
-    out.print(_columns(table, dict(imported.roles)))
+    if imported.roles != like:
+        out.print(_columns(table, dict(imported.roles)))
     for channel in imported.channels:
         out.print(_runs(channel, imported.run_labels))
         if phases := _phases(channel):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *doubts(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
+    return imported.roles
 
 
 def doubts(imported: Imported) -> list[str]:

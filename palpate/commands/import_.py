@@ -104,8 +104,9 @@ def _look(
     if as_json:
         console.print_json({"files": [look_as_data(file, options.options) for file in files]})
         return
+    roles = None
     for file in files:
-        look_at(file, options.options)
+        roles = look_at(file, options.options, roles)
     given = {
         "column": options.column,
         "unit": options.unit,
