@@ -26,17 +26,21 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
         columns: of a file.
         decimal: mark in its numbers.
     """
-    clocks = [name for name in columns.column_names if _is_clock(columns.column(name))]
-    for name in clocks:
+    done = []
+    for name in (name for name in columns.column_names if _is_clock(columns.column(name))):
         text = columns.column(name)
         parts = pc.extract_regex(text, _CLOCK.pattern)
-        seconds = _seconds(parts)
+        try:
+            seconds = _seconds(parts)
+        except ValueError:  # such as the 0th of a month, which stands for no date
+            continue
         if parts.null_count > len(parts) - np.sum(is_filled(text)):  # so that an error can name such a cell
             written = pc.replace_substring(seconds.cast(pa.string()), ".", decimal)
             seconds = pc.if_else(pc.is_null(parts), text, written)
         called = name if unit_in_name(name) else f"{name} [s]"
         columns = columns.set_column(columns.column_names.index(name), called, seconds)
-    return columns, (f"clock times in {', '.join(map(repr, clocks))}, as seconds",) if clocks else ()
+        done.append(f"'{name}'")
+    return columns, (f"clock times in {', '.join(done)}, as seconds",) if done else ()
 
 
 def _is_clock(column: pa.ChunkedArray) -> bool:

@@ -98,13 +98,16 @@ def _joint_states(path: Path) -> list[_Alike]:
     """The joint states of all topics. InputError: hardly any two of them are alike."""
     found: list[_Alike] = []
     for topic, message in messages_of(path, _TYPE):
-        one = next((one for one in found if one.topic == topic and one.takes(message)), None)
-        if one is None:
-            if len(found) == _MOST_KINDS:
-                raise InputError(f"{path}: its messages name more than {_MOST_KINDS} sets of joints")
-            one = _parsed(topic, message)
+        try:
+            one = next((one for one in found if one.topic == topic and one.takes(message)), None)
+            one = one or _parsed(topic, message)
+        except (struct.error, TypeError, IndexError) as error:
+            raise InputError(f"{path}: a message of topic '{topic}' is cut off, or no {_TYPE}") from error
+        if not one.messages:
             found.append(one)
         one.messages.append(message)
+        if len(found) > _MOST_KINDS:
+            raise InputError(f"{path}: its messages name more than {_MOST_KINDS} sets of joints")
     return found
 
 

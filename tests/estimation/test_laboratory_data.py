@@ -394,6 +394,10 @@ def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
     assert "clock times in 'When', as seconds" in table.words
 
 
+def test_a_day_that_is_none_leaves_its_column_as_it_is(press):
+    assert contact_of(press(Made=["0000-00-00 00:00:00"] * len(presses()[0]))).name == "contact"
+
+
 def test_a_cell_that_is_no_time_is_named_among_times(press):
     times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
     with pytest.raises(InputError, match=r"row 8, column 'Time .s.': '0:xx' is no finite number; remove"):

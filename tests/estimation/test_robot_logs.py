@@ -186,6 +186,21 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
         np.testing.assert_array_equal(channel.effort, TORQUE[:, joint])
 
 
+@pytest.mark.parametrize("data", [None, 5, "text", b"", b"\0\1\0\0" + b"\xff" * 60, b"\0\1\0\0" + b"\0" * 20])
+def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
+    path = tmp_path / "broken.db3"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
+        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
+        database.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (data,))
+        database.commit()
+    with pytest.raises(
+        InputError, match="a message of topic '/js' is cut off, or no sensor_msgs/msg/JointState"
+    ):
+        import_file(path)
+
+
 def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
     path = tmp_path / "endless.db3"
     with closing(sqlite3.connect(path)) as database:
