@@ -222,3 +222,19 @@ def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monk
     assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
     held = Study(source, held_out=[2]).channel()
     assert held.to_fit.time_s.max() < whole.time_s[whole.run == 2][0] < held.data.time_s.max()
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", 5_000 if cut else 10**6)
+    tried = []
+
+    def judge(data, models, effects, progress, file):
+        tried.extend(effect.name for effect in effects)
+        raise InputError("seen")
+
+    whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
+    with pytest.raises(InputError, match="seen"):
+        Study(Source("swings.csv", (whole,))).diagnose(judge=judge)
+    assert "coulomb_friction" in tried
+    assert ("run_offset" in tried) is not cut
