@@ -32,7 +32,8 @@ def read_text_table(path: Path) -> FileColumns:
         raise InputError(f"{path}: no rows of data")
     tests, footer = find_blocks(content, dialect)
     words = (*dialect.words, *footer, *([f"text in {encoding}"] if encoding else []))
-    parts = [_block(content, begin, end, dialect, path) for begin, end in tests]
+    places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
+    parts = [_block(content, *test, dialect, place) for test, place in zip(tests, places, strict=True)]
     if len(parts) == 1:
         return FileColumns(parts[0], dialect.decimal, words, dialect.titles)
     columns = pa.concat_tables([with_run(part, str(test)) for test, part in enumerate(parts, 1)])
@@ -40,7 +41,7 @@ def read_text_table(path: Path) -> FileColumns:
     return FileColumns(columns, dialect.decimal, words)
 
 
-def _block(content: bytes, begin: int, end: int, dialect: Dialect, path: Path) -> pa.Table:
+def _block(content: bytes, begin: int, end: int, dialect: Dialect, place: str) -> pa.Table:
     """The rows from one byte to another; not copied, for they may be many."""
     rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
@@ -49,7 +50,7 @@ def _block(content: bytes, begin: int, end: int, dialect: Dialect, path: Path) -
         return _parse(rows, dialect)
     except pa.ArrowInvalid as error:
         problem = _first_bad_row(rows, dialect) or " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: {problem}") from error
+        raise InputError(f"{place}: {problem}") from error
 
 
 def number_of(text: object) -> float:

@@ -424,6 +424,14 @@ def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):
     assert "4 tests side by side" in imported.read
 
 
+def test_a_row_that_is_cut_off_in_one_of_several_tests_is_named_with_it(tmp_path):
+    path = tmp_path / "tests.csv"
+    test = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9))
+    path.write_text(test + "\nSpecimen 2\n" + test + "9,9\n")
+    with pytest.raises(InputError, match=r"tests.csv, test 2: row 10 has 2 cells and the header 3"):
+        read_table(path)
+
+
 def test_a_row_that_is_cut_off_is_no_footer(tmp_path):
     path = tmp_path / "cut.csv"
     path.write_text("Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9)) + "9\n")
