@@ -57,7 +57,7 @@ def _usual(signal: FloatArray) -> float:
 def _change(position: FloatArray) -> FloatArray:
     """How far it is from some samples before, and to some after each one of a run, the less; shape (n,)."""
     half = _LASTING // 2
-    padded = np.pad(position, half, mode="edge")
+    padded = np.pad(position, half, mode="reflect", reflect_type="odd")  # as if the motion went on
     before, after = position - padded[: -2 * half], padded[2 * half :] - position
     return np.asarray(np.minimum(np.abs(before), np.abs(after)))
 
