@@ -1,5 +1,6 @@
 """A look at a data file before anything is stored: how it is written, what is taken for what, the runs."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,13 @@ def facts(imported: Imported) -> list[dict[str, Any]]:
     ]
 
 
-def look_at(path: Path, options: ImportOptions) -> None:
-    """Print what is in a file, as it would be imported.
+def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None = None) -> Mapping[str, str]:
+    """Print what is in a file, as it would be imported; returns what its columns hold.
+
+    Args:
+        path: the file.
+        options: how to read it.
+        like: what the columns of the file before held: where they are the same they are not shown again.
 
     Raises:
         InputError: it cannot be read; its columns are shown before where they could be.
@@ -66,13 +72,15 @@ def look_at(path: Path, options: ImportOptions) -> None:
     except InputError:
         out.print(_columns(table))
         raise
-    out.print(_columns(table, dict(imported.roles)))
+    if imported.roles != like:
+        out.print(_columns(table, dict(imported.roles)))
     for channel in imported.channels:
         out.print(_runs(channel, imported.run_labels))
         if phases := _phases(channel):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *doubts(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
+    return imported.roles
 
 
 def doubts(imported: Imported) -> list[str]:
@@ -87,7 +95,7 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
     holds = () if roles is None else ("holds",)
     made = console.table("", "column", *holds, "first values")
     for name in table.names[:_MOST_COLUMNS]:
-        values = ", ".join(map(_value, table.head(_VALUES).columns.column(name).to_pylist()))
+        values = ", ".join(_told_apart(table.head(_VALUES).columns.column(name).to_pylist()))
         role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
         made.add_row(safe(name), *role, safe(values[:40]))
     return made
@@ -118,5 +126,10 @@ def _phases(channel: ChannelData) -> str:
     return ", ".join(f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
 
 
-def _value(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _told_apart(values: list[Any]) -> list[str]:
+    """Values with as few digits as show that they differ, if they do."""
+    for digits in (4, 8, 12):
+        texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
+        if len(set(texts)) == len(set(values)):
+            break
+    return texts

@@ -19,7 +19,11 @@ def view_of(
         commands: that lead to the same.
     """
     shown = study.results() if results is None else results
-    return StudyView(study.source.name, tuple(map(result_view, shown)), _facts(study, shown), tuple(commands))
+    source = study.source
+    notes = (*([f"read: {source.read}"] if source.read else []), *source.notes)
+    return StudyView(
+        source.name, tuple(map(result_view, shown)), _facts(study, shown), tuple(commands), notes
+    )
 
 
 def result_view(result: ChannelResult) -> ChannelView:

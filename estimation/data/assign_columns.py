@@ -31,6 +31,7 @@ from estimation.data.quantities import (
     PHASE,
     RUN,
     Role,
+    own_roles,
     parse_role,
     role_of_option,
     unit_in_name,
@@ -89,7 +90,7 @@ class Columns:
         notes = [*self.said, *(found.note for found in self.assigned.values() if found.note)]
         if self.like_runs:
             looks = f"column '{self.like_runs}' looks like the number of a run"
-            notes.append(f"{looks}; if it is one, add --column run={self.like_runs}")
+            notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.like_runs)}")
         return tuple(notes)
 
     @property
@@ -159,9 +160,8 @@ def _by_own_name(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
 ) -> dict[Key, tuple[Role, str]]:
     """With the columns whose names say quantity and unit, such as force_N."""
-    for name in table.names:
-        role = parse_role(name)
-        if role and _own_name(name) and name not in options.columns.values():
+    for name, role in own_roles(table.names).items():
+        if name not in options.columns.values():
             if role.key in chosen and chosen[role.key][1] not in options.columns.values():
                 raise InputError(
                     f"{table.path}: columns '{chosen[role.key][1]}' and '{name}' both hold {role.quantity}; "

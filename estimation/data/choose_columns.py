@@ -39,7 +39,8 @@ def choose_columns(
     named = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
     named = [one for one in named if one.key not in known]
     free = [one for one in named if table.is_numeric(one.column)]
-    if not _wanted({*known, *(one.key for one in free)}):
+    there = {*known, *(one.key for one in free)}
+    if not (_wanted(there) and TIME in there):
         _refuse_spoilt(table, known, named)
     clear = [
         one
@@ -97,7 +98,9 @@ def _wanted(there: Collection[Key]) -> list[Key]:
 
 
 def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
-    """The column whose name fits best."""
+    """The column whose name fits best; of several times, one that goes on all along."""
+    if key == TIME and len(guesses) > 1:
+        guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
     fit = max(one.fit for one in guesses)
     first, *equal = (one for one in guesses if one.fit == fit)
     others = [one for one in equal if not _same(table, first, one)]
@@ -119,4 +122,6 @@ def _same(table: Table, one: Guess, other: Guess) -> bool:
         factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column) * table.numbers(guess.column)
         for guess in (one, other)
     )
+    if one.key == TIME:  # of which only the differences count
+        first, second = first - first[0], second - second[0]
     return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))

@@ -2,17 +2,18 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from estimation.data.quantities import QUANTITIES, RUN, parse_role, split_unit
+from estimation.data.quantities import QUANTITIES, RUN, joint_number, parse_role, split_unit
 from estimation.data.units import dimension_of
 
 WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         quantity: frozenset(words.split())
         for quantity, words in {
-            "time": "t time times zeit prüfzeit testzeit messzeit temps tempo timestamp sec seconds clock",
+            "time": "t time times zeit prüfzeit testzeit messzeit temps tempo tiempo timestamp sec seconds "
+            "clock millis micros",
             "displacement": "x z d depth disp displacement indentation deformation stroke extension "
             "compression travel distance crosshead traverse deflection weg standardweg traversenweg hub",
             "force": "f fz fn force load kraft standardkraft prüfkraft normalkraft last forcez forza",
@@ -26,6 +27,7 @@ WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
 """Words for each quantity, in lower case; one of three letters or more may stand among others."""
 
 _CURRENT = frozenset({"current", "currents", "strom", "motorstrom", "i", "iq"})
+_SAYS_NOTHING = frozenset(["actual", "measured", "present", "ist", "joint", "joints", "state", "states", "j"])
 _NOT_MEASURED = frozenset(
     [
         *("set", "setpoint", "target", "cmd", "command", "commanded", "goal", "desired", "des", "reference"),
@@ -34,7 +36,16 @@ _NOT_MEASURED = frozenset(
     ]
 )
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
-OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT = 3, 2, 1, 0
+OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
+_JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
+_RADIANS = {"position": "rad", "velocity": "rad_s"}
+_INTERFACES = (  # whose names have units by their specifications: ROS (REP 103), RTDE, libfranka, Arduino
+    (re.compile(r"joint_states\W"), _RADIANS | {"torque": "Nm"}),
+    (re.compile(r"^actual_(q|qd|current)_\d$"), _RADIANS | {"torque": "A"}),
+    (re.compile(r"^(q|dq|tau_J)\[\d\]$"), _RADIANS | {"torque": "Nm"}),
+    (re.compile(r"^millis(\(\))?$"), {"time": "ms"}),
+    (re.compile(r"^micros(\(\))?$"), {"time": "us"}),
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,7 @@ class Guess:
     unit: str = ""  # as the name says it, normalised; empty where it says none
     rank: int = _BY_NAME  # how well the name fits; the highest is a name of palpate's own
     why: str = ""  # in words
+    of: tuple[str, ...] = ()  # what else the name says, such as whose position it is
 
     @property
     def key(self) -> tuple[str, int]:
@@ -61,14 +73,30 @@ class Guess:
 
 def guess_columns(names: Sequence[str]) -> list[Guess]:
     """What each column seems to hold; joints that are numbered from 0 are renumbered from 1."""
-    found = [_guess(name) for name in names]
+    found = _with_joints([_guess(name) for name in names])
     loose = [one for one in found if one.joint is not None and one.rank <= _BY_NAME]
     if not any(one.joint == 0 for one in loose):
         return found
     return [
-        Guess(one.column, one.quantity, one.joint + 1, one.unit, one.rank, one.why)
-        if one in loose and one.joint is not None
-        else one
+        replace(one, joint=one.joint + 1) if one in loose and one.joint is not None else one for one in found
+    ]
+
+
+def _with_joints(found: Sequence[Guess]) -> list[Guess]:
+    """With the numbers of joints that have names, "/elbow/position", where they have a position and a torque.
+
+    A word alone, without a unit, says something only in such a pair.
+    """
+    loose = [one for one in found if one.quantity in _JOINTLY and one.joint is None and one.rank < OWN_NAME]
+    has = {
+        of: {one.quantity for one in loose if one.of == of} for of in dict.fromkeys(one.of for one in loose)
+    }
+    joints = [of for of, quantities in has.items() if {"position", "torque"} <= quantities]
+    number = {of: place for place, of in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
+    return [
+        replace(one, joint=number[one.of])
+        if one in loose and one.of in number
+        else (Guess(one.column, "") if one.rank == _BY_PAIR and one.joint is None else one)
         for one in found
     ]
 
@@ -77,7 +105,7 @@ def _guess(name: str) -> Guess:
     role = parse_role(name)
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME
-        return Guess(name, role.quantity, role.joint or None, role.unit, rank, "by its name")
+        return Guess(name, role.quantity, joint_number(name), role.unit, rank, "by its name")
     if name.strip().lower() in WORDS[RUN]:
         return Guess(name, RUN, why="by its name")
     stem, unit = split_unit(name)
@@ -85,15 +113,22 @@ def _guess(name: str) -> Guess:
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [word.lower() for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
-    if not letters or _NOT_MEASURED & set(letters):
+    if _NOT_MEASURED & set(letters):
         return Guess(name, "")
-    quantity, rank = _named("".join(letters), letters, unit)
+    letters = [word for word in letters if word not in _SAYS_NOTHING]
+    quantity, rank = _named("".join(letters), letters, unit) if letters else ("", 0)
     if not quantity:
         return Guess(name, "")
-    if quantity not in ("position", "torque"):
+    if quantity not in _JOINTLY:
         joint = None
-    why = ("by its unit", "by a word in its name", "by its name")[rank]
-    return Guess(name, quantity, joint, unit, rank, why)
+    of = tuple(word.lower() for word in words if word.lower() not in WORDS[quantity] | _SAYS_NOTHING)
+    why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
+    return Guess(name, quantity, joint, unit or _specified(name, quantity), rank, why, of)
+
+
+def _specified(name: str, quantity: str) -> str:
+    """The unit that an interface specifies for what it calls so; empty for all other names."""
+    return next((units.get(quantity, "") for called, units in _INTERFACES if called.search(name)), "")
 
 
 def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
@@ -107,7 +142,9 @@ def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
     for quantity, known in _KNOWN:
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
-    return next(((quantity, _BY_UNIT) for quantity in QUANTITIES if _fits(quantity, unit)), ("", 0))
+    by_unit = next((quantity for quantity in QUANTITIES if _fits(quantity, unit)), "")
+    by_pair = next((one for one in _JOINTLY if words[-1] in WORDS[one]), "")
+    return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 
 
 def _fits(quantity: str, unit: str) -> bool:

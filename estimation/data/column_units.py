@@ -36,6 +36,13 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
     """
     dimensions = QUANTITIES[role.quantity]
     said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
+    note = ""
+    if not unit and role.quantity == "time":
+        unit = _likely_unit(table, role, column)
+        note = (
+            f"column '{column}' does not say its unit: its steps are taken for {unit}; else add --unit time="
+        )
+        note += "ms" if unit == "s" else "s"
     scale, unit = scaled_unit(unit, own)
     dimension = dimension_of(unit)
     if dimension not in dimensions:
@@ -43,7 +50,6 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
         raise InputError(
             f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
         )
-    note = ""
     if not said and own and dimension_of(own) not in dimensions:
         note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
     if dimension == "current":
@@ -66,10 +72,16 @@ def check_all_say_their_units(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
 ) -> None:
     """Ask for the units that nothing says, with those that are likely. InputError: one is not said."""
-    silent = [(role, column) for role, column in chosen.values() if not _unit(options, role, column)]
+    silent = [
+        (role, column)
+        for role, column in chosen.values()
+        if role.quantity != "time" and not _unit(options, role, column)
+    ]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
-        units = (f"--unit {role.numbered}={_likely_unit(table, role, column)}" for role, column in silent)
+        units = dict.fromkeys(
+            f"--unit {role.quantity}={_likely_unit(table, role, column)}" for role, column in silent
+        )
         one = len(silent) == 1
         raise InputError(
             f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
@@ -79,9 +91,10 @@ def check_all_say_their_units(
 
 def _likely_unit(table: Table, role: Role, column: str) -> str:
     """The SI unit, or where the numbers are large for that, the one that laboratories take."""
-    span = float(np.ptp(table.numbers(column))) if table.is_numeric(column) else 0.0
+    values = table.numbers(column) if table.is_numeric(column) else np.zeros(1)
     if role.quantity == "time":
-        return likely_time_unit(span / max(len(table) - 1, 1))
+        return likely_time_unit(float(np.median(np.diff(values))) if len(values) > 1 else 0.0)
+    span = float(np.ptp(values))
     most, other = _LARGE.get(role.quantity, (np.inf, ""))
     return other if span > most else si_unit(QUANTITIES[role.quantity][0])
 

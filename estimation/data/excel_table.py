@@ -34,6 +34,7 @@ class _Sheet:
     names: tuple[str, ...]
     rows: list[list[Any]]
     skipped: int
+    titles: tuple[str, ...]
 
 
 def read_excel_table(path: Path) -> FileColumns:
@@ -51,23 +52,40 @@ def read_excel_table(path: Path) -> FileColumns:
     if not found:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
     first = max(found, key=lambda sheet: len(sheet.rows))
-    alike = [sheet for sheet in found if sheet.names == first.names]
-    rows = [row for sheet in alike for row in sheet.rows]
-    columns = {name: _column(rows, place) for place, name in enumerate(first.names)}
-    if len(alike) > 1 and RUN not in columns:
-        columns[RUN] = pa.array([sheet.title for sheet in alike for _ in sheet.rows])
+    alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
+    rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
+    names, columns = list(first.names), [_column(rows, place) for place in range(len(first.names))]
+    if len(alike) > 1 and RUN not in names:
+        names.append(RUN)
+        columns.append(pa.array([sheet.title for sheet in alike for _ in sheet.rows]))
     text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
     return FileColumns(
-        pa.table(list(columns.values()), names=list(columns)),
+        pa.table(columns, names=names),
         "," if commas_decide(text) else ".",
-        _words(first, alike, book.sheet_names),
+        _words(first, found, alike, book.sheet_names),
+        first.titles,
     )
 
 
-def _words(first: _Sheet, alike: Sequence[_Sheet], names: Sequence[str]) -> tuple[str, ...]:
-    titles = ", ".join(f"'{sheet.title}'" for sheet in alike[:5]) + (" ..." if len(alike) > 5 else "")
-    words = [f"sheet{'s' if len(alike) > 1 else ''} {titles} of {len(names)}"]
+def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
+    """A sheet's rows with the cells in the order of these names."""
+    if sheet.names == names:
+        return sheet.rows
+    places = [sheet.names.index(name) for name in names]
+    return [[row[place] for place in places] for row in sheet.rows]
+
+
+def _words(
+    first: _Sheet, found: Sequence[_Sheet], alike: Sequence[_Sheet], names: Sequence[str]
+) -> tuple[str, ...]:
+    words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(names)}"]
+    if others := [sheet for sheet in found if sheet not in alike]:
+        words.append(f"not read, since their columns differ: {_titles(others)}")
     return (*words, *preamble_words(first.skipped))
+
+
+def _titles(sheets: Sequence[_Sheet]) -> str:
+    return ", ".join(f"'{sheet.title}'" for sheet in sheets[:5]) + (" ..." if len(sheets) > 5 else "")
 
 
 def _check_is_workbook(path: Path) -> None:
@@ -115,7 +133,8 @@ def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
         return None
     width = len(layout.names)
     body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
-    return _Sheet(sheet.name, layout.names, body, sum(any(row) for row in head[: layout.header]))
+    skipped = sum(any(row) for row in head[: layout.header])
+    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles)
 
 
 def _column(rows: Sequence[Sequence[Any]], place: int) -> pa.Array:

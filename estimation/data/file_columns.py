@@ -8,6 +8,7 @@ import pyarrow as pa
 from robot_io.errors import InputError
 from robot_io.files.unpacked import most_unpacked
 
+BAGS = (".mcap", ".db3")  # of ROS 2
 MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is full
 
 
@@ -18,6 +19,12 @@ class FileColumns:
     columns: pa.Table  # by their names; those of a text file are text
     decimal: str = "."  # mark in numbers that are text
     words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
+    titles: tuple[str, ...] = ()  # what stands above each column's name, such as that of a test
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a folder is a recording of ROS 2, whose files are one."""
+    return (path / "metadata.yaml").is_file() and any(part.suffix in BAGS for part in path.iterdir())
 
 
 def most_bytes(path: Path) -> int:
@@ -30,3 +37,9 @@ def check_size(path: Path, size: int) -> None:
     most = most_bytes(path)
     if size > most:
         raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
+
+
+def counted(path: Path) -> list[tuple[int, str]]:
+    """A key by which numbers within names are sorted as numbers."""
+    words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]

@@ -15,7 +15,7 @@ NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
     ),
 }
 _ALIKE = 3  # lines in a row that make a table
-_FEWEST = 2  # numbers in such a line
+FEWEST_NUMBERS = 2  # in such a line
 _COMMENT = "#%/;! \ufeff"
 _LABVIEW = ("X_Value", "Y_Unit_Label", "X_Dimension")
 _BRACKETS = "[](){}<>"
@@ -28,6 +28,7 @@ class Layout:
     names: tuple[str, ...]  # of the columns, with the units of a row of units in brackets
     first: int  # index of the first row of numbers
     header: int  # index of the row of names
+    titles: tuple[str, ...] = ()  # the row above the names
 
 
 def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
@@ -40,17 +41,17 @@ def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
     numeric = [_numbers(row, decimal) for row in rows]
     for first in range(1, len(rows)):
         width = max(len(_used(row)) for row in rows[first : first + _ALIKE])
-        if sum(numeric[first]) < _FEWEST or not _goes_on(rows, decimal, first):
+        if sum(numeric[first]) < FEWEST_NUMBERS or not _goes_on(rows, decimal, first):
             continue
         header = _row_above(rows, first, width)
         if header is None or sum(numeric[header]) > 0:
             continue
         units = _units(rows[header], width) if header > 0 else None
         if units is None:
-            return Layout(_names(rows, header, width), first, header)
+            return Layout(_names(rows, header, width), first, header, _titles(rows, header))
         above = _row_above(rows, header, width)
         if above is not None and not any(numeric[above]):
-            return Layout(_with_units(rows[above], units, width), first, above)
+            return Layout(_with_units(rows[above], units, width), first, above, _titles(rows, above))
     return None
 
 
@@ -63,7 +64,7 @@ def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
     """Whether numbers stand in the same columns for some rows, or to the end; cells may be empty."""
     kinds: dict[int, bool] = {}
     for row in rows[first : first + _ALIKE]:
-        if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < _FEWEST:
+        if sum(map(bool, row)) > 0 and sum(_numbers(row, decimal)) < FEWEST_NUMBERS:
             return False
         for place, cell in enumerate(row):
             if cell.strip() and kinds.setdefault(place, is_number(cell, decimal)) != is_number(cell, decimal):
@@ -94,6 +95,10 @@ def _row_above(rows: Sequence[Sequence[str]], below: int, width: int) -> int | N
         if any(cell.strip() for cell in rows[place]):
             return place if len(rows[place]) >= width and len(_used(rows[place])) >= 2 else None
     return None
+
+
+def _titles(rows: Sequence[Sequence[str]], header: int) -> tuple[str, ...]:
+    return tuple(" ".join(cell.split()) for cell in rows[header - 1]) if header else ()
 
 
 def _units(row: Sequence[str], width: int) -> list[str] | None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from estimation.channel import ChannelData
+from estimation.data.file_columns import counted, is_bag
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
@@ -16,13 +17,19 @@ _MOST_FILES = 2000
 def data_files(folder: Path) -> list[Path]:
     """The data files in a folder, by name as people count: run2 before run10.
 
+    A folder that is one recording of ROS 2 is one of them; of a LeRobot data set, those of its episodes.
+
     Raises:
         InputError: there are very many.
     """
-    found = [path for path in folder.iterdir() if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
+    if is_bag(folder):
+        return [folder]
+    lerobot = (folder / "meta" / "info.json").is_file()
+    there = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
+    found = [path for path in there if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
     if len(found) > _MOST_FILES:
         raise InputError(f"{folder}: {len(found)} data files, at most {_MOST_FILES}; join some of them")
-    return sorted((path for path in found if path.is_file()), key=_counted)
+    return sorted((path for path in found if path.is_file()), key=counted)
 
 
 def import_files(
@@ -56,12 +63,6 @@ def import_files(
     labels = [label for path, part in zip(paths, parts, strict=True) for label in _labels(path, part)]
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
     return Imported(channels, dict(enumerate(labels)), _notes(paths, parts), unused, _read(parts), {})
-
-
-def _counted(path: Path) -> list[tuple[int, str]]:
-    """A key by which numbers within names are sorted as numbers."""
-    words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
 
 def _joined(name: str, paths: Sequence[Path], parts: Sequence[Imported]) -> ChannelData:

@@ -73,16 +73,17 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     piece = restarts(columns.values(TIME))
     if not contact and count is not None:
         raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")
-    run = piece
+    run, presses = piece, 1
     if contact and count is None:
-        run = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)
+        run, presses = cut_presses(columns.values(FORCE), columns.values(DISPLACEMENT), piece)
     elif contact and count is not None and count > 1:
-        run = cut_into(columns.values(FORCE), piece, count, f"{place}: --runs {count}")
+        motion = columns.values(FORCE), columns.values(DISPLACEMENT)
+        run = cut_into(*motion, piece, count, f"{place}: --runs {count}")
     number = int(run[-1]) + 1
     if number == 1:
         return run, ""
     anew = "the clock begins anew: " if piece[-1] else ""
-    each = "one for each press; " if contact else ""
+    each = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if contact else ""
     return run, f"{anew}cut into {number} runs, {each}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
     )

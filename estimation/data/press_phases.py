@@ -38,7 +38,7 @@ def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, 
     moves = np.abs(velocity) > _SLOW * usual
     # A velocity that was derived over many samples begins before the motion, and ends after it.
     change = np.concatenate([_change(position[rows]) for rows in blocks(run)])
-    moves &= (np.abs(velocity) > _EDGE * usual) | (np.abs(change) > _SLOW * _usual(change))
+    moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _usual(change))
     way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
@@ -55,9 +55,11 @@ def _usual(signal: FloatArray) -> float:
 
 
 def _change(position: FloatArray) -> FloatArray:
-    """From some samples before to some after each one of a run, shape (n,)."""
-    padded = np.pad(position, _LASTING // 2, mode="edge")
-    return padded[2 * (_LASTING // 2) :] - padded[: len(position)]
+    """How far it is from some samples before, and to some after each one of a run, the less; shape (n,)."""
+    half = _LASTING // 2
+    padded = np.pad(position, half, mode="reflect", reflect_type="odd")  # as if the motion went on
+    before, after = position - padded[: -2 * half], padded[2 * half :] - position
+    return np.asarray(np.minimum(np.abs(before), np.abs(after)))
 
 
 def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:

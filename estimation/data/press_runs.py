@@ -11,7 +11,7 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
 FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
-_MOST_PRESSES = 1000
+_MOST_RUNS = 500  # that presses are cut into: of more, several are one run
 # of the usual range of the force: a press goes from below the one above the other
 _PRESSED, _RELEASED = 0.1, 0.05
 _SIGMAS = (8.0, 4.0)  # the same in deviations of the noise, whichever is more
@@ -57,8 +57,8 @@ def restarts(time_s: FloatArray) -> IntArray:
     return np.cumsum(number) if anew.all() else np.zeros(len(time_s), dtype=np.int64)
 
 
-def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> IntArray:
-    """Number of each row's run, shape (n,): one for each press, from the middle of one free air to the next.
+def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
+    """Number of each row's run, shape (n,), from the middle of one free air to another, and presses in each.
 
     Args:
         force: shape (n,), positive in compression.
@@ -67,25 +67,27 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     """
     levels = force_levels(force, displacement)
     tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
-    return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS)
+    presses = len(tops) // _MOST_RUNS + 1
+    return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS, presses), presses
 
 
-def cut_into(force: FloatArray, piece: IntArray, count: int, where: str) -> IntArray:
-    """Number of each row's run, shape (n,), if there are so many: the most prominent presses.
+def cut_into(
+    force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
+) -> IntArray:
+    """Number of each row's run, shape (n,), if there are so many: the presses that come from furthest out.
 
     Raises:
         InputError: there are fewer presses.
     """
     from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
 
-    smooth = np.asarray(median_filter(force, 5))
-    peaks = find_peaks(np.concatenate([[smooth.min()], smooth, [smooth.min()]]))[0] - 1
-    prominence = peak_prominences(smooth, peaks)[0] if len(peaks) else np.zeros(0)
-    noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
-    edge = (peaks == 0) | (peaks == len(smooth) - 1)  # nothing is known of what lies beyond
-    prominence[edge] = smooth[peaks[edge]] - smooth.min()
-    stand_out = np.argsort(prominence)[::-1][:count]
-    tops = np.sort(peaks[stand_out[prominence[stand_out] > _SIGMAS[1] * noise]])
+    depth = np.asarray(median_filter(displacement, 5))
+    padded = np.pad(depth, 1, constant_values=depth.min())
+    peaks = find_peaks(padded)[0]
+    way = peak_prominences(padded, peaks)[0]
+    pressed = np.asarray(median_filter(force, 5))[peaks - 1] > force_levels(force, displacement).released
+    is_press = pressed & (way > _RELEASED * np.ptp(depth))
+    tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
     run = _cut(force, piece, tops, 1) if len(tops) else piece
     if run[-1] + 1 != count:
         presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
@@ -106,13 +108,12 @@ def _tops(force: FloatArray, levels: Levels) -> IntArray:
     )
 
 
-def _cut(force: FloatArray, piece: IntArray, tops: IntArray, fewest: int) -> IntArray:
+def _cut(force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
-    if len(tops) <= _MOST_PRESSES:
-        for one, two in pairwise(tops.tolist()):
-            if piece[one] == piece[two]:
-                border[_between(force, one, two)] = 1
+    for one, two in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
+        if piece[one] == piece[two]:
+            border[_between(force, one, two)] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
     return run if counts.min() >= fewest else piece

@@ -1,8 +1,8 @@
 """What the columns of a data file are called, and what they hold."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from estimation.data.units import SI, dimension_of, normalise
@@ -25,7 +25,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
-_BRACKETED = re.compile(r"\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$")
+_BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
 _AFTER = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+)\s*$")
 
 
@@ -68,6 +68,21 @@ def parse_role(name: str) -> Role | None:
     if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
         return None
     return Role(quantity, joint, unit)
+
+
+def own_roles(names: Iterable[str]) -> dict[str, Role]:
+    """The roles of the names that say quantity and unit; joints that are numbered from 0 count from 1."""
+    found = {name: role for name in names if (role := parse_role(name)) and role.unit}
+    if not any(joint_number(name) == 0 for name in found):
+        return found
+    shift = {name: joint_number(name) is not None for name in found}
+    return {name: replace(role, joint=role.joint + shift[name]) for name, role in found.items()}
+
+
+def joint_number(name: str) -> int | None:
+    """The number in a name of palpate's own; None where it has none."""
+    match = _NAME.fullmatch(name.strip())
+    return int(match.group(2)) if match and match.group(2) else None
 
 
 def role_of_option(name: str) -> Role:

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -14,8 +14,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from estimation.data.array_files import read_npz, read_parquet
-from estimation.data.file_columns import FileColumns
+from estimation.data.clock_times import with_seconds
+from estimation.data.file_columns import BAGS, FileColumns, is_bag
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
+from estimation.data.side_by_side import find_tests, is_filled, one_below_the_other
 from estimation.data.text_table import number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -119,11 +121,7 @@ class Table:
 
     def is_there(self, name: str) -> BoolArray:
         """In which rows a column holds something, shape (n,)."""
-        column = self._column(name)
-        held = pc.is_valid(column)
-        if _is_text(column):
-            held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
-        return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
+        return is_filled(self._column(name))
 
     def is_numeric(self, name: str) -> bool:
         """Whether a column holds numbers only, as far as the first of its cells that are not empty say."""
@@ -153,9 +151,10 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         InputError: it cannot be read, is empty, or is of no known kind.
     """
     place = Path(path)
-    if not place.is_file():
+    bag = place.is_dir() and is_bag(place)
+    if not (bag or place.is_file()):
         raise InputError(f"{place}: no such file")
-    ending = Path(place.name.lower().removesuffix(".gz")).suffix
+    ending = BAGS[0] if bag else Path(place.name.lower().removesuffix(".gz")).suffix
     read = next((reader for endings, reader in _READERS if ending in endings), None)
     if read is None:
         known = ", ".join(ENDINGS)
@@ -164,31 +163,48 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         )
     try:
         found = read(place)
-        return replace(table_of(found.columns, place), decimal=found.decimal, words=found.words)
+        table = table_of(found.columns, place, found.titles)
+        columns, clocks = with_seconds(table.columns, found.decimal)
+        words = (*found.words, *table.words, *clocks)
+        return replace(table, columns=columns, decimal=found.decimal, words=words)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
 
 
-def table_of(found: pa.Table, place: Path) -> Table:
-    """A table as Arrow holds it.
+def table_of(found: pa.Table, place: Path, titles: Sequence[str] = ()) -> Table:
+    """A table as Arrow holds it; several side by side are runs of one.
 
     Args:
         found: columns.
         place: where they come from, for errors.
+        titles: what stands above each column's name.
 
     Raises:
         InputError: it has no rows, or two columns of one name.
     """
-    names = [" ".join(name.split()) for name in found.column_names]
-    columns = found.rename_columns(names)
+    columns = _without_gaps(found.rename_columns([" ".join(name.split()) for name in found.column_names]))
+    names = columns.column_names
+    if tests := find_tests(names):
+        columns, rows = one_below_the_other(columns, tests, titles)
+        return Table(place, columns, rows, words=(f"{len(tests)} tests side by side, taken as runs",))
     twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:
         raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
     return Table(place, columns, np.arange(1, columns.num_rows + 1))
+
+
+def _without_gaps(columns: pa.Table) -> pa.Table:
+    """The columns without those that have neither a name nor a value."""
+    empty = [
+        place
+        for place, name in enumerate(columns.column_names)
+        if name == f"column {place + 1}" and not is_filled(columns.column(place)).any()
+    ]
+    return columns.select([place for place in range(columns.num_columns) if place not in empty])
 
 
 def _read_excel(path: Path) -> FileColumns:
@@ -248,6 +264,6 @@ _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], FileColumns]], ...] = (
     ((".xlsx", ".xlsm", ".xls"), _read_excel),
     ((".parquet", ".pq"), read_parquet),
     ((".npz",), read_npz),
-    ((".mcap",), _read_ros),
+    (BAGS, _read_ros),
 )
 ENDINGS = tuple(ending for endings, _ in _READERS for ending in endings)

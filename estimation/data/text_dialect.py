@@ -3,9 +3,16 @@
 import csv
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from estimation.data.header_rows import NUMBER, Layout, find_layout, preamble_words
+from estimation.data.header_rows import (
+    FEWEST_NUMBERS,
+    NUMBER,
+    Layout,
+    find_layout,
+    is_number,
+    preamble_words,
+)
 from estimation.data.quantities import parse_role
 
 DELIMITERS = (",", ";", "\t", "|")
@@ -22,8 +29,10 @@ class Dialect:
     delimiter: str  # between cells
     decimal: str  # mark in numbers
     names: tuple[str, ...]  # of the columns
+    head: int  # byte at which the names begin
     start: int  # byte at which the first row of numbers begins
     skipped: int = 0  # lines before the names
+    titles: tuple[str, ...] = ()  # cells of the row above the names
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -50,7 +59,7 @@ def find_dialect(content: bytes) -> Dialect | None:
         decimal = "," if first != "," and commas_decide(rows) else "."
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         end = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
-        return Dialect(first, decimal, named, end.end() if end else len(content))
+        return Dialect(first, decimal, named, lines[0][0], end.end() if end else len(content))
     tried = [found for found in _tried(lines) if found is not None]
     return max(tried, key=lambda found: len(found.names), default=None)
 
@@ -69,16 +78,24 @@ def _tried(lines: list[tuple[int, str]]) -> Iterator[Dialect | None]:
             yield _dialect(lines, delimiter, decimal, _fitted(layout, rows[layout.first :]))
 
 
+def is_footer(line: str, dialect: Dialect) -> bool:
+    """Whether a line below the rows is none of them: empty, or words. A row that is cut off is one."""
+    cells = next(_cells([line], dialect.delimiter), [])
+    numbers = sum(is_number(cell, dialect.decimal) for cell in cells)
+    return numbers < min(FEWEST_NUMBERS, max(len(cells), 1))
+
+
 def _dialect(lines: list[tuple[int, str]], delimiter: str, decimal: str, layout: Layout) -> Dialect:
     skipped = sum(bool(text.strip()) for _, text in lines[: layout.header])
-    return Dialect(delimiter, decimal, layout.names, lines[layout.first][0], skipped)
+    head, start = (lines[row][0] for row in (layout.header, layout.first))
+    return Dialect(delimiter, decimal, layout.names, head, start, skipped, layout.titles)
 
 
 def _fitted(layout: Layout, body: list[list[str]]) -> Layout:
     """The layout with as many names as the rows have cells: both may end with the delimiter or a remark."""
     width, names = max(len(row) for row in body[:3]), list(layout.names)
     names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
-    return Layout(tuple(names[:width]), layout.first, layout.header)
+    return replace(layout, names=tuple(names[:width]))
 
 
 def _lines(content: bytes) -> list[tuple[int, str]]:

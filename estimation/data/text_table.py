@@ -8,6 +8,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 from estimation.data.file_columns import FileColumns, check_size, most_bytes
+from estimation.data.side_by_side import with_run
+from estimation.data.text_blocks import find_blocks
 from estimation.data.text_decoding import as_utf8
 from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError
@@ -28,15 +30,27 @@ def read_text_table(path: Path) -> FileColumns:
     dialect = find_dialect(content) or _refused(content, path)
     if not content[dialect.start : dialect.start + _LONGEST_LINE].strip():
         raise InputError(f"{path}: no rows of data")
-    rows = pa.py_buffer(content).slice(dialect.start)  # not copied: it may be large
+    tests, footer = find_blocks(content, dialect)
+    words = (*dialect.words, *footer, *([f"text in {encoding}"] if encoding else []))
+    places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
+    parts = [_block(content, *test, dialect, place) for test, place in zip(tests, places, strict=True)]
+    if len(parts) == 1:
+        return FileColumns(parts[0], dialect.decimal, words, dialect.titles)
+    columns = pa.concat_tables([with_run(part, str(test)) for test, part in enumerate(parts, 1)])
+    words = (*words, f"{len(parts)} tests one after the other, taken as runs")
+    return FileColumns(columns, dialect.decimal, words)
+
+
+def _block(content: bytes, begin: int, end: int, dialect: Dialect, place: str) -> pa.Table:
+    """The rows from one byte to another; not copied, for they may be many."""
+    rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
-        rows = pa.py_buffer(blanks_as_tabs(content[dialect.start :]))
-    words = (*dialect.words, *([f"text in {encoding}"] if encoding else []))
+        rows = pa.py_buffer(blanks_as_tabs(content[begin:end]))
     try:
-        return FileColumns(_parse(rows, dialect), dialect.decimal, words)
+        return _parse(rows, dialect)
     except pa.ArrowInvalid as error:
         problem = _first_bad_row(rows, dialect) or " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: {problem}") from error
+        raise InputError(f"{place}: {problem}") from error
 
 
 def number_of(text: object) -> float:

@@ -54,7 +54,7 @@ _SPELT: Mapping[str, str] = MappingProxyType(
     {
         spelling: unit
         for unit, spellings in {
-            "s": "sec secs second seconds sek sekunden",
+            "s": "sec secs second seconds sek sekunden seg segundos secondes",
             "ms": "msec msecs millisecond milliseconds",
             "us": "usec usecs microsecond microseconds",
             "ns": "nsec nsecs nanosecond nanoseconds",
@@ -89,10 +89,17 @@ _SPELT: Mapping[str, str] = MappingProxyType(
 _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
 
 
+_CLOCK = re.compile(
+    r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE
+)  # the form of what is read as s
+
+
 def normalise(unit: str) -> str:
     """The spelling used here: "mm/s^2" and "mm/s2" are "mm_s2", "N m" and "N*m" are "Nm", "sec" is "s"."""
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_").replace("μ", "µ")
     plain = plain.replace(" ", "").replace("*", "")
+    if _CLOCK.fullmatch(plain):
+        return "s"
     if dimension_of(plain):
         return plain
     upright, slash, per = plain.partition("_")

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.frame import Frame, block_length, coarse_copy
 from estimation.signals.blocks import blocks, rows_of_runs
 from estimation.signals.runwise import sample_time
-from robot_io.types import IntArray
+from robot_io.types import BoolArray, IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
 _ENOUGH = 25_000  # samples that need not be made fewer
@@ -21,6 +22,9 @@ _FEWEST_IN_RUN = 50  # means
 _FEWEST_RUNS = 6  # that are left, so that some can be held out
 _STRETCHES = 40  # that a joint's runs are cut into, or more
 _COVERED = 0.3  # of the range of positions, that each of them goes through
+_STILL = 0.002  # of the range of positions: what stays within it for `_NEAR_S` to both sides stands still
+_NEAR_S = 0.5  # before and after a motion, that belong to it
+_MOSTLY = 0.5  # of the samples: with fewer near a motion a joint mostly stands still
 _BEARABLE = 2  # times `_MOST`, beyond which something is rather lost
 _THIRD = 20.0  # sum of the squares of (1, -3, 3, -1), the weights of a third difference
 
@@ -48,7 +52,8 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     the white noise of its readings: then motion and effort change evenly within a block, the mean of any
     smooth law is the law of the means, and what is averaged away is noise. Slow noise counts as signal, so
     that the rate is rather too high. If that is still too much, evenly spread runs are taken, or stretches of
-    a joint's runs, and where there are none it is averaged although that loses something. All this is said.
+    a joint's runs, and where there are none it is averaged although that loses something. Before all, of a
+    joint that mostly stands still its motions are taken. All this is said.
 
     Args:
         data: the channel; velocity and acceleration were derived at its full rate.
@@ -60,15 +65,45 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     """
     if len(data) <= LONG:
         return data, "", {}
-    held, run_of = np.array(held_out, dtype=np.int64), dict[int, int]()
-    block, seen = _longest_block(data)
-    short = _means(data, block)
-    said = _sentence(data, short, block, seen)
+    held = np.array(held_out, dtype=np.int64)
+    moving, motions, run_of = _from_rest_to_rest(data, held)
+    block, seen = _longest_block(moving)
+    short = _means(moving, block)
+    said = _sentence(data, short, block, seen, motions)
     for fewer in (_fewer_runs, _fewer_stretches, _coarser):
         if _times_too_long(short, held) > 1:
             short, more, cut = fewer(short, held)
-            said, run_of = said + more, run_of | cut
+            said, run_of = said + more, run_of | {new: run_of.get(old, old) for new, old in cut.items()}
     return short, said, run_of
+
+
+def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:
+    """A joint's motions as runs, with some rest before and after, where it mostly stands still.
+
+    What holds it at rest depends on how it came there, and says little of what moves it.
+    """
+    near = _near_motion(data)
+    parts = [rows for rows in blocks(2 * data.run + near) if near[rows.start]]
+    parts = [rows for rows in parts if data.run[rows.start] not in held]
+    if data.kind is ChannelKind.CONTACT or np.mean(near) > _MOSTLY or len(parts) < _FEWEST_RUNS:
+        return data, "", {}
+    run, first = data.run.copy(), int(data.run.max()) + 1
+    run_of = {first + number: int(data.run[rows.start]) for number, rows in enumerate(parts)}
+    for number, rows in enumerate(parts, first):
+        run[rows] = number
+    moving = replace(data, run=run).of_runs(np.array([*run_of, *held]))
+    return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
+
+
+def _near_motion(data: ChannelData) -> BoolArray:
+    """Where a joint moves, or does so soon or did just before, shape (n,)."""
+    swept, reach = np.zeros(len(data)), int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run)))
+    for rows in rows_of_runs(data.run):
+        around = [
+            filtered(data.position[rows], 2 * reach + 1) for filtered in (maximum_filter1d, minimum_filter1d)
+        ]
+        swept[rows] = around[0] - around[1]
+    return np.asarray(swept > _STILL * np.ptp(data.position))
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:
@@ -190,9 +225,9 @@ def _taken(data: ChannelData, some: ChannelData, held: IntArray) -> str:
     return taken + (f", evenly spread{wider}" if after < before else "")
 
 
-def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None) -> str:
+def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | None, motions: str) -> str:
     rate_hz = 1.0 / sample_time(data.time_s, data.run)
-    said = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz"
+    said = f"{data.name}: {len(data):,} samples at {rate_hz:.4g} Hz{motions}"
     if block == 1:
         return f"{said} are taken as they are"
     length_ms, unit = 1e3 * block / rate_hz, data.kind.effort_unit

@@ -176,6 +176,15 @@ class Sides(Shown):
         """How far the second's effort follows the first's over time [%]; NaN where it is no repetition."""
         return float("nan") if self.overlay is None else fit_percent(self.first.data.effort, self.overlay)
 
+    @property
+    def apart(self) -> float:
+        """How far the two efforts are apart over time, in what the noise of both makes; NaN if not known."""
+        a, b = self.first.compared, self.second.compared
+        if self.overlay is None or a is None or b is None:
+            return float("nan")
+        apart = np.nanmean((self.overlay - self.first.data.effort) ** 2)
+        return float(np.sqrt(apart) / max(np.hypot(a.noise_floor, b.noise_floor), np.finfo(float).tiny))
+
     @cached_property
     def fits(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Fit [%] of each model (row) to each measurement (column)."""

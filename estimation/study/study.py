@@ -11,6 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
+from estimation.effects.run_variation import RunVariation
 from estimation.gate import of_runs_left, refuse
 from estimation.study import engine
 from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
@@ -103,7 +104,10 @@ class Study(Fits):
         unknown = [one for one in chosen if about(one) not in self._diagnoses]
         if unknown:
             data, models = [one.to_fit for one in chosen], [one.model for one in chosen]
-            judged = judge(data, models, self.effects, progress, self._file)
+            # Stretches of one recording are no runs, each of which might have met another zero or gain.
+            of_runs = RunVariation if self.source.stretches else ()
+            effects = [one for one in self.effects if not isinstance(one, of_runs)]
+            judged = judge(data, models, effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
             said = self.source.averaged
             found = [one.model_copy(update={"averaged": said.get(one.channel, "")}) for one in found]

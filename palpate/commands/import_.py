@@ -12,7 +12,7 @@ import typer
 
 from estimation.data.channels import is_session
 from estimation.data.import_file import Imported
-from estimation.data.import_files import import_files
+from estimation.data.import_files import data_files, import_files
 from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ReadOptions, retyped
@@ -35,7 +35,8 @@ def command(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Measurements: text (.csv ...), .xlsx, .parquet or .npz; several are runs of one.",
+            help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag; folders of them. "
+            "Several are runs of one.",
             metavar="FILE",
         ),
     ],
@@ -50,18 +51,17 @@ def command(
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """
-    for file in files:
-        _check_is_data(file)
+    found = [file for path in files for file in _data_in(path)]
     if look:
-        _look(files, options, out, as_json=as_json)
+        _look(files, found, options, out, as_json=as_json)
         return
     session = output_session(out or Path("sessions") / f"{_stem(files[0])}.mcap")
     with import_progress() as progress:
-        imported = import_files(files, options.options, lambda what, share: progress(what, _READ * share))
+        imported = import_files(found, options.options, lambda what, share: progress(what, _READ * share))
         write_session(
             session,
             import_streams(imported),
-            _metadata(files, imported),
+            _metadata(found, imported),
             progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
         )
     notes = (*imported.notes, *doubts(imported))
@@ -72,11 +72,16 @@ def command(
         _print(imported, session)
 
 
-def _check_is_data(file: Path) -> None:
-    """Refuse what is not there, and what needs no import. InputError: it is no file, or a session."""
-    if is_session(existing_file(file, "data file")):
-        open_session(file)  # says what is wrong with what is only called one
-        raise InputError(f"{file}: is a session already; all commands take it as it is")
+def _data_in(path: Path) -> list[Path]:
+    """The file, or those in a folder. InputError: there is none, or a session, which needs no import."""
+    files = data_files(path) if path.is_dir() else [existing_file(path, "data file")]
+    for file in files:
+        if is_session(file):
+            open_session(file)  # says what is wrong with what is only called one
+            raise InputError(f"{file}: is a session already; all commands take it as it is")
+    if not files:
+        raise InputError(f"{path}: is a folder without a data file")
+    return files
 
 
 def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
@@ -91,14 +96,17 @@ def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
     )
 
 
-def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool) -> None:
+def _look(
+    named: Sequence[Path], files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_json: bool
+) -> None:
     if out is not None:
         raise InputError("--look only shows, and stores nothing: leave out --out")
     if as_json:
         console.print_json({"files": [look_as_data(file, options.options) for file in files]})
         return
+    roles = None
     for file in files:
-        look_at(file, options.options)
+        roles = look_at(file, options.options, roles)
     given = {
         "column": options.column,
         "unit": options.unit,
@@ -106,8 +114,8 @@ def _look(files: Sequence[Path], options: ReadOptions, out: Path | None, *, as_j
         "context": options.context,
     }
     runs = None if options.runs is None else str(options.runs)
-    more = " ".join(typed(file) for file in files[:-1])
-    last = retyped(files[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
+    more = " ".join(typed(file) for file in named[:-1])
+    last = retyped(named[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
     command = " ".join(filter(None, ["palpate import", more, last]))
     console.next_steps((command, "store it as a session"))
 

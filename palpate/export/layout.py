@@ -85,7 +85,7 @@ def _plotjuggler(plots: Plots) -> str:
     shares = ";".join([f"{1 / len(plots):.4f}"] * len(plots))
     place = ElementTree.SubElement(tab, "Container")
     split = ElementTree.SubElement(
-        place, "DockSplitter", orientation="|", sizes=shares, count=str(len(plots))
+        place, "DockSplitter", orientation="-", sizes=shares, count=str(len(plots))
     )
     for title, plot in plots.items():
         area = ElementTree.SubElement(split, "DockArea", name=title)

@@ -82,7 +82,8 @@ def _words(found: Sides) -> Iterator[str]:
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
     if np.isfinite(found.followed):
-        yield f"B follows A to {found.followed:.1f} % over time, run by run."
+        noise = "; no more than the noise of both is between them" if found.apart < _ONLY_NOISE else ""
+        yield f"B follows A to {found.followed:.1f} % over time, run by run{noise}."
     (own_a, a_of_b), (b_of_a, own_b) = found.fits
     if found.is_same_data:
         yield f"A's model describes the measurement to {own_a:.1f} %, B's to {own_b:.1f} %."

@@ -134,6 +134,7 @@ class StudyView:
     channels: tuple[ChannelView, ...]
     facts: Mapping[str, str] = field(default_factory=dict)
     commands: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # how a data file was read, in sentences
 
 
 @dataclass(frozen=True)

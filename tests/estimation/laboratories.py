@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,59 @@ def excel(folder):
     return folder / "series.xlsx"
 
 
+def side_by_side(folder):
+    """Each specimen in columns of its own, below its name; an empty column between; they differ in length."""
+    tests = [list(zip(*si_prefixed(*presses((speed,))), strict=True)) for speed in SPEEDS_M_S]
+    head = [("Time", "Extension", "Load"), ("s", "mm", "N")]
+    sheet = openpyxl.Workbook()
+    sheet.active.append([cell for name in "ABCD" for cell in (f"Foam {name}", None, None, None)])
+    for row in range(max(map(len, tests)) + 2):
+        cells = [[*head, *test][row] if row < len(test) + 2 else (None,) * 3 for test in tests]
+        plain = [
+            cell if isinstance(cell, str | None) else float(cell)
+            for three in cells
+            for cell in (*three, None)
+        ]
+        sheet.active.append(plain[:-1])
+    sheet.save(folder / "side by side.xlsx")
+    return folder / "side by side.xlsx"
+
+
+def numbered_columns(folder):
+    """The same as text, told apart by a number behind each name."""
+    tests = [si_prefixed(*presses((speed,))) for speed in SPEEDS_M_S]
+    names = [name.format(n) for n in "1234" for name in ("Time {} s", "Way {} mm", "Load {} N")]
+    rows = zip_longest(*(map("{:.5f}".format, column) for test in tests for column in test), fillvalue="")
+    path = folder / "numbered.csv"
+    path.write_text("\n".join(map(",".join, [names, *rows])) + "\n")
+    return path
+
+
+def one_after_the_other(folder):
+    """TestWorks: each specimen has its preamble and its header; a summary ends the file."""
+    text = ""
+    for number, speed in enumerate(SPEEDS_M_S, 1):
+        t, x, f = presses((speed,))
+        text += f"Sample I. D.:\tfoam.mss\r\nSpecimen Number:\t{number}\r\n\r\n"
+        text += "Crosshead \tLoad \tTime \r\n(in)\t(lbf)\t(sec)\r\n"
+        text += lines((x / 0.0254, f / 4.4482216, t), "\t", "{:.7f}") + "\r\n"
+    path = folder / "foam.txt"
+    path.write_bytes((text + "Mean peak:\t0.72\tlbf\r\n").encode())
+    return path
+
+
+def by_the_clock(folder):
+    """The time of day, past midnight; kN; the preamble's degrees in cp1252."""
+    t, x, f = presses()
+    clock = [(86390.0 + each) % 86400.0 for each in t]
+    said = [f"{s // 3600:02.0f}:{s // 60 % 60:02.0f}:{s % 60:06.3f}".replace(".", ",") for s in clock]
+    rows = zip(said, comma(lines((1e3 * x, f / 1e3), ";", "{:.7f}")).split("\r\n"), strict=False)
+    text = "Temperatur;23,4 °C\nUhrzeit (hh:mm:ss,sss);Verlängerung (mm);Last (kN)\n"
+    path = folder / "clock.csv"
+    path.write_bytes((text + "".join(f"{time};{row}\n" for time, row in rows)).encode("cp1252"))
+    return path
+
+
 def one_file_a_run(folder):
     """A folder with one file for each speed; the material stiffens."""
     place = folder / "runs"
@@ -181,6 +235,10 @@ LABORATORIES: dict[Laboratory, tuple[str, dict[str, tuple[float, float]]]] = {
     labview: ("adequate", PRESSED),
     unicode_tabs: ("adequate", PRESSED),
     excel: ("adequate", PRESSED),
+    side_by_side: ("adequate", PRESSED),
+    numbered_columns: ("adequate", PRESSED),
+    one_after_the_other: ("adequate", PRESSED),
+    by_the_clock: ("adequate", PRESSED),
     one_file_a_run: ("missing", STIFFENING),
     savetxt: ("adequate", PRESSED),
     joint_log: ("adequate", MOVED),

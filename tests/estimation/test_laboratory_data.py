@@ -17,7 +17,7 @@ from estimation.data.table import read_table
 from estimation.data.text_decoding import as_utf8
 from estimation.study.source import open_source
 from robot_io.errors import InputError
-from tests.estimation.laboratories import excel, one_file_a_run, presses, zwick
+from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"
 
@@ -93,13 +93,14 @@ def test_a_hold_between_sharp_ramps_is_as_long_as_it_was(press, noise_mm):
     way_mm = way_mm + np.random.default_rng(0).normal(0.0, noise_mm, len(way_mm))
     time_s = np.round(0.01 * np.arange(len(way_mm)), 2)
     phase = contact_of(press(**{TIME: time_s, WAY: way_mm, LOAD: load})).phase
-    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.2)
-    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.05)
+    assert np.sum(phase == Phase.HOLD) * 0.01 == pytest.approx(2.0, abs=0.05)
+    assert np.sum(phase == Phase.APPROACH) * 0.01 == pytest.approx(0.1, abs=0.03)
 
 
-def test_noise_is_no_press(press):
+@pytest.mark.parametrize("wavers", [0.0, 0.1])
+def test_noise_is_no_press(press, wavers):
     t, x, f = (column[: len(column) // 4] for column in presses())
-    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f})
+    one = press(**{TIME: t, WAY: 1e3 * x, LOAD: f + wavers * np.sin(20.0 * t)})
     assert len(contact_of(one, runs=1).runs) == 1
     with pytest.raises(InputError, match="--runs 3: 1 press can be told apart at most"):
         contact_of(one, runs=3)
@@ -108,6 +109,21 @@ def test_noise_is_no_press(press):
 def test_a_force_below_every_level_is_one_run(press):
     load = np.where(np.arange(len(presses()[0])) % 50, 0.0, -1.0)
     assert len(contact_of(press(**{LOAD: load})).runs) == 1
+
+
+def test_of_very_many_presses_several_are_a_run(press):
+    t = np.arange(30_000) * 0.01
+    x = 4.0 * np.sin(np.pi * t)  # a press every other second
+    imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
+    assert "cut into 150 runs, one for each press" in imported.notes[0]
+    t = np.arange(300_000) * 0.01
+    x = 4.0 * np.sin(5.0 * np.pi * t)
+    imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
+    (channel,) = imported.channels
+    assert "cut into 469 runs, one for 16 presses" in imported.notes[0]
+    ends = np.flatnonzero(np.diff(channel.run))
+    assert np.all(channel.position[ends] < 0.0)
+    assert np.ptp(np.diff(ends)) <= 2
 
 
 def test_more_runs_than_presses_are_refused(press):
@@ -252,6 +268,32 @@ def test_sheets_with_the_same_columns_are_runs(tmp_path):
     assert "sheets 'Probe 1', 'Probe 2', 'Probe 3', 'Probe 4' of 5" in imported.read
 
 
+def test_sheets_whose_columns_stand_in_another_order_are_runs_and_others_are_named(tmp_path):
+    book = openpyxl.Workbook()
+    for sheet, names in (
+        (book.active, "sxF"),
+        (book.create_sheet("B"), "Fsx"),
+        (book.create_sheet("C"), "sx"),
+    ):
+        sheet.append([{"s": "Time (s)", "x": "Way (mm)", "F": "Load (N)"}[name] for name in names])
+        for row in range(30):
+            sheet.append([{"s": row, "x": 2 * row, "F": 3 * row}[name] for name in names])
+    book.save(tmp_path / "order.xlsx")
+    table = read_table(tmp_path / "order.xlsx")
+    np.testing.assert_array_equal(table.numbers("Load (N)"), 3.0 * table.numbers("Time (s)"))
+    assert len(table) == 60
+    assert "not read, since their columns differ: 'C'" in table.words
+
+
+@pytest.mark.parametrize("other", ["Cycle time [s]", "Clock"])
+def test_of_several_times_one_that_goes_on_all_along_is_taken(press, other):
+    t = presses()[0]
+    cells = {"Clock": [f"9:{each // 60:02.0f}:{each % 60:06.3f}" for each in t], "Cycle time [s]": t % 2.0}
+    np.testing.assert_allclose(
+        np.diff(contact_of(press(**{other: cells[other]})).time_s), np.diff(t), atol=1e-9
+    )
+
+
 def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "far.xlsx"
     book = openpyxl.Workbook()
@@ -328,3 +370,70 @@ def test_how_a_file_is_written_is_said(tmp_path):
         "cp1252",
     ):
         assert words in read
+
+
+@pytest.mark.parametrize(
+    ("cells", "seconds"),
+    [
+        (("0:00.25", "0:59,75", "1:00.5"), (0.25, 59.75, 60.5)),
+        (("23:59:59.5", "00:00:00.5", "00:00:01.0"), (86399.5, 86400.5, 86401.0)),
+        (("2024-02-29T23:59:59.5Z", "2024-03-01T00:00:00.5Z", ""), (86399.5, 86400.5, None)),
+        (("31.12.2023 23:59:59", "01.01.2024 00:00:00", "01.01.2024 00:00:01"), (86399.0, 86400.0, 86401.0)),
+        (
+            ("3/17/2024 11:59:59.5 AM", "3/17/2024 12:00:00.5 PM", "3/18/2024 1:00:00 AM"),
+            (43199.5, 43200.5, 90000.0),
+        ),
+        (("100:00:00.0", "100:00:00.5", "0:00:01"), (360000.0, 360000.5, 1.0)),
+    ],
+)
+def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
+    path = tmp_path / "clock.csv"
+    path.write_text("When;Weg [mm];Kraft [N]\n" + "".join(f"{cell};1;2\n" for cell in cells))
+    table = read_table(path)
+    assert table.columns.column("When [s]").to_pylist() == list(seconds)
+    assert "clock times in 'When', as seconds" in table.words
+
+
+def test_a_day_that_is_none_leaves_its_column_as_it_is(press):
+    assert contact_of(press(Made=["0000-00-00 00:00:00"] * len(presses()[0]))).name == "contact"
+
+
+def test_a_cell_that_is_no_time_is_named_among_times(press):
+    times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
+    with pytest.raises(InputError, match=r"row 8, column 'Time .s.': '0:xx' is no finite number; remove"):
+        contact_of(press(**{TIME: [*times[:7], "0:xx", *times[8:]]}))
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_a_time_without_a_unit_is_told_by_its_steps(press, scale, unit):
+    imported = import_file(press(**{TIME: None, "__time": 1.7e9 * (scale == 1.0) + scale * presses()[0]}))
+    assert np.ptp(imported.channels[0].time_s) == pytest.approx(np.ptp(presses()[0]), rel=1e-6)
+    assert f"'__time' does not say its unit: its steps are taken for {unit}" in imported.notes[0]
+
+
+def test_a_column_that_is_there_twice_is_no_second_test(tmp_path):
+    path = tmp_path / "twice.csv"
+    path.write_text("Time,Force,Time,Way\n" + "".join(f"{i},{i},{i},{i}\n" for i in range(9)))
+    with pytest.raises(InputError, match="column 'Time' is there twice"):
+        read_table(path)
+
+
+def test_tests_side_by_side_are_called_as_what_stands_above_them(tmp_path):
+    imported = import_file(side_by_side(tmp_path))
+    assert list(imported.run_labels.values()) == ["Foam A", "Foam B", "Foam C", "Foam D"]
+    assert "4 tests side by side" in imported.read
+
+
+def test_a_row_that_is_cut_off_in_one_of_several_tests_is_named_with_it(tmp_path):
+    path = tmp_path / "tests.csv"
+    test = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9))
+    path.write_text(test + "\nSpecimen 2\n" + test + "9,9\n")
+    with pytest.raises(InputError, match=r"tests.csv, test 2: row 10 has 2 cells and the header 3"):
+        read_table(path)
+
+
+def test_a_row_that_is_cut_off_is_no_footer(tmp_path):
+    path = tmp_path / "cut.csv"
+    path.write_text("Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(9)) + "9\n")
+    with pytest.raises(InputError, match="row 10 has 1 cells and the header 3"):
+        read_table(path)

@@ -1,16 +1,21 @@
 """Logs of robots' own formats: joint states of ROS 2, and episodes of a LeRobot data set."""
 
 import json
+import sqlite3
+import struct
+from contextlib import closing
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
 from estimation.data.channels import is_session
-from estimation.data.import_file import import_file
+from estimation.data.import_file import import_file, import_table
 from estimation.data.import_options import ImportOptions
+from estimation.data.table import table_of
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 
@@ -108,7 +113,7 @@ def episode(tmp_path):
 
 
 def test_an_episode_s_arrays_are_joints(episode):
-    with pytest.raises(InputError, match=r"do not say their units.*--unit position_1=deg"):
+    with pytest.raises(InputError, match=r"do not say their units.*--unit position=deg --unit torque=Nm"):
         import_file(episode)
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
@@ -122,3 +127,128 @@ def test_an_action_is_an_effort_only_by_the_user_s_word(episode):
     columns = {"torque_1_Nm": "action_1", "torque_2_Nm": "action_2"}
     options = ImportOptions(columns=columns, units={"position": "deg"})
     np.testing.assert_allclose(import_file(episode, options).channels[0].effort, np.degrees(Q + 0.01)[:, 0])
+
+
+def as_sqlite(bag, path, rows=slice(None)):
+    """The same messages as rosbag2's older storage has them."""
+    with bag.open("rb") as file:
+        messages = [(m.log_time, m.data) for _, _, m in make_reader(file).iter_messages()][rows]
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data BLOB)"
+        )
+        database.execute("INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState')")
+        database.execute("INSERT INTO topics VALUES (2, '/rosout', 'rcl_interfaces/msg/Log')")
+        database.execute("INSERT INTO messages VALUES (0, 2, 0, x'00')")
+        database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", messages)
+        database.commit()
+
+
+def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_path):
+    whole = import_file(write_bag(tmp_path / "one.mcap"))
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number in range(12):
+        as_sqlite(tmp_path / "one.mcap", folder / f"bag_{number}.db3", slice(40 * number, 40 * number + 40))
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    (tmp_path / "one.mcap").unlink()
+    for place in (folder, tmp_path / "all.db3"):
+        if place.suffix:
+            write_bag(tmp_path / "two.mcap")
+            as_sqlite(tmp_path / "two.mcap", place)
+        for one, other in zip(whole.channels, open_source(place).channels, strict=True):
+            np.testing.assert_array_equal(one.effort, other.effort)
+            np.testing.assert_array_equal(one.time_s, other.time_s)
+
+
+def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
+    """CDR may be written either way round: the second byte says which."""
+    names = b"".join(struct.pack(">I4s", 3, name) for name in (b"ab", b"cd"))
+    path = tmp_path / "big.db3"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data BLOB)"
+        )
+        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
+        for row, (q, torque) in enumerate(zip(Q, TORQUE, strict=True)):
+            data = (
+                b"\0\0\0\0" + struct.pack(">iI", 1_700_000_000 + row, 5) + struct.pack(">I4s", 1, b"\0\0\0\0")
+            )
+            data += struct.pack(">I", 2) + names + struct.pack(">I", 2) + struct.pack(">2d", *q)
+            data += struct.pack(">II", 0, 2) + struct.pack(">2d", *torque)
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (row, data))
+        database.commit()
+    for joint, channel in enumerate(import_file(path).channels):
+        np.testing.assert_array_equal(channel.time_s, np.arange(len(Q)))
+        np.testing.assert_array_equal(channel.position, Q[:, joint])
+        np.testing.assert_array_equal(channel.effort, TORQUE[:, joint])
+
+
+@pytest.mark.parametrize("data", [None, 5, "text", b"", b"\0\1\0\0" + b"\xff" * 60, b"\0\1\0\0" + b"\0" * 20])
+def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
+    path = tmp_path / "broken.db3"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
+        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
+        database.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (data,))
+        database.commit()
+    with pytest.raises(
+        InputError, match="a message of topic '/js' is cut off, or no sensor_msgs/msg/JointState"
+    ):
+        import_file(path)
+
+
+def test_a_view_in_the_place_of_a_table_is_not_asked(tmp_path):
+    path = tmp_path / "endless.db3"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+            "SELECT 1 AS topic_id, i AS timestamp, x'00' AS data FROM n"
+        )
+    with pytest.raises(InputError, match="has no tables 'topics' and 'messages'"):
+        import_file(path)
+
+
+@pytest.mark.parametrize(
+    ("names", "effort"),
+    [
+        ("/joint_states/{}/position /joint_states/{}/effort", "torque"),
+        ("/joint_states/position[{}] /joint_states/effort[{}]", "torque"),
+        ("q[{}] tau_J[{}]", "torque"),
+        ("position_{}_rad torque_{}_Nm", "torque"),
+        ("{}_position[deg] {}_torque[mNm]", "torque"),
+        ("actual_q_{} actual_current_{}", "current"),
+    ],
+)
+def test_joints_are_told_apart_by_what_the_interface_calls_them(tmp_path, names, effort):
+    in_degrees = "[deg]" in names
+    joints = ("shoulder", "elbow") if "{}/" in names or in_degrees else (0, 1)
+    columns = {"timestamp": 1_700_000_000 + T, "target_q_0": T, "gripper_position": T}
+    for joint, called in enumerate(joints):
+        position, torque = names.format(called, called).split()
+        columns[position] = np.degrees(Q[:, joint]) if in_degrees else Q[:, joint]
+        columns[torque] = (1e3 if in_degrees else 1.0) * TORQUE[:, joint]
+    imported = import_table(table_of(pa.table(columns), tmp_path))
+    assert [one.name for one in imported.channels] == ["joint_1", "joint_2"]
+    for joint, channel in enumerate(imported.channels):
+        np.testing.assert_allclose(channel.position, Q[:, joint], atol=1e-9)
+        np.testing.assert_allclose(channel.effort, TORQUE[:, joint], atol=1e-9)
+    assert any("current that stands for the torque" in note for note in imported.notes) == (
+        effort == "current"
+    )
+
+
+def test_a_word_alone_is_no_joint_without_its_partner(tmp_path):
+    columns = {"time_s": T, "shoulder position": T, "elbow effort": T}
+    with pytest.raises(InputError, match="no channel can be made of columns"):
+        import_table(table_of(pa.table(columns), tmp_path))
+
+
+def test_a_folder_of_a_data_set_is_its_episodes(episode):
+    options = ImportOptions(units={"position": "deg", "torque": "Nm"})
+    source = open_source(episode.parents[2], options)
+    np.testing.assert_array_equal(source.channels[1].effort, import_file(episode, options).channels[1].effort)

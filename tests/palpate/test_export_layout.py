@@ -55,6 +55,14 @@ def test_every_panel_of_foxglove_has_its_place(session, tmp_path):
     assert placed(layout["layout"]) == list(layout["configById"])
 
 
+def test_plotjuggler_stacks_its_plots(session, tmp_path):
+    """Its plot_docker.cpp writes "-" for a splitter that is vertical, and "|" for plots side by side."""
+    run("export", session, "--layout", "plotjuggler", "-o", tmp_path / "layout")
+    (split,) = ElementTree.parse(tmp_path / "layout").getroot().iter("DockSplitter")
+    assert split.get("orientation") == "-"
+    assert len(split.get("sizes").split(";")) == len(split) == int(split.get("count"))
+
+
 def test_without_a_name_it_lies_beside_the_session(session):
     told = json.loads(run("export", session, "--layout", "plotjuggler", "--json").stdout)
     assert told["layout"] == str(session.with_suffix("") / "plotjuggler.xml")

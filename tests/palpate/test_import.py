@@ -85,7 +85,7 @@ def test_bad_options_leave_nothing_behind(good, tmp_path, options, words):
 
 
 def test_what_is_no_data_file_is_refused(tmp_path):
-    assert_refused(run("import", tmp_path), "is a directory")
+    assert_refused(run("import", tmp_path), "is a folder without a data file")
     assert_refused(run("import", tmp_path / "none.csv"), "no such file")
     assert_refused(run("import", synthetic_session(tmp_path / "s.mcap"), "--look"), "is a session already")
     (tmp_path / "empty.mcap").touch()

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.study import Study, arm_from_urdf
 from robot_io.errors import InputError
-from tests.estimation.laboratories import LABORATORIES, presses, zwick
+from tests.estimation.laboratories import LABORATORIES, joint_log, one_file_a_run, presses, zwick
 from tests.palpate.cli import ROOT, next_commands, run
 
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
@@ -39,6 +39,14 @@ def test_what_was_taken_for_what_is_said(tmp_path, write):
     assert "time '" in result.stderr
 
 
+def test_the_report_says_how_the_file_was_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("report", joint_log(tmp_path)).exit_code == 0
+    page = (tmp_path / "report.html").read_text()
+    assert "How the data were read" in page
+    assert "1 A counts as 1 N m" in page
+
+
 def test_a_look_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = zwick(tmp_path)
@@ -51,6 +59,12 @@ def test_a_look_shows_columns_runs_and_phases_and_stores_nothing(tmp_path, monke
     assert words[-2:] == ["--runs", "2"]
     assert run(*words).exit_code == 0
     assert (tmp_path / "sessions" / "Schaum 12.mcap").is_file()
+
+
+def test_columns_that_are_the_same_in_each_file_of_a_folder_are_shown_once(tmp_path):
+    result = run("import", one_file_a_run(tmp_path), "--look")
+    assert result.stdout.count("displacement in mm") == 1
+    assert result.stdout.count("contact: 1 run") == 4
 
 
 def test_a_look_at_what_is_ambiguous_shows_the_columns_and_asks(tmp_path):

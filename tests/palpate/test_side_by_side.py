@@ -41,6 +41,7 @@ def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
     assert found["stiffness.k"].value == pytest.approx(40.0, abs=found["stiffness.k"].half)
     assert found["stiffness.k"].differs
     assert not found["damping.c"].differs
+    assert sides(soft, stiff).apart > 3.0
 
 
 def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(soft, again):
@@ -49,6 +50,7 @@ def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(so
     assert found.followed == pytest.approx(
         100 * (1 - 0.02 * np.sqrt(2) / found.first.data.effort.std()), abs=0.1
     )
+    assert found.apart == pytest.approx(1.0, abs=0.1)
     (own, of_other), (other_of, other_own) = found.fits
     assert own == pytest.approx(other_own, abs=0.3)
     assert of_other == pytest.approx(own, abs=0.3)

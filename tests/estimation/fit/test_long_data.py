@@ -155,16 +155,35 @@ def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how
     assert np.ptp(short.position) > 0.8 * np.ptp(whole.position)
 
 
-def test_of_a_joint_that_mostly_rests_the_stretches_in_which_it_moves_are_taken(monkeypatch):
-    monkeypatch.setattr(long_data, "_MOST", 3_000)
+@pytest.mark.parametrize(("runs", "most"), [(1, 10**6), (2, 10**6), (2, 3_000)])
+def test_of_a_joint_that_mostly_rests_its_motions_are_taken_with_what_is_around_them(runs, most, monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", most)
     time_s = np.arange(200_000) / RATE_HZ
-    moves = (time_s % 25.0) < 10.0
-    one = quick(time_s, 1, ChannelKind.REVOLUTE)
-    rests = channel(one.position * moves, one.effort * moves, one.run, ChannelKind.REVOLUTE)
-    short, said, _ = shortened(rests)
-    assert "go through 30 % of the motion or more, and of these 6 are taken" in said
-    assert len(short) <= 3_000
-    assert np.mean(np.abs(short.position) > 0.0) > 0.6
+    moves = (time_s % 25.0 > 5.0) & (time_s % 25.0 < 12.0)  # eight times
+    noise = np.random.default_rng(1).normal(0.0, 2e-5, len(time_s))
+    one = quick(time_s, runs, ChannelKind.REVOLUTE)
+    rests = channel(one.position * moves + noise, one.effort * moves, one.run, ChannelKind.REVOLUTE)
+    short, said, run_of = shortened(rests)
+    assert "in 8 motions from rest to rest" in said
+    assert np.mean(np.abs(short.position) > 0.0) > 0.8
+    assert {*run_of.values()} == {*range(runs)}
+    for run in short.runs:
+        of_run = short.time_s[short.run == run]
+        begin_s, end_s = one.time_s[one.run == run_of[int(run)]][[0, -1]]
+        assert begin_s <= of_run[0] < of_run[-1] <= end_s
+        if most > 10**4:
+            assert of_run[0] % 25.0 == pytest.approx(4.5, abs=0.1)
+            assert of_run[-1] % 25.0 == pytest.approx(12.5, abs=0.1)
+
+
+def test_a_rest_in_which_too_little_would_be_left_is_kept():
+    time_s = np.arange(200_000) / RATE_HZ
+    once = np.clip(time_s - 20.0, 0.0, 10.0)
+    rests = channel(once, 2.0 * once, np.zeros(len(once), np.int64), ChannelKind.REVOLUTE)
+    short, said, run_of = shortened(rests)
+    assert "rest to rest" not in said
+    assert run_of == {}
+    assert np.ptp(short.time_s) > 199.0
 
 
 def test_a_study_says_what_was_averaged(recording):
@@ -203,3 +222,19 @@ def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monk
     assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
     held = Study(source, held_out=[2]).channel()
     assert held.to_fit.time_s.max() < whole.time_s[whole.run == 2][0] < held.data.time_s.max()
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
+    monkeypatch.setattr(long_data, "_MOST", 5_000 if cut else 10**6)
+    tried = []
+
+    def judge(data, models, effects, progress, file):
+        tried.extend(effect.name for effect in effects)
+        raise InputError("seen")
+
+    whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
+    with pytest.raises(InputError, match="seen"):
+        Study(Source("swings.csv", (whole,))).diagnose(judge=judge)
+    assert "coulomb_friction" in tried
+    assert ("run_offset" in tried) is not cut
