@@ -83,6 +83,7 @@ def _differs(path: Path, session: Path) -> str:
     """What was stored otherwise than Python's own reader finds it in the text; empty if nothing was."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
+    rows.sort(key=lambda row: row.get("run", ""))  # a run's samples are stored together
     stored = Session.open(session).samples("contact")
     for name, column in zip(NAMES, ("time_s", "displacement_m", "force_n"), strict=True):
         cells = [row[name] or "" for row in rows if all((row[one] or "").strip() for one in NAMES)]
