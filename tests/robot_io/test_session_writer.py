@@ -137,6 +137,17 @@ def test_drops_at_the_very_end_are_counted_too(tmp_path):
     assert_ticks(session.samples("tick"), range(10))
 
 
+def test_all_that_the_ring_holds_at_the_end_reaches_the_file(tmp_path):
+    log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+    stop(log)
+    for number in range(3000):  # more than the writer takes at once
+        log.append("tick", tick(number))
+    log._log.request_stop()
+    os.kill(pid(log), signal.SIGCONT)
+    log.close()
+    assert_ticks(Session.open(tmp_path / "s.mcap").samples("tick"), range(3000))
+
+
 def test_simulated_time_waits_instead_of_dropping(tmp_path):
     with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True) as log:
         for number in range(300):
