@@ -392,6 +392,8 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             for scale, unit in ((1, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns"))
         ),
         ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
+        ({}, {"units": {"force": "-0N"}}, "unit '-0N' has no factor to multiply by"),
+        ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' has no factor"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
         ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),

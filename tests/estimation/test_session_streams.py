@@ -110,3 +110,4 @@ def test_a_session_is_known_by_its_content(tmp_path):
     assert is_session(disguised)
     assert not is_session(tmp_path / "all.csv")
     assert is_session(tmp_path / "absent.mcap")
+    assert not is_session("/proc/self/mem")  # which cannot be read from its beginning
