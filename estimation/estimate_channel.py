@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import contact_rows
+from estimation.data.numbers import SMALLEST
 from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
@@ -84,7 +85,7 @@ def estimate_channel(
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
-    """Refuse too few samples, and such without an effort."""
+    """Refuse too few samples, such without an effort, and such as small as no measurement is."""
     samples, parameters = np.count_nonzero(used), len(model.gains) + len(model.inner)
     if samples <= parameters:
         raise InputError(
@@ -96,6 +97,12 @@ def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
             f"channel '{data.name}': the effort is 0 {data.kind.effort_unit} in all {samples} "
             "samples in use; was the object touched, and the sensor connected?"
         )
+    for what in ("position", "velocity", "acceleration", "effort"):
+        if 0.0 < (largest := float(np.abs(getattr(data, what)[used]).max())) < SMALLEST:
+            raise InputError(
+                f"channel '{data.name}': its {what} is nowhere larger than {largest:.3g}, in SI units; "
+                "is the unit right?"
+            )
 
 
 def _where_touched(data: ChannelData, used: BoolArray) -> dict[str, tuple[float, float]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from palpate.made_folders import make_folder
 from palpate.words import typed
 from robot_io.errors import InputError, SessionError
+from robot_io.files.utf8 import as_utf8
 from robot_io.files.whole_file import whole_file as written_whole
 from robot_io.session import Session
 
@@ -164,7 +165,7 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """
     with ExitStack() as files:
         for path, text in texts.items():
-            files.enter_context(whole_file(path)).write_text(text, encoding="utf-8")
+            files.enter_context(whole_file(path)).write_text(as_utf8(text), encoding="utf-8")
         yield
 
 

@@ -21,6 +21,7 @@ def main() -> None:
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _keep_libraries_quiet()
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):  # what a terminal cannot show is written as \u2013
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -49,6 +50,11 @@ def _leave_at_once(code: int) -> NoReturn:
         with suppress(OSError):
             stream.flush()
     os._exit(code)
+
+
+def _nowhere() -> io.TextIOWrapper:
+    """In place of a stream that was closed before the start."""
+    return io.TextIOWrapper(io.FileIO(os.devnull, "w"))
 
 
 def _keep_libraries_quiet() -> None:

@@ -40,6 +40,15 @@ def control_problem(control_file: str | None) -> str | None:
     )
 
 
+def folder_problem() -> str | None:
+    """Say that the folder in which the user is was deleted meanwhile, or None."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        return f"the folder in which you are cannot be used ({error.strerror}): change to another one"
+    return None
+
+
 def find_control() -> str | None:
     """Path of the `control` package that Python would import, without importing it."""
     spec = importlib.util.find_spec("control")
@@ -56,4 +65,5 @@ def library_remedy(error: ImportError) -> str | None:
 
 def first_problem() -> str | None:
     """The first thing that keeps palpate from starting, in one line with its remedy, or None."""
-    return python_problem((sys.version_info[0], sys.version_info[1])) or control_problem(find_control())
+    python = python_problem((sys.version_info[0], sys.version_info[1]))
+    return python or folder_problem() or control_problem(find_control())

@@ -2,6 +2,7 @@
 
 import math
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 from rich.markup import escape
@@ -52,6 +53,11 @@ def as_shell_word(text: str) -> str:
     escaped = text.replace("\\", "\\\\").replace("'", "\\'")
     escaped = "".join(char if char.isprintable() else _byte_escapes(char) for char in escaped)
     return f"$'{escaped}'"
+
+
+def as_command(arguments: Iterable[str]) -> str:
+    """How palpate was called, to be pasted into a shell."""
+    return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 
 def _byte_escapes(char: str) -> str:

@@ -66,7 +66,7 @@ def case(folder: Path, rng: Rng) -> Case:
     return Case(
         f"{kind}, {path.suffix}, {command}",
         [command, str(path), *options],
-        lambda: _differs(path, session) if session.exists() and path.suffix == ".csv" else "",
+        lambda: _differs(path, session) if session.exists() else "",
     )
 
 
@@ -80,9 +80,9 @@ def presses(rng: Rng) -> dict[str, list[Any]]:
 
 
 def _differs(path: Path, session: Path) -> str:
-    """What was stored otherwise than Python's own reader finds it in the text; empty if nothing was."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    """What was stored otherwise than the format's own reader finds it in the file; empty if nothing was."""
+    rows = _rows_of(path)
+    rows.sort(key=lambda row: row.get("run", ""))  # a run's samples are stored together
     stored = Session.open(session).samples("contact")
     for name, column in zip(NAMES, ("time_s", "displacement_m", "force_n"), strict=True):
         cells = [row[name] or "" for row in rows if all((row[one] or "").strip() for one in NAMES)]
@@ -94,6 +94,26 @@ def _differs(path: Path, session: Path) -> str:
         if not np.allclose(np.abs(numbers), np.abs(stored[column]), rtol=1e-12, atol=0.0):
             return f"{name} was taken as something else"
     return ""
+
+
+def _rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows, with each cell as text."""
+    if path.suffix == ".csv":
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+    if path.suffix == ".npz":
+        with np.load(path) as archive:
+            columns = {name: archive[name].tolist() for name in archive.files}
+    else:
+        columns = pa.parquet.read_table(path).to_pydict()
+    texts = {name: list(map(_text, values)) for name, values in columns.items()}
+    return [dict(zip(texts, row, strict=True)) for row in zip(*texts.values(), strict=True)]
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, list):
+        (value,) = value
+    return "" if value is None else str(value)
 
 
 def _number(cell: str) -> float:

@@ -1,5 +1,6 @@
 """Sessions that were damaged byte by byte, and whole ones by somebody who means no good."""
 
+import csv
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -53,7 +54,12 @@ def case(folder: Path, rng: Rng) -> Case:
     expected = _DAMAGES[kind](path, session, rng)
     command, *options = _pick(rng, COMMANDS)
     options = [str(folder / word) if word.startswith("out.") else word for word in options]
-    return Case(f"{kind}, {command}", [command, str(path), *options], lambda: _differs(path, expected))
+    out = folder / "out.csv"
+    return Case(
+        f"{kind}, {command}",
+        [command, str(path), *options],
+        lambda: _differs(path, expected) or (_exported(out, expected) if out.exists() else ""),
+    )
 
 
 def _differs(path: Path, expected: Columns | None) -> str:
@@ -66,6 +72,23 @@ def _differs(path: Path, expected: Columns | None) -> str:
             read[name], expected[name][: len(read)], equal_nan=read[name].dtype.kind == "f"
         ):
             return f"column '{name}' was read as something else"
+    return ""
+
+
+def _exported(table: Path, expected: Columns | None) -> str:
+    """Which column of a table of ticks is neither what was written, nor the beginning of it."""
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for name in rows[0] if rows and expected else ():
+        plain = name.rpartition("_")[0] if name not in expected else name
+        if plain not in expected:
+            return f"column '{name}' was made up"
+        values = expected[plain][: len(rows)].reshape(len(rows), -1)
+        if values.dtype.kind not in "fiu" or name == "phase":
+            continue
+        read = np.array([float(row[name] or "nan") for row in rows])
+        if not any(np.array_equal(read, one.astype(float), equal_nan=True) for one in values.T):
+            return f"column '{name}' was exported as something else"
     return ""
 
 

@@ -25,7 +25,7 @@ def read_parquet(path: Path) -> FileColumns:
     Raises:
         InputError: it holds too much.
     """
-    with pa.parquet.ParquetFile(path) as file:
+    with path.open("rb") as opened, pa.parquet.ParquetFile(opened) as file:  # Arrow takes no name but UTF-8
         check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
         for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then

@@ -1,6 +1,7 @@
 """The channels of anything that a user may point at: a session or a data file."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from control.loop.tick_record import STREAM_NAME
@@ -25,7 +26,8 @@ def is_session(path: str | os.PathLike[str]) -> bool:
     place = Path(path)
     if not place.is_file():
         return place.suffix == ".mcap"
-    with place.open("rb") as file:
+    head = b""
+    with suppress(OSError), place.open("rb") as file:  # whoever reads it says what is wrong
         head = file.read(_HEAD_BYTES)
     mcap = head.startswith(_MCAP_MAGIC)
     return (mcap or place.suffix == ".mcap") and not (mcap and _ROS in head)

@@ -1,5 +1,6 @@
 """In which unit a column is: by the user's word, or by its name."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,8 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
         raise InputError(
             f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
         )
+    if not 0.0 < abs(scale) < math.inf:
+        raise InputError(f"{table.path}: column '{column}': unit '{said}' has no factor to multiply by")
     if not said and own and dimension_of(own) not in dimensions:
         note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
     if dimension == "current":

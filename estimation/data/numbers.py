@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from robot_io.types import FloatArray
 
 LARGEST = 1e30  # in any unit; squares of what is larger overflow
+SMALLEST = 1.0 / LARGEST  # of a signal's largest number; squares of what is smaller are 0
 FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is finer does not increase
 
 

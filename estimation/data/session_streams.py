@@ -1,6 +1,7 @@
 """The streams of an imported session: a channel's arrays go in, and the same arrays come out."""
 
 import json
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Samples, Session, Stream
 
 RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
+_NUMBER = re.compile("[0-9]{1,18}$")
 _CONTEXT = "context_"  # begins the name of a further signal
 
 _COLUMNS = {
@@ -36,6 +38,16 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
 def import_extra(imported: Imported) -> dict[str, str]:
     """What the session's metadata must keep beside the streams."""
     return {RUN_LABELS: json.dumps(imported.run_labels)}
+
+
+def run_labels(session: Session) -> dict[str, int]:
+    """Number of each run by what the data file called it; none where the session does not say so in order."""
+    try:
+        labels = json.loads(session.metadata.extra.get(RUN_LABELS, "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    pairs = labels.items() if isinstance(labels, dict) else ()
+    return {label: int(run) for run, label in pairs if isinstance(label, str) and _NUMBER.match(run)}
 
 
 def imported_channels(session: Session) -> tuple[ChannelData, ...]:

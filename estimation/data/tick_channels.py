@@ -14,7 +14,9 @@ from estimation.data.surface import find_surface, touch_of
 from estimation.data.tick_check import USELESS
 from estimation.signals.blocks import blocks
 from estimation.signals.pieces import number_pieces
+from estimation.signals.runwise import sample_time
 from estimation.tare import Tare
+from robot_io.errors import InputError
 from robot_io.session import Samples
 from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
@@ -184,7 +186,12 @@ def _motion(
 
     The derivatives are taken at the times of the samples: interpolated positions share their errors with
     their neighbours, which `differentiate` would take for motion.
+
+    Raises:
+        InputError: most of those times do not go on.
     """
+    if not sample_time(sampled_at_s, run) > 0.0:
+        raise InputError("column 'encoder_at_s': its times do not go on from sample to sample")
     pieces = number_pieces(sampled_at_s, run)
     motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
     position, velocity, acceleration = (

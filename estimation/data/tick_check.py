@@ -31,7 +31,8 @@ def checked_ticks(session: Session) -> Samples:
     """The stream "tick", if it can be worked with.
 
     All columns that something is worked out from are there, of the form that `tick_stream` has, and hold
-    finite numbers of a reasonable size wherever their device says that the sample is good; the time always.
+    finite numbers of a reasonable size wherever their device says that the sample is good; the time always,
+    and it runs back only between the runs of two sessions.
 
     Raises:
         InputError: one of this is not so, or the session has no such stream.
@@ -43,6 +44,7 @@ def checked_ticks(session: Session) -> Samples:
         if column.name in ticks or column.name not in _MAY_LACK:
             _check_form(ticks, column, place)
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
+    _check_order(session, ticks)
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
     for status, names in _BY_DEVICE.items():
         for name in names:
@@ -83,6 +85,18 @@ def _check_clock(session: Session, ticks: Samples, name: str, rows: BoolArray) -
         raise InputError(
             f"{session.path}: tick {row + 1}, column '{name}': {ticks[name][row]:g} s is far from the tick's "
             f"own time, {ticks['time_s'][row]:g} s"
+        )
+
+
+def _check_order(session: Session, ticks: Samples) -> None:
+    """Refuse ticks in another order than time; where sessions were merged, a clock may begin anew."""
+    run, late_s = ticks["run"].astype(np.int64), np.diff(ticks["time_s"])
+    to_come = np.minimum.accumulate(np.where(run == NO_RUN, np.iinfo(np.int64).max, run)[::-1])[::-1]
+    late = np.flatnonzero((late_s < 0.0) & (np.maximum.accumulate(run)[:-1] >= to_come[1:]))
+    if len(late):
+        raise InputError(
+            f"{session.path}: tick {late[0] + 2}, column 'time_s': is {-late_s[late[0]]:.3g} s before the "
+            "tick before it; what wrote this file put its messages into another order"
         )
 
 

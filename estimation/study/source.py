@@ -21,6 +21,7 @@ from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
+from estimation.data.session_streams import run_labels
 from estimation.data.table import table_of
 from estimation.fit.long_data import shortened
 from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
@@ -224,10 +225,25 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     session = Session.open(path)
     channels = session_channels(session)
     if runs:
-        there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
-        numbers = chosen_texts(RUN, runs, [str(run) for run in there], str(path))
-        channels = _of_runs(channels, np.array([int(number) for number in numbers]))
+        named = _named_runs(session, channels)
+        numbers = [named[text] for text in chosen_texts(RUN, runs, named, str(path))]
+        channels = _of_runs(channels, np.array(numbers))
     return Source(path.name, channels, arm_of(session), path, session)
+
+
+def _named_runs(session: Session, channels: Iterable[ChannelData]) -> dict[str, int]:
+    """Number of each run by what it is called: in the data file that it was imported from, or its number.
+
+    A number that is another run's name says neither.
+    """
+    there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
+    called = {label: run for label, run in run_labels(session).items() if run in there}
+    unnamed = {str(run): run for run in there}
+    return {
+        name: run
+        for name, run in (unnamed | called).items()
+        if unnamed.get(name, run) == called.get(name, run)
+    }
 
 
 def _of_runs(channels: Iterable[ChannelData], runs: IntArray) -> tuple[ChannelData, ...]:

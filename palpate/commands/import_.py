@@ -1,6 +1,5 @@
 """`palpate import`: make a session from anybody's measurements."""
 
-import shlex
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -20,7 +19,7 @@ from palpate.files import existing_file, open_session, output_session
 from palpate.look import doubts, facts, look_as_data, look_at
 from palpate.option_sets import takes
 from palpate.render.progress import import_progress
-from palpate.words import count, duration, shown, typed
+from palpate.words import as_command, count, duration, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session
 
@@ -91,7 +90,7 @@ def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
     return SessionMetadata(
         software_version=version("palpate"),
         created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        command_line=shlex.join(["palpate", *sys.argv[1:]]),
+        command_line=as_command(sys.argv[1:]),
         extra={"source": f"imported from {names}"} | import_extra(imported),
     )
 

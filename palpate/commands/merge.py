@@ -1,6 +1,5 @@
 """`palpate merge`: several sessions as one."""
 
-import shlex
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +11,7 @@ from palpate import console
 from palpate.data_options import JsonOption
 from palpate.files import open_session, output_session
 from palpate.merging import merged_metadata, merged_streams, not_whole, surfaces_apart
-from palpate.words import count, shown, typed
+from palpate.words import as_command, count, shown, typed
 from robot_io.errors import InputError
 from robot_io.session import write_session
 
@@ -33,7 +32,7 @@ def command(
     file = output_session(out, keep=sessions)
     found = [open_session(path) for path in sessions]
     streams = merged_streams(found)
-    metadata = merged_metadata(found, shlex.join(["palpate", *sys.argv[1:]]), version("palpate"))
+    metadata = merged_metadata(found, as_command(sys.argv[1:]), version("palpate"))
     write_session(file, streams, metadata, [event for session in found for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
     console.say_read("", [*not_whole(found), *surfaces_apart(found)])

@@ -26,7 +26,7 @@ from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
-from palpate.words import as_shell_word, count, safe, shown, typed
+from palpate.words import as_command, count, safe, shown, typed
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
 from robot_io.link import Impairment, LineSettings, load_seal
@@ -167,7 +167,7 @@ def leader(  # noqa: PLR0917, one parameter an option
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5
     """
-    command_line = " ".join(map(as_shell_word, ["palpate", *sys.argv[1:]]))
+    command_line = as_command(sys.argv[1:])
     device = build_operator(operator, MonotonicClock())  # only to know that it can be made
     scene, robot_file = load_scenario(scenario), find_robot(robot)
     session = output_session(out or SESSIONS / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}-leader.mcap")

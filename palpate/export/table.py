@@ -97,12 +97,12 @@ def write_table(table: pa.Table, path: Path) -> None:
         InputError: another ending, or it cannot be written.
     """
     check_ending(path)
-    with whole_file(path) as unfinished:
+    with whole_file(path) as unfinished, unfinished.open("wb") as file:  # Arrow takes no name but UTF-8
         if path.suffix == ENDINGS[1]:
-            pa.parquet.write_table(table, unfinished)
+            pa.parquet.write_table(table, file)
         else:
             options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="needed")
-            pa.csv.write_csv(table, unfinished, options)
+            pa.csv.write_csv(table, file, options)
 
 
 def check_ending(path: Path) -> None:

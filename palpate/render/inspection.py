@@ -21,6 +21,7 @@ from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.truth import SURFACE, true_parameters
 from palpate.words import count
 from robot_io.errors import InputError
+from robot_io.files.utf8 import as_utf8
 from robot_io.session import Session
 from robot_io.types import FloatArray
 
@@ -93,7 +94,7 @@ def look_into(session: Session, found: ChannelEstimates | None = None) -> Inspec
         estimate=found.best if found else None,
         surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
         truth={name: value for name, value in truth.items() if name != SURFACE},
-        summary=_summary(session, found),
+        summary=as_utf8(_summary(session, found)),
     )
     return Inspection(session, view, scene)
 

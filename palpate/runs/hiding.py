@@ -5,6 +5,7 @@ from pathlib import Path
 
 from palpate.completion import own_files
 from palpate.files import existing_file
+from palpate.words import as_command
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, validate
 from robot_io.files.safe_yaml import load_yaml
@@ -96,4 +97,4 @@ def command_line(arguments: Sequence[str], hidden: str | None) -> str:
                 words[number] = SEALED
             elif word == f"--hidden={hidden}":
                 words[number] = f"--hidden={SEALED}"
-    return " ".join(["palpate", *words])
+    return as_command(words)

@@ -123,7 +123,7 @@ def _linked(joint: Element, role: str) -> str:
 def _check_inertial(inertial: Element, link: str | None) -> None:
     """Refuse what no body has: with it, a mass matrix need not be positive, and torques are anything."""
     for mass in inertial.iter("mass"):
-        if not 0.0 <= float(mass.get("value", "nan")) < math.inf:
+        if not 0.0 <= _number(mass.get("value", "")) < math.inf:
             raise ValueError(f"mass of link '{link}' is {mass.get('value')} kg")
     for element in inertial.iter("inertia"):
         values = dict(_numbers(element))

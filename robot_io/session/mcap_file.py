@@ -10,6 +10,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from robot_io.files.utf8 import as_utf8
 from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES, event_descriptor_set
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
@@ -50,8 +51,11 @@ class McapFile:
         self._mcap.start(profile=PROFILE)
         version = FORMAT_VERSIONS[any(stream.batch > 1 for stream in streams)]
         header = {"format_version": version, "streams": streams_to_json(tuple(streams))}
-        self._mcap.add_metadata(HEADER_RECORD, header | metadata.to_strings())
-        self._mcap.add_metadata(EXTRA_RECORD, dict(metadata.extra))
+        for record, texts in (
+            (HEADER_RECORD, header | metadata.to_strings()),
+            (EXTRA_RECORD, metadata.extra),
+        ):
+            self._mcap.add_metadata(record, {as_utf8(key): as_utf8(text) for key, text in texts.items()})
         self._channels = {EVENT_STREAM: self._register(EVENT_STREAM, event_descriptor_set(), {"time_s": "s"})}
         for name, wire in self._formats.items():
             units = {column.name: column.unit for column in wire.stream.columns}

@@ -63,6 +63,7 @@ class SessionWriter:
             raise InputError(f"ring_slots {ring_slots}: at least 1")
         self.path = new_session_path(path)
         self._wait_for_room = wait_for_room
+        self._patience_s = STALL_LIMIT_S
         self._closed = False
         memory = open_memory(streams, ring_slots)
         try:
@@ -122,6 +123,7 @@ class SessionWriter:
         while ring.full and self._process.poll() is None:
             if time.monotonic() > give_up_s:
                 self._wait_for_room = False  # from here on records are dropped, and counted
+                self._patience_s = _KILL_LIMIT_S  # it has been waited for once
                 raise UnloggedError(f"{self.path}: {_STALLED}")
             time.sleep(_POLL_S)
 
@@ -190,12 +192,12 @@ class SessionWriter:
             raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def _wait_until_finished(self) -> bool:
-        """True when the writer process has ended, False when nothing has moved for `STALL_LIMIT_S`."""
+        """True when the writer process has ended, False when nothing has moved for too long."""
         taken, give_up_s = -1, 0.0
         while self._process.poll() is None:
             now_taken = sum(ring.taken for ring in self._log.rings.values())
             if now_taken != taken:
-                taken, give_up_s = now_taken, time.monotonic() + STALL_LIMIT_S
+                taken, give_up_s = now_taken, time.monotonic() + self._patience_s
             if time.monotonic() > give_up_s:
                 return False
             time.sleep(_POLL_S)

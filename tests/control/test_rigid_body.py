@@ -156,6 +156,7 @@ def test_joint_axes_are_where_the_urdf_puts_them():
         ("missing.urdf", "tip", "missing.urdf: not a readable URDF .No such file"),
         (PENDULUM.replace("1.5", "-1.5"), "tip", "mass of link 'rod' is -1.5 kg"),
         (PENDULUM.replace("1.5", "nan"), "tip", "mass of link 'rod' is nan kg"),
+        (PENDULUM.replace("1.5", "1,5"), "tip", "mass of link 'rod' is 1,5 kg"),
         (PENDULUM.replace("1.5", "much"), "tip", "not a readable URDF .*much"),
         ('<robot name="r"/>', "tip", "No link elements found"),
         (PENDULUM.replace("revolute", "hinge"), "tip", "has no known type .hinge"),

@@ -77,6 +77,13 @@ def test_hunt_crossley_is_recovered(name):
     assert law.damping == pytest.approx(4000.0, rel=0.05)
 
 
+def test_logarithms_forget_the_object_before_this_one():
+    soft, stiff = press(HUNT_CROSSLEY), press(ContactLaw(16000.0, 8000.0, 1.5, 1.5))
+    both = tuple(map(np.concatenate, zip(soft, stiff, strict=True)))
+    assert found("log_linear_ewrls", both).stiffness == pytest.approx(16000.0, rel=0.05)
+    assert found("log_linear_ewrls", both, forgetting=1.0).stiffness < 14000.0
+
+
 def test_two_stages_come_nearer_in_time():
     laws = CONTACT_ESTIMATORS["double_stage_rls"]().follow(*press(HUNT_CROSSLEY, count=30_000))
     errors = [abs(laws[at].exponent - 1.5) for at in (300, 5000, 29_000)]

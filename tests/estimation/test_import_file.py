@@ -384,6 +384,8 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             "do not say their units; say them, as in --unit force=N --unit displacement=m",
         ),
         ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
+        ({}, {"units": {"force": "-0N"}}, "unit '-0N' has no factor to multiply by"),
+        ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' has no factor"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
         ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),

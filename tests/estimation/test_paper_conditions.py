@@ -87,3 +87,13 @@ def test_a_channel_without_a_contact_is_refused(depth_m, words):
     data = channel(np.zeros(100), np.full(100, depth_m), np.zeros(100), np.arange(100) * 1e-3)
     with pytest.raises(InputError, match=words):
         estimated(data)
+
+
+@pytest.mark.parametrize(("what", "size"), [("position", 1e-155), ("position", 1e-310), ("effort", 1e-200)])
+def test_numbers_too_small_to_be_squared_are_refused(what, size):
+    t = np.arange(500) * 1e-3
+    x, v = 0.005 + 0.004 * np.sin(20 * t), 0.08 * np.cos(20 * t)
+    moved, force = (size, 1.0) if what == "position" else (1.0, size)
+    data = channel(force * (200 * x + v), moved * x, moved * v, t)
+    with pytest.raises(InputError, match=f"its {what} is nowhere larger than .*is the unit right"):
+        estimated(data)

@@ -4,7 +4,7 @@ import pytest
 from estimation.data.channels import is_session, session_channels
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
-from estimation.data.session_streams import import_extra, import_streams
+from estimation.data.session_streams import import_extra, import_streams, run_labels
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
@@ -48,6 +48,34 @@ def test_session_gives_back_the_arrays_that_were_imported(tmp_path):
     assert Session.open(path).metadata.extra["run_labels"] == '{"0": "first", "1": "second"}'
 
 
+def test_a_session_knows_what_its_data_file_called_each_run(tmp_path):
+    before = imported(tmp_path)
+    metadata = SessionMetadata(extra=import_extra(before))
+    write_session(tmp_path / "session.mcap", import_streams(before), metadata)
+    for one, other in zip(
+        open_source(tmp_path / "all.csv", ImportOptions(where={"run": "second"})).channels,
+        open_source(tmp_path / "session.mcap", ImportOptions(where={"run": "second"})).channels,
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one.effort, other.effort)
+
+
+@pytest.mark.parametrize("labels", ["[", "[" * 9999, "[]", '{"0": 5, "x": "a", "9999999999999999999": "b"}'])
+def test_names_of_runs_that_are_none_name_nothing(labels, tmp_path):
+    path = write_session(tmp_path / "x.mcap", [], SessionMetadata(extra={"run_labels": labels}))
+    assert run_labels(Session.open(path)) == {}
+
+
+def test_a_number_that_is_another_runs_name_is_refused(tmp_path):
+    metadata = SessionMetadata(extra={"run_labels": '{"0": "1", "1": "01"}'})
+    write_session(tmp_path / "x.mcap", import_streams(imported(tmp_path)), metadata)
+    for name, numbers in (("0", [0]), ("01", [1])):
+        (channel, *_) = open_source(tmp_path / "x.mcap", ImportOptions(where={"run": name})).channels
+        assert channel.runs.tolist() == numbers
+    with pytest.raises(InputError, match=r"run=1: .* There are: 0, 01"):
+        open_source(tmp_path / "x.mcap", ImportOptions(where={"run": "1"}))
+
+
 def test_columns_have_units(tmp_path):
     streams = {stream.name: stream for stream, _ in import_streams(imported(tmp_path))}
     units = {column.name: column.unit for column in streams["joint_1"].columns}
@@ -82,3 +110,4 @@ def test_a_session_is_known_by_its_content(tmp_path):
     assert is_session(disguised)
     assert not is_session(tmp_path / "all.csv")
     assert is_session(tmp_path / "absent.mcap")
+    assert not is_session("/proc/self/mem")  # which cannot be read from its beginning

@@ -126,6 +126,12 @@ def test_nothing_that_happens_at_the_very_end_changes_how_it_ended(code, end, ex
     assert (result.returncode, result.stderr) == (expected, "")
 
 
+def test_output_that_nobody_takes_is_no_error():
+    starter = "import sys; sys.stdout = sys.stderr = None; from palpate.main import main; main()"
+    command = [sys.executable, "-c", starter, "effects", "backlash"]  # as Python has it after >&- 2>&-
+    assert subprocess.run(command, cwd=ROOT, check=False).returncode == 0
+
+
 def test_what_libraries_mutter_is_not_heard():
     program = (
         "import sys, warnings\n"

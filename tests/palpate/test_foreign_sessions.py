@@ -53,6 +53,24 @@ def test_a_sample_of_another_clock_is_named(name, reader, tmp_path):
         reader(session_of(tmp_path / "x.mcap", columns, data))
 
 
+@pytest.mark.parametrize("reader", READERS)
+def test_ticks_in_another_order_than_time_are_told(reader, tmp_path):
+    columns, data = columns_and_data()
+    middle = len(data["run"]) // 2
+    halves = {name: np.roll(values, middle, axis=0) for name, values in data.items()}
+    with pytest.raises(InputError, match=r"tick \d+, column 'time_s': is .* s before the tick before it"):
+        reader(session_of(tmp_path / "x.mcap", columns, halves))
+
+
+@pytest.mark.parametrize("device", ["encoder", "torque", "force"])
+@pytest.mark.parametrize("change", [np.zeros_like, np.flip, lambda time_s: time_s // 0.1 * 0.1])
+def test_a_clock_that_does_not_go_on_is_told(change, device, tmp_path):
+    columns, data = columns_and_data()
+    data[f"{device}_at_s"] = change(data[f"{device}_at_s"])
+    with pytest.raises(InputError, match=r"times .*do not go on from sample to sample"):
+        session_channels(session_of(tmp_path / "x.mcap", columns, data))
+
+
 def test_what_nothing_is_worked_out_from_may_be_missing(tmp_path):
     columns, data = columns_and_data()
     for name in ("tick", "lateness_s", "log_s", "joint_velocity_rad_s"):

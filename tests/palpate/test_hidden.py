@@ -1,6 +1,7 @@
 """`palpate probe --hidden` and `palpate reveal`: what is hidden acts, is sealed, and can be opened."""
 
 import json
+import shlex
 import shutil
 
 import numpy as np
@@ -116,7 +117,7 @@ def test_the_name_of_an_effect_does_not_stay_in_the_session(tmp_path, monkeypatc
     monkeypatch.setattr("sys.argv", ["palpate", *arguments])
     assert run(*arguments).exit_code == 0
     line = Session.open(path).metadata.command_line
-    assert line.startswith(f"palpate probe --hidden (sealed) -o {path} ")
+    assert shlex.split(line)[:6] == ["palpate", "probe", "--hidden", "(sealed)", "-o", str(path)]
 
 
 def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):

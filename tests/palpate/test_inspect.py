@@ -1,6 +1,7 @@
 """`palpate inspect` and `palpate demo`: what is written, and what is refused."""
 
 import json
+import os
 import re
 import resource
 from contextlib import nullcontext
@@ -154,7 +155,7 @@ class HalfAPicture:
         self.failure = failure
 
     def open(self, recording):
-        pass
+        recording.encode()  # it takes no name but UTF-8
 
     def get_state(self):
         return SimpleNamespace(active_recording="x", loading=False)
@@ -163,7 +164,7 @@ class HalfAPicture:
         pass
 
     def save_screenshot(self, path):
-        Path(path).write_bytes(b"half")
+        Path(path.encode().decode()).write_bytes(b"half")
         if self.failure:
             raise self.failure
 
@@ -173,9 +174,9 @@ def test_a_picture_of_the_viewer_is_there_whole_or_not_at_all(tmp_path, monkeypa
     monkeypatch.setattr(viewer, "_headless_viewer", lambda _size: nullcontext(HalfAPicture(failure)))
     monkeypatch.setattr(viewer, "_SETTLE_S", 0.0)
     monkeypatch.setattr(viewer, "_TOAST_S", 0.0)
-    picture = tmp_path / "x.png"
+    picture = tmp_path / os.fsdecode(b"\xff.png")
     picture.write_bytes(b"before")
     with pytest.raises(PalpateError, match="the viewer is gone") if failure else nullcontext():
-        viewer.take_picture(tmp_path / "x.rrd", picture, 0.0, (800, 600))
+        viewer.take_picture(tmp_path / os.fsdecode(b"\xff.rrd"), picture, 0.0, (800, 600))
     assert list(tmp_path.iterdir()) == [picture]
     assert picture.read_bytes() == (b"before" if failure else b"half")

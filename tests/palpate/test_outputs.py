@@ -100,6 +100,30 @@ def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_
     different_files(tmp_path / "a", None, tmp_path / "b", None)
 
 
+@pytest.mark.filterwarnings("error:.*surrogates")
+def test_names_that_are_no_utf8_are_read_and_written(session, hardening, tmp_path, monkeypatch):
+    odd = os.fsdecode(b"\xe4\xff\x1b[2J")
+    data, log = tmp_path / f"{odd}.csv", session.rename(tmp_path / f"{odd}.mcap")
+    shutil.copy(hardening, data)
+    for command in (
+        ("import", data, "-o", tmp_path / f"{odd}2.mcap"),
+        ("export", tmp_path / f"{odd}2.mcap", "--stream", "contact", "-o", tmp_path / f"{odd}.parquet"),
+        ("import", tmp_path / f"{odd}.parquet", "-o", tmp_path / f"{odd}3.mcap"),
+        ("export", log, "--stream", "tick", "-o", tmp_path / f"{odd}3.csv"),
+        ("merge", tmp_path / f"{odd}2.mcap", tmp_path / f"{odd}3.mcap", "-o", tmp_path / f"{odd}4.mcap"),
+        ("inspect", log, "--save", tmp_path / f"{odd}.rrd"),
+        ("report", log, "-o", tmp_path / f"{odd}.html"),
+        ("compare", data, "--out", tmp_path / odd),
+        ("replay", log, "-o", tmp_path / f"{odd}5.mcap"),
+    ):
+        monkeypatch.setattr("sys.argv", ["palpate", *map(str, command)])
+        result = run(*command)
+        assert result.exit_code == 0, (command, result.stderr)
+    kept = [Session.open(tmp_path / f"{odd}{number}.mcap").metadata for number in (2, 3, 4)]
+    assert "imported from ??" in kept[0].extra["source"]
+    assert all(r"\xe4\xff\x1b[2J" in one.command_line for one in kept)
+
+
 @pytest.mark.parametrize("option", ["--out", "--out=", "--model"])
 def test_an_empty_argument_is_no_name(option, hardening):
     empty = (option,) if option.endswith("=") else (option, "")

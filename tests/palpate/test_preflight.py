@@ -32,6 +32,13 @@ def test_a_missing_control_is_said():
     assert "missing" in preflight.control_problem(None)
 
 
+def test_a_folder_that_was_deleted_meanwhile_is_said(tmp_path, monkeypatch):
+    assert preflight.folder_problem() is None
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    assert "change to another one" in preflight.first_problem()
+
+
 def test_the_command_stops_when_another_control_comes_first(tmp_path):
     (tmp_path / "control").mkdir()
     (tmp_path / "control" / "__init__.py").write_text("__version__ = '0.10.1'\n")

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 
 from palpate.files import whole_file
 from palpate.render import palette
+from robot_io.files.utf8 import as_utf8
 from robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines
@@ -36,6 +37,7 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
     # Into memory and only then to the disk: Rerun's own writer waits forever when the disk is full.
     with whole_file(path) as unfinished:
         unfinished.touch()  # before the work, so that a folder that is not there is said at once
+        name = as_utf8(name)
         recording = rr.RecordingStream("palpate", recording_id=name)
         memory = recording.memory_recording()
         recording.send_blueprint(blueprint)

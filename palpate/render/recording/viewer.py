@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import rerun_cli  # type: ignore[import-untyped]
 from rerun.experimental import ViewerClient
@@ -49,21 +50,24 @@ def take_picture(
         InputError: the picture cannot be written.
     """
     started_s = time.monotonic()
-    with whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
+    with TemporaryDirectory() as folder, whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
+        shown, taken = Path(folder, "shown.rrd"), Path(folder, "taken.png")  # it takes no name but UTF-8
+        shown.symlink_to(recording.absolute())
         try:
-            viewer.open(str(recording.absolute()))
+            viewer.open(str(shown))
             _wait_for(lambda: _is_loaded(viewer), "the Rerun viewer did not load the recording")
             if revision is None:
                 viewer.set_time(TIME, duration=time_s, play_state="paused")
             else:
                 viewer.set_time(REVISION, sequence=revision, play_state="paused")
             time.sleep(max(_SETTLE_S, _TOAST_S - (time.monotonic() - started_s)))
-            viewer.save_screenshot(str(unfinished.absolute()))
+            viewer.save_screenshot(str(taken))
         except (OSError, RuntimeError, ValueError) as error:
             reason = str(error).partition("\n")[0] or type(error).__name__
             raise PalpateError(f"the viewer did not give a picture: {reason} ({_DRIVER})") from error
-        if not unfinished.is_file():
+        if not taken.is_file():
             raise PalpateError(f"the viewer did not write {picture}")
+        unfinished.write_bytes(taken.read_bytes())
 
 
 @contextmanager
