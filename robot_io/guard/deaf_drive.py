@@ -128,8 +128,7 @@ class DeafDrives:
         if is_next:
             self._stretch_s = time_s
         for drive, torque in zip(self._drives, torque_nm, strict=True):
-            if is_next or not drive.sent_nm[0] <= torque <= drive.sent_nm[1]:
-                drive.widen(torque, is_next=is_next)
+            drive.widen(torque, is_next=is_next)
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """The first drive that has not obeyed for so long, or None; a sample seen before says nothing."""

@@ -112,6 +112,8 @@ def test_an_overrun_goes_on_at_the_next_instant_ahead_and_is_counted():
     assert (grid.due_s, grid.overruns, grid.skipped) == (1.0, 1, 3)
     assert grid.advance(1.1) == 1  # no burst to catch up
     assert (grid.due_s, grid.overruns, grid.skipped) == (1.25, 1, 3)
+    assert grid.advance(2.0) == 3  # an instant that is now has not passed
+    assert (grid.due_s, grid.overruns, grid.skipped) == (2.0, 2, 5)
 
 
 @given(

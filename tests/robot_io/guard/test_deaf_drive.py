@@ -148,6 +148,38 @@ def test_a_small_torque_is_missed_of_a_drive_that_has_shown_one():
     assert 700 < tick <= 712
 
 
+EDGES = [  # torque limit; what is sent and shown in turn, then what; whether that is missed
+    ("half, a hundredth of the limit, two mean jumps", 100, (92, 92), (92, 93), (92, 92), (41, 41), False),
+    ("more than that", 100, (92, 92), (92, 93), (92, 92), (40.99, 40.99), True),
+    ("two hundredths of the limit", 100, (2, 2), (2, 3), (2, 2), (-9, -9), False),
+    ("more than those", 100, (2.01, 2.01), (2, 3), (2.01, 2.01), (-9, -9), True),
+    ("a tenth of the limit, never shown before", 100, (0, 0), (0, 1), (10, 10), (0, 1), True),
+    ("less than a tenth", 100, (0, 0), (0, 1), (9.99, 9.99), (0, 1), False),
+    ("four fifths of what was shown", 200, (10, 15), (5.5, 4.5), (12, 12), (-5, -6), True),
+    ("less than four fifths", 200, (10, 15), (5.5, 4.5), (11.99, 11.99), (-5, -6), False),
+    ("of what was not shown clearly", 200, (10, 15), (5.49, 4.49), (12, 12), (-5, -6), False),
+    ("of what was shown in passing", 200, (10, 15.01), (5.5, 4.5), (12.01, 12.01), (-5, -6), False),
+]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("limit_nm", "sent", "shown", "then_sent", "then_shown", "missed"),
+    [row[1:] for row in EDGES],
+    ids=[row[0] for row in EDGES],
+)
+def test_how_much_may_be_missing_is_as_it_says(limit_nm, sent, shown, then_sent, then_shown, missed, side):
+    """Each in numbers that floats hold exactly: 1 N m up and down is a mean jump of 1 N m."""
+    check = DeafDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
+    named = ticks_until_named(
+        check,
+        lambda k, _: side * (shown if k <= 500 else then_shown)[k % 2],
+        lambda k: side * (sent if k <= 500 else then_sent)[k % 2],
+        count=800,
+    )
+    assert bool(named) is missed
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("at", [75, 150, 700, 2300])
 @pytest.mark.parametrize("wear", ["good", "zero a little off", "late", "follows slowly"])

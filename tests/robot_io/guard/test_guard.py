@@ -826,13 +826,17 @@ def test_few_samples_of_an_encoder_prove_nothing():
     """The fifth equal one comes 20 ms after the first, however short the limit is."""
     guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.01}), SAFE_STATE, 2)
 
+    def reference(k):
+        """At first so slowly that the steps of the encoder are known to be small."""
+        return SPEED * (0.1 * k if k < 50 else k - 45)
+
     def reading(k):
-        return SPEED * min(k, 100)
+        return reference(min(k, 100))
 
     def torque_nm(k):
-        return 1000 * (SPEED * k - reading(k))
+        return 1000 * (reference(k) - reading(k))
 
-    assert watch_many(guard, 200, reading, lambda k: SPEED * k, torque_nm, every=5) == 120
+    assert watch_many(guard, 200, reading, reference, torque_nm, every=5) == 120
     assert "encoder of joint 1: stuck" in guard.tripped.cause
 
 
