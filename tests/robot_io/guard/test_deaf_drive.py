@@ -257,6 +257,33 @@ def test_the_time_is_the_robot_files():
     assert 340 <= tick <= 342
 
 
+@pytest.mark.parametrize(
+    ("deaf_from", "sent_from", "named_at"),
+    [
+        (50, -300, 59),  # 10 ms after it was last obeyed,
+        (50, 0, 59),  # also if that is 50 ms after the first command of all
+        (1, 10, 210),  # little was sent until 10 ms: that excuses it to the end of the next tenth of a second
+    ],
+)
+def test_times_are_kept_to_the_tick(deaf_from, sent_from, named_at):
+    drive = Sound(noise=0.01)
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS),
+        lambda k, sent: drive.show(k, sent if k < deaf_from - 1 else 0.0),
+        lambda k: 4.0 if k >= sent_from else 0.1,
+        first=min(sent_from, 0),
+    )
+    assert tick == named_at
+
+
+def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
+    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    shows = lambda k, sent: drive.show(k, sent if k < 0 else 0.0)  # noqa: E731
+    assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
+    tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)
+    assert tick == 104  # the fifth sample
+
+
 def test_few_samples_prove_nothing():
     drive = Sound(noise=0.01)
     tick, _ = ticks_until_named(
