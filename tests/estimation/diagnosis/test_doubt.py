@@ -159,7 +159,7 @@ def test_a_rival_is_refused_where_the_data_refuse_it(name):
         (0.04, (-0.2,) * 4, False, False),  # that a draw gained less than nothing proves nothing
         (0.06, (-0.2,) * 4, True, True),
         (0.31, (0.1,) * 4, True, True),
-        (0.29, (0.1,) * 4, True, False),
+        (0.75, (0.25,) * 4, True, False),
         (0.31, (0.1,) * 3, True, False),
     ],
 )
