@@ -57,7 +57,7 @@ AREAS = {  # where the program is, and the tests that are to notice
 }
 GOAL = 0.95
 MOST_S = 900.0  # that the tests of an area may take as it is
-LONGER = 4.0  # times that is no end: a mutant that takes so long is noticed
+LONGER = 2.5  # times that is no end: a mutant that takes so long is noticed
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _REVERSED = {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
 _COMPUTED = {
