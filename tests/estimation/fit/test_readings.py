@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import freqz, savgol_coeffs
 
 from estimation.data.derivatives import differentiate
-from estimation.fit.readings import derived, readings_of, shuffled, slow_part
+from estimation.fit.readings import _window, derived, readings_of, shuffled, slow_part
 from tests.estimation.presses import channel, motion, session
 from tests.estimation.swings import read, swings
 
@@ -146,6 +146,15 @@ def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_th
     made = differentiate(noisy.time_s, noisy.position, piece, 10)
     data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
     assert readings_of(data).windows == (10, 10)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "window"), [(1e-4, 10), (0.01, None)])
+def test_of_a_motion_without_an_error_a_window_is_known_to_a_thousandth(sign, off, window):
+    position = sign * SMOOTH.position
+    given = derived(SMOOTH, position, 10, 1)
+    given = given + off * np.std(given) * np.resize([1.0, -1.0], len(given))
+    assert _window(SMOOTH, position, np.zeros(len(SMOOTH)), given, 1)[0] == window
 
 
 def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():
