@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.effects import EFFECTS
-from estimation.fit.flexible import _best, _shrunken, flexible, signals_of
+from estimation.fit.flexible import _best, _shrunken, flexible, is_of_size, signals_of
 from estimation.fit.frame import frame_of
 from estimation.fit.moments import cross_products
 from estimation.fit.smooth_signals import _hats, features
@@ -258,3 +258,18 @@ def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken
     moments, owner = cross_products(parts), np.arange(6)
     alone = [_shrunken(moments, owner, (number,)) for number in range(6)]
     assert _best(moments, owner, alone, _shrunken(moments, owner, ()).energy).signals == taken
+
+
+@pytest.mark.parametrize(
+    ("gains", "fits"),
+    [
+        ((0.0, 3.0, 0.0, 0.0), True),  # thrice the widest window's three
+        ((0.0, -3.0, 0.0, 0.0), True),
+        ((0.0, 3.01, 0.0, 0.0), False),
+        ((0.6, 0.0, 0.0, 0.0), True),  # of another window
+        ((0.61, 0.0, 0.0, 0.0), False),
+    ],
+)
+def test_what_a_window_took_off_is_about_as_large_as_it_should_be(gains, fits):
+    taken = np.array([[5.0, 1.0, 0.0, 0.0], [-5.0, -1.0, 0.0, 0.0]])
+    assert is_of_size(taken, np.array(gains)) is fits
