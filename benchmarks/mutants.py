@@ -56,7 +56,8 @@ AREAS = {  # where the program is, and the tests that are to notice
     ),
 }
 GOAL = 0.95
-MOST_S = 900.0  # that the tests of a mutant may take; one that takes longer is noticed
+MOST_S = 900.0  # that the tests of an area may take as it is
+LONGER = 2.5  # times that is no end: a mutant that takes so long is noticed
 _COMPARED = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
 _REVERSED = {ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is"}
 _COMPUTED = {
@@ -175,6 +176,7 @@ class Trial:
 
     def __init__(self, tree: Path) -> None:
         self._tree = tree
+        self._most_s = dict.fromkeys(AREAS, MOST_S)
         listed = subprocess.run(
             ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
         )
@@ -185,8 +187,10 @@ class Trial:
 
     def check(self, area: str) -> None:
         """Refuse tests that fail without a mutant: they notice nothing."""
-        if by := self._failing([str(path) for path in self._files(area)]):
+        started = time.perf_counter()
+        if by := self._failing(area, [str(path) for path in self._files(area)]):
             raise SystemExit(f"{area}: the tests fail as it is: {by}")
+        self._most_s[area] = LONGER * (time.perf_counter() - started)
 
     def noticed_by(self, mutant: Mutant) -> str:
         """What noticed: a test, or that none came to an end; empty if nothing did."""
@@ -196,7 +200,7 @@ class Trial:
         )
         try:
             near, far = self._tests(mutant)
-            return self._failing(near) or self._failing(far)
+            return self._failing(mutant.area, near) or self._failing(mutant.area, far)
         finally:
             (self._tree / mutant.file).write_bytes(whole)
 
@@ -213,7 +217,7 @@ class Trial:
         found = (place for pattern in AREAS[area][1] for place in self._tree.glob(pattern))
         return sorted(path for one in found for path in ([one] if one.is_file() else one.rglob("test_*.py")))
 
-    def _failing(self, tests: list[str]) -> str:
+    def _failing(self, area: str, tests: list[str]) -> str:
         if not tests:
             return ""
         command = [
@@ -244,7 +248,7 @@ class Trial:
             start_new_session=True,
         ) as process:
             try:
-                said, _ = process.communicate(timeout=MOST_S)
+                said, _ = process.communicate(timeout=self._most_s[area])
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 return "no end"

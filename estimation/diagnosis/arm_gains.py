@@ -7,6 +7,8 @@ see `estimation.arm.normal_equations`.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -45,7 +47,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         return list(channels)
     joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]
     said = [shared_information(one) for one in joints]
-    pull = consistent_information(effect.arm, effect.urdf, sum(said[1:], start=said[0]))
+    pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
     others = information_of_others(joints, pull)
     found = list(channels)
     for number, one, others_say in zip(of_arm, alone, others, strict=True):

@@ -147,7 +147,7 @@ def disagreement(frame: Frame, trial: Trial) -> Disagreement | None:
             continue
         scale = np.linalg.norm(slopes[rows], axis=0)
         columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
-        fitted = np.linalg.lstsq(columns, residual[rows], rcond=1e-9)[0]
+        fitted = np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
         freedom = len(rows) / (len(rows) - slopes.shape[1])
         alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
         judged.append(rows)

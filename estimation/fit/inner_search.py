@@ -142,14 +142,12 @@ def _vertex(
     along = np.log(values) if inner.log and values[0] > 0.0 else values
     low, here, high = (trials[i].sse for i in three)
     left, right = along[1] - along[0], along[2] - along[1]
-    if not (left > 0.0 and right > 0.0):
-        return []
-    bend = (low - here) / left + (high - here) / right
+    bend = (low - here) * right + (high - here) * left
     if not bend > 0.0:
         return []
-    lowest = along[1] + 0.5 * ((low - here) / left * right - (high - here) / right * left) / bend
+    lowest = along[1] + 0.5 * ((low - here) * right**2 - (high - here) * left**2) / bend
     value = float(np.exp(lowest) if inner.log and values[0] > 0.0 else lowest)
-    return [{**grid[best], inner.name: value}] if values[0] < value < values[2] else []
+    return [{**grid[best], inner.name: value}]
 
 
 def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:

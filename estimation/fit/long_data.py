@@ -40,7 +40,7 @@ class Within:
 
     def is_noise(self, block: int) -> bool:
         """Whether the departure is noise, or so little more that means over blocks do not show it."""
-        error = _SURE * np.sqrt(4.6 / max(self.count, 1))  # of a mean of squared third differences
+        error = _SURE * np.sqrt(4.6 / self.count)  # of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
 
 

@@ -207,14 +207,15 @@ def _window(
     And the median square by which it differs from that where something moves; infinite if by none. Other
     ends of the pieces that were derived by themselves, or what was cut off behind, do not count in a median.
     """
-    best, least = None, np.inf
+    alike: list[tuple[float, int]] = []
     moving = given != 0.0
     if not moving.any():
-        return best, least
+        return None, np.inf
     for window in HALF_WINDOWS:
         passed_on = derived(data, error[: len(data)], window, order)
         apart = float(np.median((derived(data, signal, window, order) - given)[moving] ** 2))
         limit = max(_PASSED_ON * float(np.median(passed_on**2)), _ALIKE * float(np.mean(given**2)))
-        if apart <= limit and apart < least:
-            best, least = window, apart
+        if apart <= limit:
+            alike.append((apart, window))
+    least, best = min(alike, default=(np.inf, None))
     return best, least

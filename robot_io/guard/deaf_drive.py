@@ -11,7 +11,7 @@ jumps from one sample to the next is not held against it; and a small torque is 
 has never shown so small a torque on that side.
 """
 
-from math import inf, nan
+from math import copysign, inf, nan
 
 from robot_io.clip import clip
 from robot_io.guard.limits import Limits, Problem
@@ -53,8 +53,8 @@ class _Drive:
         self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
         self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
-        # Smallest torques that were clearly shown, positive and negative.
-        self.clear_nm = [_LARGE_SHARE * limit_nm / _SMALLER] * 2
+        # Smallest torques that were clearly shown, by their sign.
+        self.clear_nm = dict.fromkeys((1.0, -1.0), _LARGE_SHARE * limit_nm / _SMALLER)
         self.usually_off_nm = self.obeyed_at_s = 0.0
         self.count = self.jumps = 0
 
@@ -79,21 +79,20 @@ class _Drive:
     @property
     def least_sent_nm(self) -> float:
         """The smallest torque of late, where all had one sign [N m]."""
-        return self.low_nm if self.low_nm > 0.0 else self.high_nm
+        return min(self.low_nm, self.high_nm, key=abs)
 
     def is_missing(self) -> bool:
         """Whether the reading says that torque is missing."""
-        least_nm, most_nm, side, sign = self.low_nm, self.high_nm, 0, 1.0
-        if least_nm <= 0.0:
-            least_nm, most_nm, side, sign = -self.high_nm, -self.low_nm, 1, -1.0
+        least_nm, most_nm = max(self.low_nm, -self.high_nm), max(self.high_nm, -self.low_nm)
         if not least_nm > 2.0 * self.floor_nm:
             return False
+        sign = copysign(1.0, self.low_nm)
         missing_nm = least_nm - sign * self.measured_nm
         may_be_nm = _MISSING_SHARE * least_nm + self.floor_nm + _JUMPS * self.jump_nm
         if missing_nm <= _CLEAR_SHARE * may_be_nm and most_nm <= _STEADY * least_nm:
-            self.clear_nm[side] = min(self.clear_nm[side], most_nm)
+            self.clear_nm[sign] = min(self.clear_nm[sign], most_nm)
         missing_nm += min(sign * self.usually_off_nm, 0.0)
-        return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[side]
+        return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
     def get_used_to(self, share: float) -> None:
         """Take how far the reading is off now for a part of what is usual."""
@@ -128,8 +127,7 @@ class DeafDrives:
         if is_next:
             self._stretch_s = time_s
         for drive, torque in zip(self._drives, torque_nm, strict=True):
-            if is_next or not drive.sent_nm[0] <= torque <= drive.sent_nm[1]:
-                drive.widen(torque, is_next=is_next)
+            drive.widen(torque, is_next=is_next)
 
     def problem(self, measurement: Measurement) -> Problem | None:
         """The first drive that has not obeyed for so long, or None; a sample seen before says nothing."""

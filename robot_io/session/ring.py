@@ -8,7 +8,7 @@ import numpy as np
 from robot_io.session.stream import Record, RecordArray
 
 _LINE = 64  # bytes; each counter on a cache line of its own, so that the two sides do not slow each other
-_HEAD, _TAIL, _DROPPED = 0, _LINE // 8, 2 * _LINE // 8
+_HEAD, _TAIL, _DROPPED = range(3)
 _HEADER = 3 * _LINE
 
 
@@ -28,7 +28,7 @@ class RingBuffer:
     """
 
     def __init__(self, memory: memoryview, dtype: np.dtype[np.void], slots: int) -> None:
-        self._counters = memory[:_HEADER].cast("Q")
+        self._counters = memory[:_HEADER].cast("Q")[:: _LINE // 8]
         records_end = _HEADER + slots * dtype.itemsize
         self._records: RecordArray = np.frombuffer(memory[_HEADER:records_end], dtype)
         self._sequence: np.ndarray[Any, np.dtype[np.uint64]] = np.frombuffer(

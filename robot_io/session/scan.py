@@ -77,11 +77,9 @@ def _damaged(error: Exception) -> SessionError:
 def _put_in_order(found: Scan) -> None:
     """Put messages into the order in which they were logged: chunks of a file may lie in any."""
     for topic, numbers in found.sequence.items():
-        order = np.argsort(np.asarray(numbers), kind="stable")
-        if (order[1:] < order[:-1]).any():
-            messages = found.messages[topic]
-            found.messages[topic] = [messages[index] for index in order.tolist()]
-            found.sequence[topic] = array("L", sorted(numbers))
+        order, messages = np.argsort(np.asarray(numbers), kind="stable"), found.messages[topic]
+        found.messages[topic] = [messages[index] for index in order.tolist()]
+        found.sequence[topic] = array("L", sorted(numbers))
 
 
 class Growing:

@@ -193,7 +193,7 @@ class SessionWriter:
 
     def _wait_until_finished(self) -> bool:
         """True when the writer process has ended, False when nothing has moved for too long."""
-        taken, give_up_s = -1, 0.0
+        taken: int | None = None
         while self._process.poll() is None:
             now_taken = sum(ring.taken for ring in self._log.rings.values())
             if now_taken != taken:

@@ -88,14 +88,11 @@ def test_threads_and_processes_started_inside_are_scheduled_normally():
     assert os.waitstatus_to_exitcode(status) == os.SCHED_OTHER
 
 
-def test_memory_to_come_is_not_locked_under_a_limit(monkeypatch):
-    import resource
-
-    monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
-    assert not module._may_lock_any_amount()
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY,) * 2)
-    assert module._may_lock_any_amount()
+@pytest.mark.parametrize(("user", "limit", "may"), [(0, 8 << 20, True), (1, 8 << 20, False), (1, -1, True)])
+def test_memory_to_come_is_not_locked_under_a_limit(monkeypatch, user, limit, may):
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    monkeypatch.setattr(module.resource, "getrlimit", lambda _: (limit, module.resource.RLIM_INFINITY))
+    assert module._may_lock_any_amount() is may
 
 
 def test_on_another_system_it_says_so(monkeypatch):

@@ -220,6 +220,8 @@ def test_junk_after_a_good_beginning_never_breaks_the_reader(tmp_path, whole, ju
         (Opcode.METADATA, b"\xff\xff", "damaged: (?!its end)"),
         (Opcode.METADATA, b"\1\0\0\0\xff\0\0\0\0", "damaged: a text in it is not UTF-8"),
         (Opcode.CHUNK, bytes(16) + b"\xff" * 8 + bytes(16), "a chunk of 18446744073709551615 bytes"),
+        (Opcode.CHUNK, bytes(16) + b"\1\0\x40" + bytes(21), "a chunk of 4194305 bytes; at most 4194304"),
+        (Opcode.CHUNK, bytes(16) + b"\0\0\x40" + bytes(21), "the checksum of a chunk"),
     ],
 )
 def test_what_is_damaged_in_a_finished_file_is_said(tmp_path, whole, opcode, content, said):

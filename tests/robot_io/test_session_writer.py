@@ -15,6 +15,7 @@ import pytest
 from robot_io.errors import InputError, SessionError, UnknownNameError
 from robot_io.session import Column, Event, Session, SessionWriter, Stream, writer
 from robot_io.session.event import decode_event, encode_event
+from robot_io.session.mcap_file import McapFile
 from robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
@@ -298,6 +299,20 @@ def test_a_disk_that_hangs_at_the_end_does_not_hang_the_program(tmp_path, monkey
     with pytest.raises(SessionError, match="the disk took nothing"):
         log.close()
     assert log._process.returncode == -signal.SIGKILL
+
+
+def test_a_writer_that_does_not_start_does_not_hang_the_program(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "START_LIMIT_S", 0.0)
+    with pytest.raises(SessionError, match="cannot be written: the writer process ended with -9"):
+        SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
+
+
+def test_what_was_handed_over_outlives_the_process(tmp_path):
+    with (tmp_path / "s.mcap").open("wb") as file:
+        mcap = McapFile(file, [SLOW], METADATA)
+        assert os.stat(file.fileno()).st_size == file.tell() > 0
+        mcap.finish({})
+        assert os.stat(file.fileno()).st_size == file.tell()
 
 
 def test_the_first_error_is_the_one_that_is_raised(tmp_path):

@@ -240,7 +240,7 @@ def test_what_an_effect_leaves_in_its_own_signals(signals, shares, left):
 @pytest.mark.parametrize(
     ("own", "noise", "follows"),
     [
-        (0.2, 0.11, True),
+        (0.2, 0.1, True),
         (0.2, 0.09, False),  # more than twice the noise
         (0.03, 0.001, True),  # no more than a hundredth of what the effect takes away
         (0.04, 0.001, False),
@@ -276,6 +276,8 @@ def test_an_effect_that_takes_away_more_than_is_left_is_not_nothing(searches):
     end = reached(search, RUB, BIAS)
     assert not module._may_be_nothing(search.start, end, RUB)
     assert module._may_be_nothing(search.without(end, BIAS), end, BIAS)
+    half, whole = (SimpleNamespace(flexible=SimpleNamespace(before=np.array([one]))) for one in (1.0, 2.0))
+    assert not module._may_be_nothing(whole, half, RUB)
 
 
 def test_parts_that_are_fewer_than_their_whole_are_held_against_it():

@@ -316,6 +316,19 @@ def test_models_that_share_their_work_are_fitted_as_by_themselves():
     assert shared.size > 0
 
 
+def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
+    """A friction is missing, and the last run is as noisy as three."""
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01))
+    last = data.run == data.runs[-1]
+    noise = np.random.default_rng(1).normal(0.0, 3.0 * NOISE_NM, len(data))
+    base = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+    found = stand(replace(data, effort=data.effort + noise * last), base, {})
+    assert found.floor_in(data.runs) == pytest.approx(found.floor(), rel=0.01)
+    quiet, loud = found.floor_in(data.runs[:-1]), found.floor_in(data.runs[-1:])
+    assert quiet == pytest.approx(NOISE_NM, rel=0.7)
+    assert loud == pytest.approx(np.sqrt(10.0) * NOISE_NM, rel=0.2)
+
+
 def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
     monkeypatch.setattr("estimation.fit.memory.MOST_BYTES", 3 * 80)
     memory, asked = Memory(), []

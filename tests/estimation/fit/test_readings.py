@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import freqz, savgol_coeffs
 
 from estimation.data.derivatives import differentiate
-from estimation.fit.readings import derived, readings_of, shuffled, slow_part
+from estimation.fit.readings import _window, derived, readings_of, shuffled, slow_part
 from tests.estimation.presses import channel, motion, session
 from tests.estimation.swings import read, swings
 
@@ -146,6 +146,28 @@ def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_th
     made = differentiate(noisy.time_s, noisy.position, piece, 10)
     data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
     assert readings_of(data).windows == (10, 10)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("noise", "off", "known"),
+    [
+        (0.0, 0.99e-3, True),  # of the derivative itself
+        (0.0, 1.01e-3, False),
+        (1e-3, 0.99 * np.sqrt(0.5), True),  # of what the window makes of the noise
+        (1e-3, 1.01 * np.sqrt(0.5), False),
+    ],
+)
+def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noise_in_it(
+    sign, noise, off, known, monkeypatch
+):
+    monkeypatch.setattr("estimation.fit.readings.HALF_WINDOWS", (10,))
+    position = sign * SMOOTH.position
+    error = noise * np.random.default_rng(1).normal(size=len(SMOOTH))
+    given = derived(SMOOTH, position, 10, 1)
+    unit = np.sqrt(np.median(derived(SMOOTH, error, 10, 1) ** 2) if noise else np.mean(given**2))
+    given = given + off * unit * np.resize([1.0, -1.0], len(given))
+    assert (_window(SMOOTH, position, error, given, 1)[0] is not None) is known
 
 
 def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():

@@ -10,7 +10,7 @@ from estimation.effect import Parameter
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
 from estimation.fit.robust import Loss
-from estimation.fit.samples import _is_settled, fit_samples
+from estimation.fit.samples import _inside, _is_settled, fit_samples
 from estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
 
@@ -143,3 +143,12 @@ def test_two_searched_effects_at_once():
     found = fit_samples(model, channel(force, x - 0.0003, v, t))
     assert found.parameters["contact_offset.offset"] == pytest.approx(-0.0003, abs=5e-5)
     assert found.parameters["hunt_crossley.n"] == pytest.approx(1.3, abs=0.02)
+
+
+@pytest.mark.parametrize(("share", "begins"), [(0.0, 0.001), (0.0005, 0.001), (0.3, 0.3), (1.0, 0.999)])
+def test_a_search_begins_a_thousandth_of_its_range_off_a_bound(share, begins):
+    """At one it would be stuck."""
+    model = Model("m", (EFFECTS["contact_offset"](),))
+    (name, one), *_ = model.inner.items()
+    wide = one.upper - one.lower
+    assert _inside(model, {name: one.lower + share * wide})[name] == pytest.approx(one.lower + begins * wide)

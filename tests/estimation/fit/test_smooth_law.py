@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from estimation.effects import EFFECTS
-from estimation.fit.flexible import flexible, signals_of
+from estimation.fit.flexible import _best, _shrunken, flexible, is_of_size, signals_of
 from estimation.fit.frame import frame_of
+from estimation.fit.moments import cross_products
 from estimation.fit.smooth_signals import _hats, features
 from estimation.fit.standing import fit
 from estimation.model import Model
@@ -237,3 +238,38 @@ def test_a_law_is_explained_beside_what_a_window_takes_off():
     hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
     one = fit(smoothed(hidden, 25), SWING, {})
     assert flexible(one.plain, one.trial, ((25,), (25,))).share_of(one.trial) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("weights", "taken"),
+    [
+        ((5.0, 4.0, 3.0, 2.0, 1.5), (0, 1, 2, 3)),  # at most four
+        ((4.0, 5.0, 0.55, 0.0, 0.0), (1, 0, 2)),
+        ((4.0, 5.0, 0.4, 0.0, 0.0), (1, 0)),  # three thousandths of the energy are not worth one more
+    ],
+)
+def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken):
+    """Beside them is one that says the opposite in the second fold: all together do worse."""
+    rng, parts = np.random.default_rng(1), []
+    for sign in (1.0, -1.0, 1.0):
+        x = rng.normal(size=(2000, 6))
+        x /= np.sqrt(np.mean(x**2, axis=0))
+        parts.append(np.column_stack([x, x @ [*weights, 3.0 * sign] + 0.1 * rng.normal(size=2000)]))
+    moments, owner = cross_products(parts), np.arange(6)
+    alone = [_shrunken(moments, owner, (number,)) for number in range(6)]
+    assert _best(moments, owner, alone, _shrunken(moments, owner, ()).energy).signals == taken
+
+
+@pytest.mark.parametrize(
+    ("gains", "fits"),
+    [
+        ((0.0, 3.0, 0.0, 0.0), True),  # thrice the widest window's three
+        ((0.0, -3.0, 0.0, 0.0), True),
+        ((0.0, 3.01, 0.0, 0.0), False),
+        ((0.6, 0.0, 0.0, 0.0), True),  # of another window
+        ((0.61, 0.0, 0.0, 0.0), False),
+    ],
+)
+def test_what_a_window_took_off_is_about_as_large_as_it_should_be(gains, fits):
+    taken = np.array([[5.0, 1.0, 0.0, 0.0], [-5.0, -1.0, 0.0, 0.0]])
+    assert is_of_size(taken, np.array(gains)) is fits

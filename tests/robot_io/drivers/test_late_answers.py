@@ -2,11 +2,14 @@
 
 import random
 import struct
+from types import SimpleNamespace
 
 import pytest
 
 from robot_io.clock import SimulatedClock
 from robot_io.drivers.dynamixel.feedback import feedback_reader
+from robot_io.drivers.dynamixel.servos import DynamixelAccess
+from robot_io.drivers.dynamixel.tables import DRIVE_MODE
 from robot_io.errors import DeviceTimeoutError
 from sim_backend.emulators.dynamixel import wire
 
@@ -77,3 +80,15 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
             seen += 1
             assert dated_s <= min(line.asked_at_s[servo.position] for servo in feedback) + 1e-9, tenths_ms
         assert seen > 0
+
+
+def test_what_came_after_a_question_was_given_up_does_not_answer_the_next():
+    line = bytearray(wire.status(1, 0, b"\x07"))
+    came = lambda *_: bytes([line.pop(0) for _ in range(len(line))])  # noqa: E731
+    port = SimpleNamespace(
+        read_all=came,
+        wait=came,
+        duration_s=lambda _: 0.0,
+        write=lambda _: line.extend(wire.status(1, 0, b"\x04")),
+    )
+    assert DynamixelAccess(port, SimulatedClock()).read(1, DRIVE_MODE) == 4

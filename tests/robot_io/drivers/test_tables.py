@@ -4,6 +4,7 @@ import pytest
 
 from robot_io.drivers.dynamixel import tables as dynamixel
 from robot_io.drivers.feetech import tables as feetech
+from robot_io.drivers.feetech.protocol import error_names
 from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
 from robot_io.drivers.odrive.protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
 from robot_io.drivers.servo.register import Register
@@ -62,9 +63,6 @@ def test_a_dynamixel_is_what_its_emulator_is(name):
 def test_what_a_dynamixel_s_numbers_mean():
     assert dynamixel.drive_mode_trouble(0) is dynamixel.drive_mode_trouble(0x04) is None  # profile by time
     assert all(dynamixel.drive_mode_trouble(bit) for bit in (0x01, 0x02, 0x08))
-    assert dynamixel.hardware_error_names(0x3D) == (
-        "input voltage, overheating, motor encoder, electrical shock, overload"
-    )
     assert pytest.approx(0.0239808, rel=1e-5) == dynamixel.VELOCITY_STEP_RAD_S  # 0.229 rpm
     assert pytest.approx(0.00153398, rel=1e-5) == dynamixel.POSITION_STEP_RAD  # 0.088 degrees
 
@@ -129,3 +127,20 @@ def test_an_mit_motor_s_errors_are_numbered_as_in_its_manual(maker, first, names
     assert dialect.errors == dict(enumerate(names.split(", "), first))
     assert encoder == (dialect.encoder_fault and error_name(maker, dialect.encoder_fault))
     assert timeout == (dialect.timeout_error and error_name(maker, dialect.timeout_error))
+
+
+@pytest.mark.parametrize(
+    ("names_of", "bits"),
+    [
+        (
+            dynamixel.hardware_error_names,
+            {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"},
+        ),
+        (
+            error_names,
+            {0: "input voltage", 1: "position sensor", 2: "overheating", 3: "over current", 5: "overload"},
+        ),
+    ],
+)
+def test_a_servo_s_errors_are_the_bits_of_its_manual(names_of, bits):
+    assert {bit: names_of(1 << bit) for bit in range(8) if "unknown" not in names_of(1 << bit)} == bits

@@ -148,6 +148,38 @@ def test_a_small_torque_is_missed_of_a_drive_that_has_shown_one():
     assert 700 < tick <= 712
 
 
+EDGES = [  # torque limit; what is sent and shown in turn, then what; whether that is missed
+    ("half, a hundredth of the limit, two mean jumps", 100, (92, 92), (92, 93), (92, 92), (41, 41), False),
+    ("more than that", 100, (92, 92), (92, 93), (92, 92), (40.99, 40.99), True),
+    ("two hundredths of the limit", 100, (2, 2), (2, 3), (2, 2), (-9, -9), False),
+    ("more than those", 100, (2.01, 2.01), (2, 3), (2.01, 2.01), (-9, -9), True),
+    ("a tenth of the limit, never shown before", 100, (0, 0), (0, 1), (10, 10), (0, 1), True),
+    ("less than a tenth", 100, (0, 0), (0, 1), (9.99, 9.99), (0, 1), False),
+    ("four fifths of what was shown", 200, (10, 15), (5.5, 4.5), (12, 12), (-5, -6), True),
+    ("less than four fifths", 200, (10, 15), (5.5, 4.5), (11.99, 11.99), (-5, -6), False),
+    ("of what was not shown clearly", 200, (10, 15), (5.49, 4.49), (12, 12), (-5, -6), False),
+    ("of what was shown in passing", 200, (10, 15.01), (5.5, 4.5), (12.01, 12.01), (-5, -6), False),
+]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("limit_nm", "sent", "shown", "then_sent", "then_shown", "missed"),
+    [row[1:] for row in EDGES],
+    ids=[row[0] for row in EDGES],
+)
+def test_how_much_may_be_missing_is_as_it_says(limit_nm, sent, shown, then_sent, then_shown, missed, side):
+    """Each in numbers that floats hold exactly: 1 N m up and down is a mean jump of 1 N m."""
+    check = DeafDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
+    named = ticks_until_named(
+        check,
+        lambda k, _: side * (shown if k <= 500 else then_shown)[k % 2],
+        lambda k: side * (sent if k <= 500 else then_sent)[k % 2],
+        count=800,
+    )
+    assert bool(named) is missed
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("at", [75, 150, 700, 2300])
 @pytest.mark.parametrize("wear", ["good", "zero a little off", "late", "follows slowly"])
@@ -223,6 +255,33 @@ def test_the_time_is_the_robot_files():
     drive = Sound(noise=0.01)
     tick, _ = ticks_until_named(slow, lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0)
     assert 340 <= tick <= 342
+
+
+@pytest.mark.parametrize(
+    ("deaf_from", "sent_from", "named_at"),
+    [
+        (50, -300, 59),  # 10 ms after it was last obeyed,
+        (50, 0, 59),  # also if that is 50 ms after the first command of all
+        (1, 10, 210),  # little was sent until 10 ms: that excuses it to the end of the next tenth of a second
+    ],
+)
+def test_times_are_kept_to_the_tick(deaf_from, sent_from, named_at):
+    drive = Sound(noise=0.01)
+    tick, _ = ticks_until_named(
+        DeafDrives(LIMITS),
+        lambda k, sent: drive.show(k, sent if k < deaf_from - 1 else 0.0),
+        lambda k: 4.0 if k >= sent_from else 0.1,
+        first=min(sent_from, 0),
+    )
+    assert tick == named_at
+
+
+def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
+    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    shows = lambda k, sent: drive.show(k, sent if k < 0 else 0.0)  # noqa: E731
+    assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
+    tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)
+    assert tick == 104  # the fifth sample
 
 
 def test_few_samples_prove_nothing():

@@ -230,12 +230,12 @@ class TestLimiting:
     def test_a_measured_torque_beyond_the_limit_starts_at_the_limit(self, guard):
         assert limited(guard, torque(10, 5), measured(joint_torque_nm=[99.0, 99.0])) == [10.0, 5.0]
 
-    @pytest.mark.parametrize(("pause_s", "sent_nm"), [(0.09, 9.0), (0.11, 1.0), (1.0, 1.0)])
+    @pytest.mark.parametrize(("pause_s", "sent_nm"), [(0.1, 9.0), (0.101, 1.0), (1.0, 1.0)])
     def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard, pause_s, sent_nm):
         """An arm that was deactivated for a while carries nothing of what was sent before."""
-        for tick in range(9):
+        for tick in range(-8, 1):
             limited(guard, torque(9, 0), measured(0.001 * tick))
-        assert limited(guard, torque(9, 0), measured(0.008 + pause_s)) == [sent_nm, 0.0]
+        assert limited(guard, torque(9, 0), measured(pause_s)) == [sent_nm, 0.0]
 
     def test_no_time_means_no_change(self, guard):
         assert limited(guard, torque(5, 5), measured(), dt_s=0.0) == [0.0, 0.0]
@@ -336,6 +336,10 @@ class TestStop:
 
     def test_it_ends_on_time_by_its_own_steps_when_the_clock_stands_still(self, tripped):
         assert [any(self.stopping(tripped, 0.0, [1.0, 1.0], 0.025)) for _ in range(3)] == [True, False, False]
+
+    def test_it_ends_on_time_by_the_clock_when_the_steps_are_too_short(self, tripped):
+        sent = [self.stopping(tripped, time_s, [1.0, 1.0], 1e-6) for time_s in (0.025, 0.049, 0.05)]
+        assert [any(command) for command in sent] == [True, True, False]
 
     def test_it_ends_when_the_clock_goes_backwards(self, tripped):
         for tick in range(1, 60):
@@ -686,7 +690,7 @@ class TestStoppedInItsMotion:
         assert 30 <= ticks <= 32
 
     def test_a_force_that_hardly_changes_is_none_that_is_felt(self, guard):
-        ticks, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.35)
+        ticks, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.4)
         assert ticks <= 22
 
     def test_an_object_that_is_hit_is_felt(self, guard):
@@ -826,13 +830,17 @@ def test_few_samples_of_an_encoder_prove_nothing():
     """The fifth equal one comes 20 ms after the first, however short the limit is."""
     guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.01}), SAFE_STATE, 2)
 
+    def reference(k):
+        """At first so slowly that the steps of the encoder are known to be small."""
+        return SPEED * (0.1 * k if k < 50 else k - 45)
+
     def reading(k):
-        return SPEED * min(k, 100)
+        return reference(min(k, 100))
 
     def torque_nm(k):
-        return 1000 * (SPEED * k - reading(k))
+        return 1000 * (reference(k) - reading(k))
 
-    assert watch_many(guard, 200, reading, lambda k: SPEED * k, torque_nm, every=5) == 120
+    assert watch_many(guard, 200, reading, reference, torque_nm, every=5) == 120
     assert "encoder of joint 1: stuck" in guard.tripped.cause
 
 

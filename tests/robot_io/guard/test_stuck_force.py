@@ -173,7 +173,10 @@ def test_old_samples_are_old_and_not_stuck():
 
 
 def test_nobody_knows_a_sensor_by_its_first_samples():
-    assert ticks_until_named(StuckForce(LIMIT_S), frozen(noise(4000), 60)) is None
+    wave = np.tile([0.0, 1.0, 0.0, 2.0], 100)
+    first_99, first_100 = (ticks_until_named(StuckForce(LIMIT_S), frozen(wave, at)) for at in (98, 99))
+    assert first_99 is None
+    assert first_100 is not None
 
 
 def test_it_stops_the_arm_and_is_forgotten_when_rearmed():

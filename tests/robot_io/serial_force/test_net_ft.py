@@ -83,6 +83,8 @@ def test_only_what_is_new_is_taken(pairs, taken):
         (0x80000002, "supply voltage (status 0x80000002)", []),
         (0x80000005, "temperature, broken gage (status 0x80000005)", []),
         (0x00000008, "busy (status 0x00000008)", []),
+        (0x800000A0, "other error, calibration not accessible (status 0x800000a0)", []),
+        (0xB0000000, "simulated error, calibration checksum (status 0xb0000000)", []),
         (0x80000000, "error (status 0x80000000)", []),
         (0x80000400, "unknown bits 0x400 (status 0x80000400)", []),
     ],
