@@ -146,12 +146,17 @@ def final(standing: Standing) -> tuple[Bench, Trial]:
     """The last word on a model's parameters, and where it was said.
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
-    missing would pass for coloured noise.
+    missing would pass for coloured noise, and only near where the model stands: a colour that is badly known
+    may leave another place as little.
     """
     if standing.data.shared is not None or standing.rmse > _NOISE_ALONE * standing.floor():
         return standing.plain, standing.trial
     judge = standing.judge
     trial = polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))
+    kept = standing.plain.kept
+    here, there = (float(np.sum(one.residual[kept] ** 2)) for one in (standing.trial, trial))
+    if there > _NOISE_ALONE**2 * here:
+        return standing.plain, standing.trial
     return judge, _beside_smoothing(judge, trial, standing.windows)
 
 

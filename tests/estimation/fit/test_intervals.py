@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.effects import EFFECTS
+from estimation.fit import intervals
 from estimation.fit.acceleration_doubt import doubted
 from estimation.fit.intervals import _errors, _without_jumps, final, values
 from estimation.fit.standing import stand
+from estimation.fit.trial import attempt
 from estimation.model import Model
 from estimation.statistics.serial_covariance import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
@@ -94,6 +96,18 @@ def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
     assert trial.parameters == pytest.approx(standing.trial.parameters, rel=0.05)
     missing = stand(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
     assert final(missing) == (missing.plain, missing.trial)
+
+
+@pytest.mark.parametrize(("transition", "taken"), [(0.012, True), (0.3, False)])
+def test_the_last_word_is_said_near_where_the_model_stands(found, transition, taken, monkeypatch):
+    """A fit beside a badly known colour may end elsewhere: by a twentieth of the error and more."""
+    _, standing = found
+    there = {**standing.trial.parameters, "coulomb_friction.transition": transition}
+    monkeypatch.setattr(intervals, "polish", lambda bench, trial: attempt(bench, trial.model, there))
+    bench, trial = final(standing)
+    assert (trial.parameters["coulomb_friction.transition"] == transition) is taken
+    assert bench is (standing.judge if taken else standing.plain)
+    assert (trial is standing.trial) is not taken
 
 
 def accelerated(error, *, run=None, uneven=False, steps=0.0):
