@@ -5,7 +5,6 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -35,6 +34,7 @@ class _Sheet:
     rows: list[list[Any]]
     skipped: int
     titles: tuple[str, ...]
+    decimal: str  # mark in those numbers that are text
 
 
 def read_excel_table(path: Path) -> FileColumns:
@@ -54,14 +54,16 @@ def read_excel_table(path: Path) -> FileColumns:
     first = max(found, key=lambda sheet: len(sheet.rows))
     alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
-    names, columns = list(first.names), [_column(rows, place) for place in range(len(first.names))]
+    names, columns = (
+        list(first.names),
+        [_column(rows, place, first.decimal) for place in range(len(first.names))],
+    )
     if len(alike) > 1 and RUN not in names:
         names.append(RUN)
         columns.append(pa.array([sheet.title for sheet in alike for _ in sheet.rows]))
-    text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
     return FileColumns(
         pa.table(columns, names=names),
-        "," if commas_decide(text) else ".",
+        first.decimal,
         _words(first, found, alike, book.sheet_names),
         first.titles,
     )
@@ -126,24 +128,30 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
 def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
-    head = [[_text(cell) for cell in row] for row in rows[:_LOOKED_AT]]
-    decimal = "," if commas_decide(head) else "."
+    decimal = _mark_in(rows)
+    head = [[_text(cell, decimal) for cell in row] for row in rows[:_LOOKED_AT]]
     layout = find_layout(head, decimal)
     if layout is None:
         return None
     width = len(layout.names)
     body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
     skipped = sum(any(row) for row in head[: layout.header])
-    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles)
+    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles, _mark_in(body))
 
 
-def _column(rows: Sequence[Sequence[Any]], place: int) -> pa.Array:
+def _mark_in(rows: Sequence[Sequence[Any]]) -> str:
+    """Decimal mark in the numbers that are text."""
+    text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
+    return "," if commas_decide(text) else "."
+
+
+def _column(rows: Sequence[Sequence[Any]], place: int, decimal: str) -> pa.Array:
     cells = [row[place] for row in rows]
     if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
         return pa.array([float(cell) for cell in cells])
-    return pa.array([_text(cell) for cell in cells])
+    return pa.array([_text(cell, decimal) for cell in cells])
 
 
-def _text(cell: object) -> str:
-    """A cell as it would stand in a CSV."""
-    return repr(cell) if isinstance(cell, float) else str(cell)
+def _text(cell: object, decimal: str) -> str:
+    """A cell as it would stand in a CSV with this decimal mark."""
+    return repr(cell).replace(".", decimal) if isinstance(cell, float) else str(cell)
