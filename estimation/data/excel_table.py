@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -14,7 +15,7 @@ from python_calamine import CalamineSheet, CalamineWorkbook
 
 from estimation.data.file_columns import FileColumns, check_size
 from estimation.data.header_rows import find_layout, preamble_words
-from estimation.data.quantities import RUN
+from estimation.data.side_by_side import with_run
 from estimation.data.text_dialect import commas_decide
 from robot_io.errors import InputError
 
@@ -54,15 +55,9 @@ def read_excel_table(path: Path) -> FileColumns:
     first = max(found, key=lambda sheet: len(sheet.rows))
     alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
-    names, columns = (
-        list(first.names),
-        [_column(rows, place, first.decimal) for place in range(len(first.names))],
-    )
-    if len(alike) > 1 and RUN not in names:
-        names.append(RUN)
-        columns.append(pa.array([sheet.title for sheet in alike for _ in sheet.rows]))
+    columns = [_column(rows, place, first.decimal) for place in range(len(first.names))]
     return FileColumns(
-        pa.table(columns, names=names),
+        _with_runs(pa.table(columns, names=list(first.names)), alike),
         first.decimal,
         _words(first, found, alike, book.sheet_names),
         first.titles,
@@ -73,8 +68,20 @@ def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
     """A sheet's rows with the cells in the order of these names."""
     if sheet.names == names:
         return sheet.rows
-    places = [sheet.names.index(name) for name in names]
-    return [[row[place] for place in places] for row in sheet.rows]
+    ours, theirs = (sorted(range(len(names)), key=one.__getitem__) for one in (names, sheet.names))
+    place = dict(zip(ours, theirs, strict=True))  # names may repeat: sorting keeps their order
+    return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
+
+
+def _with_runs(columns: pa.Table, sheets: Sequence[_Sheet]) -> pa.Table:
+    """The columns of these sheets, one below the other, with the sheet as run if there are several."""
+    if len(sheets) == 1:
+        return columns
+    ends = accumulate(len(sheet.rows) for sheet in sheets)
+    return pa.concat_tables(
+        with_run(columns.slice(end - len(sheet.rows), len(sheet.rows)), sheet.title)
+        for sheet, end in zip(sheets, ends, strict=True)
+    )
 
 
 def _words(

@@ -55,10 +55,11 @@ def one_below_the_other(
 
 def with_run(columns: pa.Table, label: str) -> pa.Table:
     """The columns with one that says the run; what says one already goes before the label."""
-    if RUN not in columns.column_names:
-        return columns.append_column(RUN, pa.repeat(label, len(columns)))
-    both = pc.binary_join_element_wise(columns.column(RUN).cast(pa.string()), label, " ")
-    return columns.set_column(columns.column_names.index(RUN), RUN, both)
+    places = [place for place, name in enumerate(columns.column_names) if name == RUN]
+    for place in places:  # several where tests are side by side
+        both = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
+        columns = columns.set_column(place, RUN, both)
+    return columns if places else columns.append_column(RUN, pa.repeat(label, len(columns)))
 
 
 def is_filled(column: pa.ChunkedArray) -> BoolArray:

@@ -5,7 +5,7 @@ import openpyxl
 import pyarrow as pa
 import pytest
 
-from estimation.data.import_file import import_table
+from estimation.data.import_file import import_file, import_table
 from estimation.data.table import read_table, table_of
 
 NAMES = ("Time [s]", "Travel [mm]", "Load [N]")
@@ -56,3 +56,25 @@ def test_tests_of_a_frame_may_differ_in_length_and_in_the_kind_of_number(tmp_pat
     assert len(table) == 20
     np.testing.assert_array_equal(table.numbers("Time [s]"), np.r_[np.arange(12), T[:8]])
     assert len(import_table(table).channels[0].runs) == 2
+
+
+def test_repeated_names_that_stand_in_another_order_keep_theirs(book):
+    first, other = NAMES, (NAMES[1], NAMES[0], NAMES[2])
+    rows = [[[t, 2 * t, k * t, t, 3 * t, (k + 1) * t] for t in T] for k in (4, 6)]
+    rows[1] = [[row[place] for place in (1, 0, 2, 4, 3, 5)] for row in rows[1]]
+    table = read_table(book(A=[first * 2, *rows[0]], B=[other * 2, *rows[1]]))
+    names, index = table.labels("run")
+    for run, (way, load) in {"A 1": (2, 4), "B 1": (2, 6), "A 2": (3, 5), "B 2": (3, 7)}.items():
+        one = table.select(index == names.index(run))
+        np.testing.assert_allclose(one.numbers("Travel [mm]"), way * one.numbers("Time [s]"))
+        np.testing.assert_allclose(one.numbers("Load [N]"), load * one.numbers("Time [s]"))
+
+
+@pytest.mark.parametrize("tests", [1, 2])
+def test_runs_of_different_sheets_are_apart(book, tests):
+    rows = [[1 + row // 6, t, 2 * t, 3 * t] * tests for row, t in enumerate(T)]
+    later = [[cell + 100.0 * (place % 4 == 1) for place, cell in enumerate(row)] for row in rows]
+    path = book(A=[("run", *NAMES) * tests, *rows], B=[("run", *NAMES) * tests, *later])
+    labels = [f"{run} {sheet}" for sheet in "AB" for run in (1, 2)]
+    expected = labels if tests == 1 else [f"{label} {test}" for test in (1, 2) for label in labels]
+    assert sorted(import_file(path).run_labels.values()) == sorted(expected)
