@@ -5,6 +5,7 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import date, datetime, timedelta
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -156,9 +157,14 @@ def _column(rows: Sequence[Sequence[Any]], place: int, decimal: str) -> pa.Array
     cells = [row[place] for row in rows]
     if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
         return pa.array([float(cell) for cell in cells])
+    if any(isinstance(cell, datetime) for cell in cells):  # then a bare date is one too, at midnight
+        cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
     return pa.array([_text(cell, decimal) for cell in cells])
 
 
 def _text(cell: object, decimal: str) -> str:
     """A cell as it would stand in a CSV with this decimal mark."""
+    if isinstance(cell, timedelta):
+        minutes, seconds = divmod(cell, timedelta(minutes=1))
+        return f"{minutes // 60}:{minutes % 60:02}:{seconds.seconds:02}.{seconds.microseconds:06}"
     return repr(cell).replace(".", decimal) if isinstance(cell, float) else str(cell)

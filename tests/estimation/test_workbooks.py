@@ -1,5 +1,7 @@
 """What people make of sheets: numbers beside text, tests side by side, runs of several sheets."""
 
+from datetime import date, datetime, timedelta
+
 import numpy as np
 import openpyxl
 import pyarrow as pa
@@ -78,3 +80,17 @@ def test_runs_of_different_sheets_are_apart(book, tests):
     labels = [f"{run} {sheet}" for sheet in "AB" for run in (1, 2)]
     expected = labels if tests == 1 else [f"{label} {test}" for test in (1, 2) for label in labels]
     assert sorted(import_file(path).run_labels.values()) == sorted(expected)
+
+
+@pytest.mark.parametrize(
+    "start", [datetime(2024, 3, 1, 23, 59, 59), timedelta(hours=23, minutes=59, seconds=59)]
+)
+def test_times_of_cells_go_on_past_midnight(book, start):
+    rows = [[start + timedelta(seconds=0.25 * row), 2.0 * row, 3.0 * row] for row in range(12)]
+    table = read_table(book(S=[("Time", *NAMES[1:]), *rows]))
+    np.testing.assert_allclose(table.numbers("Time [s]") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
+
+
+def test_dates_alone_stay_dates(book):
+    rows = [[date(2024, 3, 2), t, 2 * t, 3 * t] for t in T]
+    assert set(read_table(book(S=[("Made", *NAMES), *rows])).labels("Made")[0]) == {"2024-03-02"}
