@@ -130,6 +130,6 @@ def _told_apart(values: list[Any]) -> list[str]:
     """Values with as few digits as show that they differ, if they do."""
     for digits in (4, 8, 12):
         texts = [f"{value:.{digits}g}" if isinstance(value, float) else str(value) for value in values]
-        if len(set(texts)) == len(set(values)):
+        if len(set(texts)) == len(set(map(str, values))):
             break
     return texts

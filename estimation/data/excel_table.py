@@ -5,7 +5,8 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
+from datetime import date, datetime, timedelta
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -15,7 +16,7 @@ from python_calamine import CalamineSheet, CalamineWorkbook
 
 from estimation.data.file_columns import FileColumns, check_size
 from estimation.data.header_rows import find_layout, preamble_words
-from estimation.data.quantities import RUN
+from estimation.data.side_by_side import with_run
 from estimation.data.text_dialect import commas_decide
 from robot_io.errors import InputError
 
@@ -35,6 +36,7 @@ class _Sheet:
     rows: list[list[Any]]
     skipped: int
     titles: tuple[str, ...]
+    decimal: str  # mark in those numbers that are text
 
 
 def read_excel_table(path: Path) -> FileColumns:
@@ -54,14 +56,10 @@ def read_excel_table(path: Path) -> FileColumns:
     first = max(found, key=lambda sheet: len(sheet.rows))
     alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
-    names, columns = list(first.names), [_column(rows, place) for place in range(len(first.names))]
-    if len(alike) > 1 and RUN not in names:
-        names.append(RUN)
-        columns.append(pa.array([sheet.title for sheet in alike for _ in sheet.rows]))
-    text = [[cell for cell in row if isinstance(cell, str)] for row in islice(first.rows, _LOOKED_AT)]
+    columns = [_column(rows, place, first.decimal) for place in range(len(first.names))]
     return FileColumns(
-        pa.table(columns, names=names),
-        "," if commas_decide(text) else ".",
+        _with_runs(pa.table(columns, names=list(first.names)), alike),
+        first.decimal,
         _words(first, found, alike, book.sheet_names),
         first.titles,
     )
@@ -71,8 +69,20 @@ def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
     """A sheet's rows with the cells in the order of these names."""
     if sheet.names == names:
         return sheet.rows
-    places = [sheet.names.index(name) for name in names]
-    return [[row[place] for place in places] for row in sheet.rows]
+    ours, theirs = (sorted(range(len(names)), key=one.__getitem__) for one in (names, sheet.names))
+    place = dict(zip(ours, theirs, strict=True))  # names may repeat: sorting keeps their order
+    return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
+
+
+def _with_runs(columns: pa.Table, sheets: Sequence[_Sheet]) -> pa.Table:
+    """The columns of these sheets, one below the other, with the sheet as run if there are several."""
+    if len(sheets) == 1:
+        return columns
+    ends = accumulate(len(sheet.rows) for sheet in sheets)
+    return pa.concat_tables(
+        with_run(columns.slice(end - len(sheet.rows), len(sheet.rows)), sheet.title)
+        for sheet, end in zip(sheets, ends, strict=True)
+    )
 
 
 def _words(
@@ -126,24 +136,35 @@ def _extent(sheet: bytes) -> tuple[int, int]:
 
 def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
     rows: list[list[Any]] = sheet.to_python(skip_empty_area=True)
-    head = [[_text(cell) for cell in row] for row in rows[:_LOOKED_AT]]
-    decimal = "," if commas_decide(head) else "."
+    decimal = _mark_in(rows)
+    head = [[_text(cell, decimal) for cell in row] for row in rows[:_LOOKED_AT]]
     layout = find_layout(head, decimal)
     if layout is None:
         return None
     width = len(layout.names)
     body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
     skipped = sum(any(row) for row in head[: layout.header])
-    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles)
+    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles, _mark_in(body))
 
 
-def _column(rows: Sequence[Sequence[Any]], place: int) -> pa.Array:
+def _mark_in(rows: Sequence[Sequence[Any]]) -> str:
+    """Decimal mark in the numbers that are text."""
+    text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
+    return "," if commas_decide(text) else "."
+
+
+def _column(rows: Sequence[Sequence[Any]], place: int, decimal: str) -> pa.Array:
     cells = [row[place] for row in rows]
     if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
         return pa.array([float(cell) for cell in cells])
-    return pa.array([_text(cell) for cell in cells])
+    if any(isinstance(cell, datetime) for cell in cells):  # then a bare date is one too, at midnight
+        cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
+    return pa.array([_text(cell, decimal) for cell in cells])
 
 
-def _text(cell: object) -> str:
-    """A cell as it would stand in a CSV."""
-    return repr(cell) if isinstance(cell, float) else str(cell)
+def _text(cell: object, decimal: str) -> str:
+    """A cell as it would stand in a CSV with this decimal mark."""
+    if isinstance(cell, timedelta):
+        minutes, seconds = divmod(cell, timedelta(minutes=1))
+        return f"{minutes // 60}:{minutes % 60:02}:{seconds.seconds:02}.{seconds.microseconds:06}"
+    return repr(cell).replace(".", decimal) if isinstance(cell, float) else str(cell)

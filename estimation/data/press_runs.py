@@ -67,7 +67,7 @@ def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) ->
     """
     levels = force_levels(force, displacement)
     tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
-    presses = len(tops) // _MOST_RUNS + 1
+    presses = max(1, -(-len(tops) // _MOST_RUNS))
     return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS, presses), presses
 
 

@@ -31,6 +31,7 @@ def messages_of(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
 def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
     """Those of a database. Only tables are read: a view of a stranger's may never end."""
     check_size(path, path.stat().st_size)
+    _check_is_whole(path)
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         database.execute("PRAGMA trusted_schema=OFF")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
@@ -41,6 +42,16 @@ def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
             "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
             "WHERE type = ? ORDER BY timestamp",
             (kind,),
+        )
+
+
+def _check_is_whole(path: Path) -> None:
+    """Refuse a database whose last messages are in a file beside it: reading that would write."""
+    beside = path.with_name(path.name + "-wal")
+    if beside.is_file() and beside.stat().st_size > 0:
+        raise InputError(
+            f"{path}: messages are still in {beside.name}; end the recording, or join them with: "
+            f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
 
 

@@ -18,10 +18,8 @@ from robot_io.types import FloatArray
 
 _TYPE = "sensor_msgs/msg/JointState"
 _ARRAYS = {"position": "position_{}_rad", "velocity": "velocity_{}_rad_s", "torque": "torque_{}_Nm"}
-_CDR_BYTES, _STAMP_BYTES = (
-    4,
-    8,
-)  # before the first field: how numbers are written; then seconds and nanoseconds
+_CDR_BYTES = 4  # before the first field: how numbers are written
+_STAMP_BYTES = 8  # seconds and nanoseconds
 _NANO = 10**9
 _MOST_KINDS = 1000
 
@@ -85,13 +83,30 @@ def read_ros_table(path: Path) -> FileColumns:
             if np.isfinite(values).all():
                 columns |= {called.format(i + 1): values[:, i] for i in range(len(joints))}
     if "torque_1_Nm" not in columns:
-        raise InputError(f"{path}: topic '{topic}' has no effort, which is what a model explains")
+        raise InputError(f"{path}: topic '{topic}' {_why_no_effort(alike)}")
+    if len(columns["time_s"]) > 1 and not np.any(columns["time_s"]):
+        raise InputError(
+            f"{path}: topic '{topic}': every message has the same header.stamp; let it be filled"
+        )
     order = np.unique(columns["time_s"], return_index=True)[1]
     table = pa.table({name: values[order] for name, values in columns.items()})
     named = ", ".join(f"{i} '{name}'" for i, name in enumerate(joints[:8], 1))
     return FileColumns(
         table, ".", (f"topic '{topic}' of {len(topics)}", f"joints {named}, taken as revolute")
     )
+
+
+def _why_no_effort(alike: Sequence[_Alike]) -> str:
+    """What is wrong with the effort: it lacks, or has numbers that are none."""
+    total = sum(len(one.messages) for one in alike)
+    lacking = sum(len(one.messages) for one in alike if "torque" not in one.places)
+    if lacking:
+        share = f" in {lacking} of {total} messages" if lacking < total else ""
+        return f"has no effort{share}, which is what a model explains"
+    joints = alike[0].joints
+    spoilt = ~np.isfinite(np.concatenate([_in_order(one, "torque", joints) for one in alike]))
+    joint = int(np.argmax(spoilt.any(axis=0)))
+    return f"has no finite effort of joint '{joints[joint]}' in {spoilt[:, joint].sum()} of {total} messages"
 
 
 def _joint_states(path: Path) -> list[_Alike]:

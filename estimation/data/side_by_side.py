@@ -31,7 +31,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 
 
 def one_below_the_other(
-    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str]
+    columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str = "."
 ) -> tuple[pa.Table, IntArray]:
     """The tests' rows, with a column of the run, and the number of each row in the file, counted from 1.
 
@@ -39,25 +39,27 @@ def one_below_the_other(
         columns: of n rows.
         tests: as `find_tests` gives them.
         titles: what stands above each of the columns; the tests are called so if there is one for each.
+        decimal: mark in numbers that are text.
     """
     own = [name for name, place in tests[0].items() if tests[1][name] != place]
     named = [title for title in titles if title]
     labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):
-        part = pa.table({name: _as_text(columns.column(place)) for name, place in test.items()})
-        there = np.logical_or.reduce([is_filled(part.column(name)) for name in own])
+        part = pa.table({name: _as_text(columns.column(place), decimal) for name, place in test.items()})
+        there = np.logical_or.reduce([_is_held(columns.column(test[name])) for name in own])
         parts.append(with_run(part, str(label)).filter(pa.array(there)))
         rows.append(np.flatnonzero(there) + 1)
-    return pa.concat_tables(parts), np.concatenate(rows)
+    return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
 
 def with_run(columns: pa.Table, label: str) -> pa.Table:
     """The columns with one that says the run; what says one already goes before the label."""
-    if RUN not in columns.column_names:
-        return columns.append_column(RUN, pa.repeat(label, len(columns)))
-    both = pc.binary_join_element_wise(columns.column(RUN).cast(pa.string()), label, " ")
-    return columns.set_column(columns.column_names.index(RUN), RUN, both)
+    places = [place for place, name in enumerate(columns.column_names) if name == RUN]
+    for place in places:  # several where tests are side by side
+        both = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
+        columns = columns.set_column(place, RUN, both)
+    return columns if places else columns.append_column(RUN, pa.repeat(label, len(columns)))
 
 
 def is_filled(column: pa.ChunkedArray) -> BoolArray:
@@ -68,9 +70,20 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
     return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
-def _as_text(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """A sheet's column is text where one test is shorter than another."""
-    return column.cast(pa.string()) if pa.types.is_floating(column.type) else column
+def _is_held(column: pa.ChunkedArray) -> BoolArray:
+    """The same; frames fill up what is shorter with NaN."""
+    return is_filled(pc.if_else(pc.is_nan(column), None, column) if _is_real(column) else column)
+
+
+def _as_text(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
+    """A column is text, or real, where one test is shorter than another."""
+    if not (_is_real(column) or pa.types.is_integer(column.type)):
+        return column
+    return pc.replace_substring(column.cast(pa.string()), ".", decimal)
+
+
+def _is_real(column: pa.ChunkedArray) -> bool:
+    return bool(pa.types.is_floating(column.type))
 
 
 def _repeated(names: Sequence[str]) -> list[dict[str, int]]:

@@ -163,23 +163,24 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         )
     try:
         found = read(place)
-        table = table_of(found.columns, place, found.titles)
+        table = table_of(found.columns, place, found.titles, found.decimal)
         columns, clocks = with_seconds(table.columns, found.decimal)
         words = (*found.words, *table.words, *clocks)
-        return replace(table, columns=columns, decimal=found.decimal, words=words)
+        return replace(table, columns=columns, words=words)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
 
 
-def table_of(found: pa.Table, place: Path, titles: Sequence[str] = ()) -> Table:
+def table_of(found: pa.Table, place: Path, titles: Sequence[str] = (), decimal: str = ".") -> Table:
     """A table as Arrow holds it; several side by side are runs of one.
 
     Args:
         found: columns.
         place: where they come from, for errors.
         titles: what stands above each column's name.
+        decimal: mark in numbers that are text.
 
     Raises:
         InputError: it has no rows, or two columns of one name.
@@ -187,14 +188,15 @@ def table_of(found: pa.Table, place: Path, titles: Sequence[str] = ()) -> Table:
     columns = _without_gaps(found.rename_columns([" ".join(name.split()) for name in found.column_names]))
     names = columns.column_names
     if tests := find_tests(names):
-        columns, rows = one_below_the_other(columns, tests, titles)
-        return Table(place, columns, rows, words=(f"{len(tests)} tests side by side, taken as runs",))
+        columns, rows = one_below_the_other(columns, tests, titles, decimal)
+        words = (f"{len(tests)} tests side by side, taken as runs",)
+        return Table(place, columns, rows, decimal, words)
     twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:
         raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
-    return Table(place, columns, np.arange(1, columns.num_rows + 1))
+    return Table(place, columns, np.arange(1, columns.num_rows + 1), decimal)
 
 
 def _without_gaps(columns: pa.Table) -> pa.Table:
@@ -232,8 +234,9 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     if not _is_text(column):
         return column
     if decimal == ",":
-        grouped = pc.any(pc.match_substring_regex(column, _GROUPED_BY_POINTS)).as_py()
-        plain = pc.replace_substring(column, ".", "") if grouped else column
+        in_thousands = pc.match_substring_regex(column, _GROUPED_BY_POINTS)
+        other = pc.any(pc.and_not(pc.match_substring(column, "."), in_thousands)).as_py()
+        plain = column if other else pc.replace_substring(column, ".", "")
         return pc.replace_substring(plain, ",", ".")
     trimmed = pc.utf8_trim_whitespace(column)
     if not pc.any(pc.match_substring_regex(trimmed, _GROUPED)).as_py():

@@ -80,9 +80,9 @@ def _tried(lines: list[tuple[int, str]]) -> Iterator[Dialect | None]:
 
 def is_footer(line: str, dialect: Dialect) -> bool:
     """Whether a line below the rows is none of them: empty, or words. A row that is cut off is one."""
-    cells = next(_cells([line], dialect.delimiter), [])
-    numbers = sum(is_number(cell, dialect.decimal) for cell in cells)
-    return numbers < min(FEWEST_NUMBERS, max(len(cells), 1))
+    cells = [cell for cell in next(_cells([line], dialect.delimiter), []) if cell.strip()]
+    numbers = [is_number(cell, dialect.decimal) for cell in cells]
+    return not cells or (not numbers[0] and sum(numbers) < FEWEST_NUMBERS)
 
 
 def _dialect(lines: list[tuple[int, str]], delimiter: str, decimal: str, layout: Layout) -> Dialect:

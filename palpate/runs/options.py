@@ -99,13 +99,13 @@ class MotionOptions(CalibrateOptions):
 
 
 def numbers(option: str, text: str, example: str = "") -> list[float]:
-    """Numbers with commas between them; `InputError` if they are none, or not finite."""
+    """Numbers with commas between them; `InputError` if they are none, or too large."""
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
     if not all(abs(number) < 1e6 for number in found):  # also NaN
-        raise InputError(f"{option} {text!r}: give numbers below 1000000")
+        raise InputError(f"{option} {text!r}: give numbers between -1000000 and 1000000")
     return found
 
 

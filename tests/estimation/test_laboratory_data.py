@@ -13,6 +13,7 @@ from estimation.data import file_columns
 from estimation.data.import_file import import_file
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
+from estimation.data.press_runs import cut_presses
 from estimation.data.table import read_table
 from estimation.data.text_decoding import as_utf8
 from estimation.study.source import open_source
@@ -120,10 +121,17 @@ def test_of_very_many_presses_several_are_a_run(press):
     x = 4.0 * np.sin(5.0 * np.pi * t)
     imported = import_file(press(**{TIME: t, WAY: x, LOAD: 0.8 * np.maximum(x, 0.0)}))
     (channel,) = imported.channels
-    assert "cut into 469 runs, one for 16 presses" in imported.notes[0]
+    assert "cut into 500 runs, one for 15 presses" in imported.notes[0]
     ends = np.flatnonzero(np.diff(channel.run))
     assert np.all(channel.position[ends] < 0.0)
     assert np.ptp(np.diff(ends)) <= 2
+
+
+@pytest.mark.parametrize(("count", "each"), [(499, 1), (500, 1), (501, 2)])
+def test_as_many_presses_as_may_be_runs_are_runs(count, each):
+    wave = np.sin(2.0 * np.pi * np.arange(60 * count) / 60)
+    run, presses = cut_presses(np.maximum(wave, 0.0), wave, np.zeros(len(wave), dtype=int))
+    assert (run[-1] + 1, presses) == (-(-count // each), each)
 
 
 def test_more_runs_than_presses_are_refused(press):

@@ -37,7 +37,7 @@ Q = np.column_stack([np.sin(5 * T), np.cos(3 * T)])
 TORQUE = np.column_stack([np.cos(5 * T), np.sin(3 * T)])
 
 
-def write_bag(path, *, effort=True, swap_every=0):
+def write_bag(path, *, torque=TORQUE, stamped=True, swap_every=0):
     """Two joints; every so often their order changes, and a gripper speaks in between."""
     with path.open("wb") as file:
         writer = Writer(file)
@@ -46,11 +46,14 @@ def write_bag(path, *, effort=True, swap_every=0):
             stamp = 1_700_000_000_123_456_789 + round(t * 1e9)
             order = [1, 0] if swap_every and row % swap_every else [0, 1]
             message = {
-                "header": {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": ""},
+                "header": {
+                    "stamp": {"sec": stamped * stamp // 10**9, "nanosec": stamped * stamp % 10**9},
+                    "frame_id": "",
+                },
                 "name": [("shoulder", "elbow")[joint] for joint in order],
                 "position": Q[row, order].tolist(),
                 "velocity": [],
-                "effort": TORQUE[row, order].tolist() if effort else [],
+                "effort": [] if torque is None else torque[row, order].tolist(),
             }
             writer.write_message("/joint_states", schema, message, log_time=stamp, publish_time=stamp)
             if row % 40 == 0:
@@ -73,9 +76,20 @@ def test_joint_states_are_joints_in_the_order_of_the_first_message(tmp_path, swa
         np.testing.assert_allclose(channel.effort, TORQUE[:, joint])
 
 
-def test_joint_states_without_effort_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"/joint_states' has no effort"):
-        import_file(write_bag(tmp_path / "bag.mcap", effort=False))
+ONE_IS_NONE = np.where((np.arange(len(T)) == 5)[:, None] & [False, True], np.nan, TORQUE)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"torque": None}, "has no effort, which"),
+        ({"torque": ONE_IS_NONE}, "has no finite effort of joint 'elbow' in 1 of 400 messages"),
+        ({"stamped": False}, "every message has the same header.stamp"),
+    ],
+)
+def test_joint_states_that_lack_what_is_needed_are_refused(tmp_path, changed, words):
+    with pytest.raises(InputError, match=f"/joint_states':? {words}"):
+        import_file(write_bag(tmp_path / "bag.mcap", **changed))
 
 
 def test_a_ros_recording_that_is_cut_or_of_other_things_is_refused(tmp_path):
@@ -160,6 +174,16 @@ def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_pat
         for one, other in zip(whole.channels, open_source(place).channels, strict=True):
             np.testing.assert_array_equal(one.effort, other.effort)
             np.testing.assert_array_equal(one.time_s, other.time_s)
+
+
+def test_a_database_whose_last_messages_are_beside_it_is_refused(tmp_path):
+    path, beside = tmp_path / "all.db3", tmp_path / "all.db3-wal"
+    as_sqlite(write_bag(tmp_path / "one.mcap"), path)
+    beside.touch()
+    assert len(import_file(path).channels) == 2
+    beside.write_bytes(b"messages")
+    with pytest.raises(InputError, match=r"all\.db3: messages are still in all\.db3-wal.*wal_checkpoint"):
+        import_file(path)
 
 
 def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):

@@ -5,6 +5,8 @@ import os
 import shlex
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 
 from robot_io.session import Session
@@ -61,6 +63,14 @@ def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
         name: stored[name] for name in ("channels", "notes")
     }
     assert_refused(run("import", good, "--look", "-o", tmp_path / "y.mcap"), "--look", "--out")
+
+
+def test_a_look_shows_columns_of_lists(tmp_path):
+    columns = {"time_s": range(9), "displacement_m": range(9), "force_N": range(9), "tags": [["a", "b"]] * 9}
+    pa.parquet.write_table(pa.table(columns), tmp_path / "lists.parquet")
+    result = run("import", tmp_path / "lists.parquet", "--look")
+    assert result.exit_code == 0, result.stderr
+    assert "['a', 'b']" in result.stdout
 
 
 def test_a_session_is_not_called_a_table(good, tmp_path):

@@ -1,0 +1,96 @@
+"""What people make of sheets: numbers beside text, tests side by side, runs of several sheets."""
+
+from datetime import date, datetime, timedelta
+
+import numpy as np
+import openpyxl
+import pyarrow as pa
+import pytest
+
+from estimation.data.import_file import import_file, import_table
+from estimation.data.table import read_table, table_of
+
+NAMES = ("Time [s]", "Travel [mm]", "Load [N]")
+T = 1.0 + 0.25 * np.arange(12)
+
+
+@pytest.fixture
+def book(tmp_path):
+    """Writes a workbook from the rows of each sheet."""
+
+    def write(**sheets):
+        made = openpyxl.Workbook()
+        made.remove(made.active)
+        for title, rows in sheets.items():
+            sheet = made.create_sheet(title)
+            for row in rows:
+                sheet.append(row)
+        made.save(tmp_path / "book.xlsx")
+        return tmp_path / "book.xlsx"
+
+    return write
+
+
+def test_true_numbers_are_the_same_beside_text_with_decimal_commas(book):
+    rows = [[1.0 + 0.125 * i, 1.125 + i, f"{0.5 * i:.5f}".replace(".", ",")] for i in range(9)]
+    short = [row + (row if place < 6 else [None] * 3) for place, row in enumerate(rows)]
+    for sheet in ([NAMES, *rows[:4], [1.5, "5,125", "2,0"], *rows[5:]], [NAMES * 2, *short]):
+        table = read_table(book(S=sheet))
+        truth = np.r_[np.arange(9), np.arange(len(table) - 9)]
+        np.testing.assert_array_equal(table.numbers("Time [s]"), 1.0 + 0.125 * truth)
+        np.testing.assert_array_equal(table.numbers("Travel [mm]"), 1.125 + truth)
+        np.testing.assert_array_equal(table.numbers("Load [N]"), 0.5 * truth)
+
+
+def test_points_are_no_marks_between_thousands_where_one_of_them_is_none(tmp_path):
+    path = tmp_path / "mixed.csv"
+    path.write_text(";".join(NAMES) + "\n" + "".join(f"{i / 8:.3f};{i},25;{i},5\n" for i in range(12)))
+    np.testing.assert_array_equal(read_table(path).numbers("Time [s]"), np.arange(12) / 8)
+
+
+@pytest.mark.parametrize("gap", [None, np.nan])
+def test_tests_of_a_frame_may_differ_in_length_and_in_the_kind_of_number(tmp_path, gap):
+    filled = [np.r_[(i + 1.0) * T[:8], [np.nan] * 4] for i in range(3)]
+    short = [pa.array(one, from_pandas=gap is None) for one in filled]
+    whole = [pa.array(np.arange(12)), pa.array(T), pa.array(2.0 * T)]
+    names = [f"{name.split()[0]} {n} {name.split()[1]}" for n in "12" for name in NAMES]
+    table = table_of(pa.table([*whole, *short], names=names), tmp_path)
+    assert len(table) == 20
+    np.testing.assert_array_equal(table.numbers("Time [s]"), np.r_[np.arange(12), T[:8]])
+    assert len(import_table(table).channels[0].runs) == 2
+
+
+def test_repeated_names_that_stand_in_another_order_keep_theirs(book):
+    first, other = NAMES, (NAMES[1], NAMES[0], NAMES[2])
+    rows = [[[t, 2 * t, k * t, t, 3 * t, (k + 1) * t] for t in T] for k in (4, 6)]
+    rows[1] = [[row[place] for place in (1, 0, 2, 4, 3, 5)] for row in rows[1]]
+    table = read_table(book(A=[first * 2, *rows[0]], B=[other * 2, *rows[1]]))
+    names, index = table.labels("run")
+    for run, (way, load) in {"A 1": (2, 4), "B 1": (2, 6), "A 2": (3, 5), "B 2": (3, 7)}.items():
+        one = table.select(index == names.index(run))
+        np.testing.assert_allclose(one.numbers("Travel [mm]"), way * one.numbers("Time [s]"))
+        np.testing.assert_allclose(one.numbers("Load [N]"), load * one.numbers("Time [s]"))
+
+
+@pytest.mark.parametrize("tests", [1, 2])
+def test_runs_of_different_sheets_are_apart(book, tests):
+    rows = [[1 + row // 6, t, 2 * t, 3 * t] * tests for row, t in enumerate(T)]
+    later = [[cell + 100.0 * (place % 4 == 1) for place, cell in enumerate(row)] for row in rows]
+    path = book(A=[("run", *NAMES) * tests, *rows], B=[("run", *NAMES) * tests, *later])
+    labels = [f"{run} {sheet}" for sheet in "AB" for run in (1, 2)]
+    expected = labels if tests == 1 else [f"{label} {test}" for test in (1, 2) for label in labels]
+    assert sorted(import_file(path).run_labels.values()) == sorted(expected)
+
+
+@pytest.mark.parametrize(
+    "start", [datetime(2024, 3, 1, 23, 59, 59), timedelta(hours=23, minutes=59, seconds=59)]
+)
+def test_times_of_cells_go_on_past_midnight(book, start):
+    rows = [[start + timedelta(seconds=0.25 * row), 2.0 * row, 3.0 * row] for row in range(12)]
+    table = read_table(book(S=[("Time", *NAMES[1:]), *rows]))
+    np.testing.assert_allclose(table.numbers("Time [s]") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
+
+
+def test_dates_alone_stay_dates(book):
+    rows = [[date(2024, 3, 2), t, 2 * t, 3 * t] for t in T]
+    assert set(read_table(book(S=[("Made", *NAMES), *rows])).labels("Made")[0]) == {"2024-03-02"}
