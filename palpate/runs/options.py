@@ -105,7 +105,7 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
     except ValueError:
         raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
     if not all(abs(number) < 1e6 for number in found):  # also NaN
-        raise InputError(f"{option} {text!r}: give numbers between -1000000 and 1000000")
+        raise InputError(f"{option} {text!r}: give finite numbers between -1000000 and 1000000")
     return found
 
 

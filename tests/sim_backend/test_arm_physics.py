@@ -158,7 +158,7 @@ def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
         ({"urdf_text": "not xml"}, "URDF: syntax error"),
         ({"urdf_text": "<robot name='r'><link name='probe'/></robot>"}, "not a serial arm"),
         ({"urdf_text": "<robot><link name='probe'/></robot>"}, "<robot> has no name"),
-        ({"urdf_text": SLIDER_URDF.replace('{mass_kg}"', 'heavy"')}, "URDF: mass of link 'carriage' is heavy"),
+        ({"urdf_text": SLIDER_URDF.replace('{mass_kg}"', 'heavy"')}, "mass of link 'carriage' is heavy"),
         ({"tip_frame": "rail"}, "joints that do not move the tip: lift"),
         ({"home_rad": (0.0, 0.0)}, r"shape \(2,\), expected \(1,\)"),
     ],
