@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.quantities import Role, is_meant
 from estimation.data.table import Table
@@ -36,8 +37,8 @@ def choose_columns(
     Raises:
         InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
-    named = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
-    named = [one for one in named if one.key not in known]
+    named = guess_columns(table.names, clocks_of(table.columns))
+    named = [one for one in named if one.quantity and one.column not in taken and one.key not in known]
     free = [one for one in named if table.is_numeric(one.column)]
     there = {*known, *(one.key for one in free)}
     if not (_wanted(there) and TIME in there):

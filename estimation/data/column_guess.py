@@ -1,7 +1,7 @@
 """What a column seems to hold, by its name in common use and the unit in it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -71,9 +71,14 @@ class Guess:
         return dimension_of(self.unit) != "current", self.rank, bool(self.unit)
 
 
-def guess_columns(names: Sequence[str]) -> list[Guess]:
-    """What each column seems to hold; joints that are numbered from 0 are renumbered from 1."""
-    found = _with_joints([_guess(name) for name in names])
+def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
+    """What each column seems to hold; joints that are numbered from 0 are renumbered from 1.
+
+    Args:
+        names: of the columns.
+        clocks: those that hold seconds of a clock, whatever unit the name says.
+    """
+    found = _with_joints([_clock(name) if name in clocks else _guess(name) for name in names])
     loose = [one for one in found if one.joint is not None and one.rank <= _BY_NAME]
     if not any(one.joint == 0 for one in loose):
         return found
@@ -99,6 +104,10 @@ def _with_joints(found: Sequence[Guess]) -> list[Guess]:
         else (Guess(one.column, "") if one.rank == _BY_PAIR and one.joint is None else one)
         for one in found
     ]
+
+
+def _clock(name: str) -> Guess:
+    return replace(_guess(f"{split_unit(name)[0]} [s]"), column=name)
 
 
 def _guess(name: str) -> Guess:

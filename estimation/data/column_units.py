@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.data.choose_columns import Key
+from estimation.data.clock_times import clocks_of
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, Role, is_meant, si_unit, unit_in_name
 from estimation.data.table import Table
@@ -36,7 +37,8 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
         InputError: the unit does not measure the quantity.
     """
     dimensions = QUANTITIES[role.quantity]
-    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
+    said, own = _said_unit(options, role, column), _own_unit(table, column)
+    unit = _unit(table, options, role, column)
     note = ""
     if not unit and role.quantity == "time":
         unit = _likely_unit(table, role, column)
@@ -64,9 +66,14 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
     return Assigned(column, dimension, said if scale != 1.0 else unit, factor, note)
 
 
-def _unit(options: ImportOptions, role: Role, column: str) -> str:
+def _own_unit(table: Table, column: str) -> str:
+    """What a column's name says, but seconds where it held the times of a clock."""
+    return "s" if column in clocks_of(table.columns) else unit_in_name(column)
+
+
+def _unit(table: Table, options: ImportOptions, role: Role, column: str) -> str:
     """A column's unit; empty where nothing says it."""
-    own = unit_in_name(column)
+    own = _own_unit(table, column)
     fits = dimension_of(own) in QUANTITIES[role.quantity]
     return _said_unit(options, role, column) or (own if fits else "") or role.unit
 
@@ -78,7 +85,7 @@ def check_all_say_their_units(
     silent = [
         (role, column)
         for role, column in chosen.values()
-        if role.quantity != "time" and not _unit(options, role, column)
+        if role.quantity != "time" and not _unit(table, options, role, column)
     ]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)

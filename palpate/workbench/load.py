@@ -11,6 +11,7 @@ import numpy as np
 from nicegui import events, ui
 
 from estimation.data.channels import is_session
+from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, RUN, si_unit
@@ -39,7 +40,8 @@ class Column:
 
 def guess(table: Table) -> list[Column]:
     """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
-    guesses = [one for one in guess_columns(table.names) if table.is_numeric(one.column)]
+    guesses = guess_columns(table.names, clocks_of(table.columns))
+    guesses = [one for one in guesses if table.is_numeric(one.column)]
     best = {one.key: one for one in sorted(guesses, key=lambda one: one.fit)}
     found = [_column(table, one if best[one.key] is one else Guess(one.column, "")) for one in guesses]
     if not any(one.quantity == "time" for one in found):
