@@ -99,8 +99,9 @@ def _wanted(there: Collection[Key]) -> list[Key]:
 
 
 def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
-    """The column whose name fits best; of several times, one that goes on all along."""
+    """The column whose name fits best; of several times, one without a bad cell that goes on all along."""
     if key == TIME and len(guesses) > 1:
+        guesses = [one for one in guesses if _is_whole(table, one.column)] or guesses
         guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
     fit = max(one.fit for one in guesses)
     first, *equal = (one for one in guesses if one.fit == fit)
@@ -113,6 +114,13 @@ def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
             f"--column {quantity}={shlex.quote(first.column)}"
         )
     return first
+
+
+def _is_whole(table: Table, column: str) -> bool:
+    try:
+        return len(table.numbers(column)) > 0
+    except InputError:
+        return False
 
 
 def _same(table: Table, one: Guess, other: Guess) -> bool:

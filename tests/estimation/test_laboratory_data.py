@@ -294,6 +294,14 @@ def test_of_several_times_one_that_goes_on_all_along_is_taken(press, other):
     )
 
 
+def test_a_time_with_a_bad_cell_is_not_needed_beside_another(press):
+    stamps = (1e3 * presses()[0]).astype(str).tolist()
+    path = press(Timestamp=[*stamps[:300], "ERR", *stamps[301:]])
+    np.testing.assert_allclose(contact_of(path).time_s, presses()[0])
+    with pytest.raises(InputError, match="row 301, column 'Timestamp': 'ERR' is no"):
+        contact_of(path, columns={"time": "Timestamp"})
+
+
 def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "far.xlsx"
     book = openpyxl.Workbook()
