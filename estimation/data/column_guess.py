@@ -72,19 +72,13 @@ class Guess:
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
-    """What each column seems to hold; joints that are numbered from 0 are renumbered from 1.
+    """What each column seems to hold, with the number of the joint as the file has it.
 
     Args:
         names: of the columns.
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
-    found = _with_joints([_clock(name) if name in clocks else _guess(name) for name in names])
-    loose = [one for one in found if one.joint is not None and one.rank <= _BY_NAME]
-    if not any(one.joint == 0 for one in loose):
-        return found
-    return [
-        replace(one, joint=one.joint + 1) if one in loose and one.joint is not None else one for one in found
-    ]
+    return _with_joints([_clock(name) if name in clocks else guess_column(name) for name in names])
 
 
 def _with_joints(found: Sequence[Guess]) -> list[Guess]:
@@ -107,10 +101,11 @@ def _with_joints(found: Sequence[Guess]) -> list[Guess]:
 
 
 def _clock(name: str) -> Guess:
-    return replace(_guess(f"{split_unit(name)[0]} [s]"), column=name)
+    return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
 
 
-def _guess(name: str) -> Guess:
+def guess_column(name: str) -> Guess:
+    """What a column seems to hold by its own name alone."""
     role = parse_role(name)
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME
