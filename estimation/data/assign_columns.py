@@ -25,6 +25,7 @@ from estimation.data.column_units import (
     check_units_are_used,
 )
 from estimation.data.import_options import ImportOptions
+from estimation.data.joint_numbers import joint_shift
 from estimation.data.mixed_rates import with_one_rate
 from estimation.data.press_runs import FEWEST_ROWS
 from estimation.data.quantities import (
@@ -54,6 +55,7 @@ class Columns:
     run: str | None  # column with the run of each row, or None
     phase: str | None  # column with the phase of each row, or None
     said: tuple[str, ...] = ()  # notes on how they were chosen
+    shift: int = 0  # what the joints' numbers have more than in the file
 
     def __contains__(self, key: object) -> bool:
         return key in self.assigned
@@ -97,7 +99,7 @@ class Columns:
     def roles(self) -> dict[str, str]:
         """What each column in use holds, and in which unit, by its name."""
         roles = {
-            found.column: f"{Role(*key, '').numbered} in {found.unit.replace('_', '/')}"
+            found.column: f"{Role(*key, '', self.shift).numbered} in {found.unit.replace('_', '/')}"
             for key, found in self.assigned.items()
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
@@ -108,7 +110,8 @@ class Columns:
         if all(_own_name(found.column) for found in self.assigned.values()):
             return ""
         words = [
-            f"{Role(*key, '').numbered} '{found.column}'" + _in(found) for key, found in self.assigned.items()
+            f"{Role(*key, '', self.shift).numbered} '{found.column}'" + _in(found)
+            for key, found in self.assigned.items()
         ]
         return ", ".join(words + [f"{RUN} '{self.run}'"] * bool(self.run))
 
@@ -132,9 +135,10 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     Raises:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
-    chosen = _by_own_name(table, options, _by_option(table, options))
+    shift = joint_shift(table, options.columns)
+    chosen = _by_own_name(table, options, _by_option(table, options, shift), shift)
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
-    chosen |= choose_columns(table, chosen, taken, options.units)
+    chosen |= choose_columns(table, chosen, taken, options, shift)
     run = _special(table, options, RUN) or _run_by_name(table)
     table, note = _with_one_rate(table, chosen, run)
     notes = [note] if note else []
@@ -142,10 +146,10 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     check_all_say_their_units(table, options, chosen)
     assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
-    check_units_are_used(options, chosen)
+    check_units_are_used(table, options, chosen)
     assigned, turned = _turned(table, assigned)
     notes += turned
-    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes))
+    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes), shift)
 
 
 def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str | None) -> tuple[Table, str]:
@@ -157,10 +161,10 @@ def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str |
 
 
 def _by_own_name(
-    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]], shift: int
 ) -> dict[Key, tuple[Role, str]]:
     """With the columns whose names say quantity and unit, such as force_N."""
-    for name, role in own_roles(table.names).items():
+    for name, role in own_roles(table.names, shift).items():
         if name not in options.columns.values():
             if role.key in chosen and chosen[role.key][1] not in options.columns.values():
                 raise InputError(
@@ -206,13 +210,13 @@ def _run_by_name(table: Table) -> str | None:
     return next((name for name in names if table.is_numeric(name) and in_blocks(table.numbers(name))), None)
 
 
-def _by_option(table: Table, options: ImportOptions) -> dict[Key, tuple[Role, str]]:
+def _by_option(table: Table, options: ImportOptions, shift: int) -> dict[Key, tuple[Role, str]]:
     chosen = {}
     for name, column in options.columns.items():
         if column not in table.names:
             raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
         if name not in (RUN, PHASE):
-            role = role_of_option(name)
+            role = role_of_option(name, shift)
             chosen[role.key] = (role, column)
     return chosen
 

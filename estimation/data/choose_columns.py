@@ -2,11 +2,15 @@
 
 import shlex
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
-from estimation.data.quantities import Role, is_meant
+from estimation.data.import_options import ImportOptions
+from estimation.data.quantities import OF_JOINTS, Role
+from estimation.data.said_units import units_meant
 from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
 from estimation.statistics.correlation import likeness
@@ -21,7 +25,7 @@ _GOES_WITH = 0.3  # correlation of position and force
 
 
 def choose_columns(
-    table: Table, known: Collection[Key], taken: Collection[str], said: Collection[str] = ()
+    table: Table, known: Collection[Key], taken: Collection[str], options: ImportOptions, shift: int
 ) -> dict[Key, tuple[Role, str]]:
     """The columns that make a channel, with those that are known already; what makes none is left alone.
 
@@ -31,13 +35,14 @@ def choose_columns(
         table: the rows.
         known: what palpate's own names and the user's word say.
         taken: columns that are known, and those that must not be used.
-        said: quantities and columns whose unit the user says.
+        options: what the user says.
+        shift: to add to the joints' numbers.
 
     Raises:
         InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
-    named = [one for one in guess_columns(table.names) if one.column not in taken and one.quantity]
-    named = [one for one in named if one.key not in known]
+    named = [_shifted(one, shift) for one in guess_columns(table.names, clocks_of(table.columns))]
+    named = [one for one in named if one.quantity and one.column not in taken and one.key not in known]
     free = [one for one in named if table.is_numeric(one.column)]
     there = {*known, *(one.key for one in free)}
     if not (_wanted(there) and TIME in there):
@@ -45,15 +50,23 @@ def choose_columns(
     clear = [
         one
         for one in free
-        if one.unit or one.key == TIME or any(is_meant(name, one.key, one.column) for name in said)
+        if one.unit
+        or one.key == TIME
+        or units_meant(table, options, Role(*one.key, one.unit, shift), one.column)
     ]
     guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
     found: dict[Key, list[Guess]] = {}
     for one in guesses:
         found.setdefault(one.key, []).append(one)
     wanted = [key for key in _wanted({*known, *found}) if key in found]
-    chosen = {key: _best(table, key, found[key]) for key in wanted}
-    return {key: (Role(*key, guess.unit), guess.column) for key, guess in chosen.items()}
+    chosen = {key: _best(table, Role(*key, "", shift), found[key]) for key in wanted}
+    return {key: (Role(*key, guess.unit, shift), guess.column) for key, guess in chosen.items()}
+
+
+def _shifted(one: Guess, shift: int) -> Guess:
+    return (
+        one if one.joint is None or one.quantity not in OF_JOINTS else replace(one, joint=one.joint + shift)
+    )
 
 
 def _refuse_spoilt(table: Table, known: Collection[Key], named: Collection[Guess]) -> None:
@@ -97,21 +110,28 @@ def _wanted(there: Collection[Key]) -> list[Key]:
     return [TIME, *keys] if keys else []
 
 
-def _best(table: Table, key: Key, guesses: list[Guess]) -> Guess:
-    """The column whose name fits best; of several times, one that goes on all along."""
-    if key == TIME and len(guesses) > 1:
+def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
+    """The column whose name fits best; of several times, one without a bad cell that goes on all along."""
+    if role.key == TIME and len(guesses) > 1:
+        guesses = [one for one in guesses if _is_whole(table, one.column)] or guesses
         guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
     fit = max(one.fit for one in guesses)
     first, *equal = (one for one in guesses if one.fit == fit)
     others = [one for one in equal if not _same(table, first, one)]
     if others:
         names = " and ".join(f"'{one.column}'" for one in (first, *others[:3]))
-        quantity = f"{key[0]}_{key[1]}" if key[1] else key[0]
         raise InputError(
-            f"{table.path}: columns {names} may hold {quantity}; choose with "
-            f"--column {quantity}={shlex.quote(first.column)}"
+            f"{table.path}: columns {names} may hold {role.numbered}; choose with "
+            f"--column {role.numbered}={shlex.quote(first.column)}"
         )
     return first
+
+
+def _is_whole(table: Table, column: str) -> bool:
+    try:
+        return len(table.numbers(column)) > 0
+    except InputError:
+        return False
 
 
 def _same(table: Table, one: Guess, other: Guess) -> bool:

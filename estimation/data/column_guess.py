@@ -1,7 +1,7 @@
 """What a column seems to hold, by its name in common use and the unit in it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -71,15 +71,14 @@ class Guess:
         return dimension_of(self.unit) != "current", self.rank, bool(self.unit)
 
 
-def guess_columns(names: Sequence[str]) -> list[Guess]:
-    """What each column seems to hold; joints that are numbered from 0 are renumbered from 1."""
-    found = _with_joints([_guess(name) for name in names])
-    loose = [one for one in found if one.joint is not None and one.rank <= _BY_NAME]
-    if not any(one.joint == 0 for one in loose):
-        return found
-    return [
-        replace(one, joint=one.joint + 1) if one in loose and one.joint is not None else one for one in found
-    ]
+def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
+    """What each column seems to hold, with the number of the joint as the file has it.
+
+    Args:
+        names: of the columns.
+        clocks: those that hold seconds of a clock, whatever unit the name says.
+    """
+    return _with_joints([_clock(name) if name in clocks else guess_column(name) for name in names])
 
 
 def _with_joints(found: Sequence[Guess]) -> list[Guess]:
@@ -101,7 +100,12 @@ def _with_joints(found: Sequence[Guess]) -> list[Guess]:
     ]
 
 
-def _guess(name: str) -> Guess:
+def _clock(name: str) -> Guess:
+    return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
+
+
+def guess_column(name: str) -> Guess:
+    """What a column seems to hold by its own name alone."""
     role = parse_role(name)
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME

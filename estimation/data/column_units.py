@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.data.choose_columns import Key
+from estimation.data.clock_times import clocks_of
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import QUANTITIES, Role, is_meant, si_unit, unit_in_name
+from estimation.data.quantities import QUANTITIES, Role, si_unit, unit_in_name
+from estimation.data.said_units import units_meant
 from estimation.data.table import Table
 from estimation.data.units import SI, dimension_of, factor_to_si, likely_time_unit, normalise, scaled_unit
 from robot_io.errors import InputError
@@ -36,7 +38,8 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
         InputError: the unit does not measure the quantity.
     """
     dimensions = QUANTITIES[role.quantity]
-    said, own, unit = _said_unit(options, role, column), unit_in_name(column), _unit(options, role, column)
+    said, own = _said_unit(table, options, role, column), _own_unit(table, column)
+    unit = _unit(table, options, role, column)
     note = ""
     if not unit and role.quantity == "time":
         unit = _likely_unit(table, role, column)
@@ -64,11 +67,16 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
     return Assigned(column, dimension, said if scale != 1.0 else unit, factor, note)
 
 
-def _unit(options: ImportOptions, role: Role, column: str) -> str:
+def _own_unit(table: Table, column: str) -> str:
+    """What a column's name says, but seconds where it held the times of a clock."""
+    return "s" if column in clocks_of(table.columns) else unit_in_name(column)
+
+
+def _unit(table: Table, options: ImportOptions, role: Role, column: str) -> str:
     """A column's unit; empty where nothing says it."""
-    own = unit_in_name(column)
+    own = _own_unit(table, column)
     fits = dimension_of(own) in QUANTITIES[role.quantity]
-    return _said_unit(options, role, column) or (own if fits else "") or role.unit
+    return _said_unit(table, options, role, column) or (own if fits else "") or role.unit
 
 
 def check_all_say_their_units(
@@ -78,7 +86,7 @@ def check_all_say_their_units(
     silent = [
         (role, column)
         for role, column in chosen.values()
-        if role.quantity != "time" and not _unit(options, role, column)
+        if role.quantity != "time" and not _unit(table, options, role, column)
     ]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
@@ -102,18 +110,18 @@ def _likely_unit(table: Table, role: Role, column: str) -> str:
     return other if span > most else si_unit(QUANTITIES[role.quantity][0])
 
 
-def _said_unit(options: ImportOptions, role: Role, column: str) -> str:
-    said = (unit for name, unit in options.units.items() if is_meant(name, role.key, column))
-    return normalise(next(said, ""))
+def _said_unit(table: Table, options: ImportOptions, role: Role, column: str) -> str:
+    return normalise(next((options.units[name] for name in units_meant(table, options, role, column)), ""))
 
 
-def check_units_are_used(options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
+def check_units_are_used(table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
     """Refuse a unit for something that is not there: it would be lost without a word.
 
     Raises:
         InputError: the user named one.
     """
+    used = {name for role, column in chosen.values() for name in units_meant(table, options, role, column)}
     for name in options.units:
-        if not any(is_meant(name, key, column) for key, (_, column) in chosen.items()):
+        if name not in used:
             there = ", ".join(column for _, column in chosen.values()) or "none"
             raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")

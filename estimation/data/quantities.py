@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from estimation.data.units import SI, dimension_of, normalise
@@ -23,6 +23,8 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Dimensions that each quantity may have. A motor's current may stand for its torque."""
 
+OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force"})
+
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
 _BRACKETED = re.compile(r"\s*[\[({<]\s*(?!\d+\s*\])([^\])}>]*?)\s*[\])}>]\s*$")  # an index is no unit
@@ -36,6 +38,7 @@ class Role:
     quantity: str  # key of `QUANTITIES`
     joint: int  # number of the joint from 1, or 0 where the name has none
     unit: str  # as in the name, normalised; empty where it has none
+    shift: int = 0  # what the joint's number has more than in the file, whose joints may count from 0
 
     @property
     def key(self) -> tuple[str, int]:
@@ -44,39 +47,34 @@ class Role:
 
     @property
     def numbered(self) -> str:
-        """The quantity with the joint's number, as options call it: position_2, force."""
-        return f"{self.quantity}_{self.joint}" if self.joint else self.quantity
+        """The quantity with the joint's number in the file, as options call it: position_2, force."""
+        return f"{self.quantity}_{self.joint - self.shift}" if self.joint else self.quantity
 
 
-def is_meant(named: str, key: tuple[str, int], column: str) -> bool:
-    """Whether what an option names is a column, or the quantity and joint that it holds."""
-    role = parse_role(named)
-    about = Role(*key, "")
-    return named in (column, about.quantity, about.numbered) or (role is not None and role.key == key)
+def parse_role(name: str, shift: int = 0) -> Role | None:
+    """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name.
 
-
-def parse_role(name: str) -> Role | None:
-    """Read a name such as `position_2_rad`, `force_N` or `time`; None if it is no such name."""
+    Args:
+        name: of a column, or in an option.
+        shift: to add to the number of a joint.
+    """
     match = _NAME.fullmatch(name.strip())
     if not match:
         return None
-    named, joint, ending = match.group(1).lower(), int(match.group(2) or 0), match.group(3) or ""
+    named, number, ending = match.group(1).lower(), match.group(2), match.group(3) or ""
     quantity = _ALSO.get(named, named)
+    joint = int(number or 0) + shift * (number is not None and quantity in OF_JOINTS)
     unit = normalise(ending)
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
     if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
         return None
-    return Role(quantity, joint, unit)
+    return Role(quantity, joint, unit, shift)
 
 
-def own_roles(names: Iterable[str]) -> dict[str, Role]:
-    """The roles of the names that say quantity and unit; joints that are numbered from 0 count from 1."""
-    found = {name: role for name in names if (role := parse_role(name)) and role.unit}
-    if not any(joint_number(name) == 0 for name in found):
-        return found
-    shift = {name: joint_number(name) is not None for name in found}
-    return {name: replace(role, joint=role.joint + shift[name]) for name, role in found.items()}
+def own_roles(names: Iterable[str], shift: int) -> dict[str, Role]:
+    """The roles of the names that say quantity and unit; the shift is added to their joints' numbers."""
+    return {name: role for name in names if (role := parse_role(name, shift)) and role.unit}
 
 
 def joint_number(name: str) -> int | None:
@@ -85,9 +83,9 @@ def joint_number(name: str) -> int | None:
     return int(match.group(2)) if match and match.group(2) else None
 
 
-def role_of_option(name: str) -> Role:
+def role_of_option(name: str, shift: int) -> Role:
     """The role that a user names in --column. InputError: it is none."""
-    role = parse_role(name)
+    role = parse_role(name, shift)
     if role is None:
         valid = ", ".join([*QUANTITIES, RUN, PHASE])
         raise InputError(

@@ -11,6 +11,7 @@ import numpy as np
 from nicegui import events, ui
 
 from estimation.data.channels import is_session
+from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, RUN, si_unit
@@ -39,9 +40,13 @@ class Column:
 
 def guess(table: Table) -> list[Column]:
     """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
-    guesses = [one for one in guess_columns(table.names) if table.is_numeric(one.column)]
-    best = {one.key: one for one in sorted(guesses, key=lambda one: one.fit)}
-    found = [_column(table, one if best[one.key] is one else Guess(one.column, "")) for one in guesses]
+    guesses = guess_columns(table.names, clocks_of(table.columns))
+    guesses = [one for one in guesses if table.is_numeric(one.column)]
+    best = {(one.quantity, one.joint): one for one in sorted(guesses, key=lambda one: one.fit)}
+    found = [
+        _column(table, one if best[one.quantity, one.joint] is one else Guess(one.column, ""))
+        for one in guesses
+    ]
     if not any(one.quantity == "time" for one in found):
         rising = (one for one in found if not one.quantity and np.all(np.diff(table.numbers(one.name)) > 0.0))
         for one in list(rising)[:1]:
@@ -67,7 +72,7 @@ def units_of(quantity: str) -> list[str]:
 
 
 def _column(table: Table, guessed: Guess) -> Column:
-    quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint else guessed.quantity
+    quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
     values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
     why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
     return Column(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)

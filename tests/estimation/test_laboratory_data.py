@@ -302,6 +302,14 @@ def test_of_several_times_one_that_goes_on_all_along_is_taken(press, other):
     )
 
 
+def test_a_time_with_a_bad_cell_is_not_needed_beside_another(press):
+    stamps = (1e3 * presses()[0]).astype(str).tolist()
+    path = press(Timestamp=[*stamps[:300], "ERR", *stamps[301:]])
+    np.testing.assert_allclose(contact_of(path).time_s, presses()[0])
+    with pytest.raises(InputError, match="row 301, column 'Timestamp': 'ERR' is no"):
+        contact_of(path, columns={"time": "Timestamp"})
+
+
 def test_a_workbook_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "far.xlsx"
     book = openpyxl.Workbook()
@@ -392,14 +400,47 @@ def test_how_a_file_is_written_is_said(tmp_path):
             (43199.5, 43200.5, 90000.0),
         ),
         (("100:00:00.0", "100:00:00.5", "0:00:01"), (360000.0, 360000.5, 1.0)),
+        (("1:00:00\u202fAM", "1:00:01\u202fAM", "1:00:00\u00a0PM"), (3600.0, 3601.0, 46800.0)),
+        (("08:00:00.0", "08:00:01.0", "21:00:00.0"), (28800.0, 28801.0, 75600.0)),
     ],
 )
 def test_the_times_of_a_clock_are_seconds(tmp_path, cells, seconds):
     path = tmp_path / "clock.csv"
     path.write_text("When;Weg [mm];Kraft [N]\n" + "".join(f"{cell};1;2\n" for cell in cells))
     table = read_table(path)
-    assert table.columns.column("When [s]").to_pylist() == list(seconds)
-    assert "clock times in 'When', as seconds" in table.words
+    assert table.columns.column("When").to_pylist() == list(seconds)
+    assert any(word.startswith("clock times in 'When'") for word in table.words)
+
+
+@pytest.mark.parametrize(
+    ("dates", "days", "order"),
+    [
+        (("01/03/2024", "01/03/2024", "02/03/2024"), (0, 0, 1), "day/month"),
+        (("3/1/2024", "3/1/2024", "3/2/2024"), (0, 0, 1), "month/day"),
+        (("12/03/2024", "13/03/2024", "14/03/2024"), (0, 1, 2), "day/month"),
+        (("03/12/2024", "03/13/2024", "03/14/2024"), (0, 1, 2), "month/day"),
+    ],
+)
+def test_month_and_day_stand_in_one_order_in_all_dates(tmp_path, dates, days, order):
+    path = tmp_path / "dates.csv"
+    path.write_text("When,Weg [mm],Kraft [N]\n" + "".join(f"{day} 10:00:00.0,1,2\n" for day in dates))
+    table = read_table(path)
+    np.testing.assert_allclose(np.diff(table.numbers("When")), 86400.0 * np.diff(days))
+    assert f"clock times in 'When' as {order}, as seconds" in table.words
+
+
+@pytest.mark.parametrize("name", ["Time", "Stamp", "Time [s]", "Time [min]", "Time [ms]", "time_ms"])
+@pytest.mark.parametrize("options", [{}, {"columns": {"time": None}}])
+def test_a_clock_counts_seconds_whatever_unit_its_name_says(press, name, options):
+    cells = [f"{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
+    path = press(**{TIME: None, name: cells})
+    channel = contact_of(path, **{key: dict.fromkeys(value, name) for key, value in options.items()})
+    assert np.ptp(channel.time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
+
+
+def test_a_clock_may_stand_beside_the_time_since_the_start(press):
+    cells = [f"09:{int(cell // 60.0):02d}:{cell % 60.0:07.4f}" for cell in presses()[0]]
+    assert np.ptp(contact_of(press(Time=cells)).time_s) == pytest.approx(np.ptp(presses()[0]), abs=1e-3)
 
 
 def test_a_day_that_is_none_leaves_its_column_as_it_is(press):

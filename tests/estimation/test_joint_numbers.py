@@ -1,0 +1,109 @@
+"""Joints that a file counts from 0, in the names of its columns and in options."""
+
+import numpy as np
+import pytest
+
+from estimation.data.import_file import import_file
+from estimation.data.import_options import ImportOptions
+from estimation.data.table import read_table
+from palpate.workbench.load import guess, options_of
+from robot_io.errors import InputError
+
+T = np.arange(200) * 0.01
+SIGNALS = np.sin(np.outer(T, [5.0, 3.0, 2.0, 7.0, 4.0]))
+FROM_0 = ("position_0_rad", "position_1_rad", "torque_0_Nm", "torque_1_Nm")
+
+
+@pytest.fixture
+def log(tmp_path):
+    """Writes a file of a time and of signals of these names."""
+
+    def write(*names):
+        rows = np.column_stack([T, SIGNALS[:, : len(names)]])
+        path = tmp_path / "log.csv"
+        np.savetxt(path, rows, delimiter=",", header=",".join(["time_s", *names]), comments="", fmt="%.9g")
+        return path
+
+    return write
+
+
+def pairs(path, **options):
+    """Position's and effort's signal of each channel, and the factor of the effort."""
+    found = []
+    for channel in import_file(path, ImportOptions(**options)).channels:
+        position, effort = (
+            int(np.argmax(np.abs([np.corrcoef(signal, one)[0, 1] for one in SIGNALS.T])))
+            for signal in (channel.position, channel.effort)
+        )
+        factor = np.ptp(channel.effort) / np.ptp(SIGNALS[:, effort])
+        found.append((position, effort, pytest.approx(factor, rel=1e-6)))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("names", "joints"),
+    [
+        (FROM_0, [(0, 2, 1.0), (1, 3, 1.0)]),
+        (("position_0_rad", "position_1_rad", "motor current 1 [A]"), [(1, 2, 1.0)]),
+        (("position_0_rad", "position_1_rad", "tau0 [Nm]", "tau1 [Nm]"), [(0, 2, 1.0), (1, 3, 1.0)]),
+        (
+            ("position_1_rad", "position_2_rad", "tau1 [Nm]", "tau2 [Nm]", "v0 [rad/s]"),
+            [(0, 2, 1.0), (1, 3, 1.0)],
+        ),
+    ],
+)
+def test_a_position_goes_with_the_effort_of_its_number(log, names, joints):
+    assert pairs(log(*names)) == joints
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("position_0_rad", "position_1_rad", "torque_1_Nm", "torque_2_Nm"),
+        ("q0 [rad]", "q1 [rad]", "torque_1_Nm", "torque_2_Nm"),
+    ],
+)
+def test_joints_that_count_from_different_numbers_are_asked_about(log, names):
+    path = log(*names)
+    with pytest.raises(InputError, match="position count from 0, those of torque from 1; say") as error:
+        pairs(path)
+    assert "--column torque_0=torque_1_Nm --column torque_1=torque_2_Nm" in str(error.value)
+    remedy = {"torque_0": "torque_1_Nm", "torque_1": "torque_2_Nm"}
+    assert pairs(path, columns=remedy) == [(0, 2, 1.0), (1, 3, 1.0)]
+    assert pairs(path, columns={"torque_1": "torque_1_Nm"}) == [(1, 2, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "factors"),
+    [
+        ("torque_1_Nm", (1.0, 10.0)),
+        ("torque_1", (1.0, 10.0)),
+        ("torque_0", (10.0, 1.0)),
+        ("torque", (10.0, 10.0)),
+    ],
+)
+@pytest.mark.parametrize("names", [FROM_0, ("q0 [rad]", "q1 [rad]", "torque_0_Nm", "torque_1_Nm")])
+def test_a_unit_is_of_the_joint_that_the_file_calls_so(log, names, unit, factors):
+    expected = [(0, 2, factors[0]), (1, 3, factors[1])]
+    assert pairs(log(*names), units={unit: "10Nm"}) == expected
+
+
+@pytest.mark.parametrize("place", [2, 3])
+def test_a_column_is_of_the_joint_that_the_file_calls_so(log, place):
+    names = [*FROM_0]
+    names[place] = "strange"
+    assert pairs(log(*names), columns={FROM_0[place]: "strange"}) == [(0, 2, 1.0), (1, 3, 1.0)]
+
+
+def test_a_column_that_is_ambiguous_is_asked_about_by_its_number_in_the_file(log):
+    path = log("q0 [rad]", "q1 [rad]", "tau0 [Nm]", "tau1 [Nm]", "torque 1 [Nm]")
+    with pytest.raises(InputError, match="may hold torque_1; choose with --column torque_1='tau1"):
+        pairs(path)
+    assert pairs(path, columns={"torque_1": "torque 1 [Nm]"}) == [(0, 2, 1.0), (1, 4, 1.0)]
+
+
+def test_the_page_takes_every_joint(log):
+    path = log(*FROM_0)
+    options = options_of(guess(read_table(path)))
+    assert options.columns["position_0"] == "position_0_rad"
+    assert pairs(path, columns=options.columns, units=options.units) == [(0, 2, 1.0), (1, 3, 1.0)]
