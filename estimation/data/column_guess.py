@@ -125,7 +125,8 @@ def guess_column(name: str) -> Guess:
         return Guess(name, "")
     if quantity not in _JOINTLY:
         joint = None
-    of = tuple(word.lower() for word in words if word.lower() not in WORDS[quantity] | _SAYS_NOTHING)
+    said = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no words of its own
+    of = tuple(word.lower() for word in words if word.lower() not in said)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
     return Guess(name, quantity, joint, unit or _specified(name, quantity), rank, why, of)
 

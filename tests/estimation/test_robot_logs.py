@@ -266,6 +266,13 @@ def test_joints_are_told_apart_by_what_the_interface_calls_them(tmp_path, names,
     )
 
 
+@pytest.mark.parametrize("name", ["acceleration_1_rad_s2", "acc [rad/s^2]", "Beschleunigung [rad/s²]"])
+def test_accelerations_may_stand_beside_what_has_words(tmp_path, name):
+    columns = {"time_s": T, "position_1_rad": Q[:, 0], "tau1 [Nm]": TORQUE[:, 0], name: -25.0 * Q[:, 0]}
+    (found,) = import_table(table_of(pa.table(columns), tmp_path)).channels
+    assert (found.acceleration == pytest.approx(-25.0 * Q[:, 0])) is name.startswith("acceleration")
+
+
 def test_a_word_alone_is_no_joint_without_its_partner(tmp_path):
     columns = {"time_s": T, "shoulder position": T, "elbow effort": T}
     with pytest.raises(InputError, match="no channel can be made of columns"):

@@ -144,8 +144,8 @@ def test_an_object_that_is_not_there_is_said_in_words(tmp_path, log_in_process):
         (("--robot", "nobody"), ("nobody", "follower", "leader")),
         (("--scenario", "nowhere"), ("nowhere", "default", "stiff")),
         (("--speed-mm-s", "fast"), ("--speed-mm-s", "fast")),
-        (("--speed-mm-s", "1e9"), ("--speed-mm-s", "give numbers between -1000000 and 1000000")),
-        (("--speed-mm-s", "nan"), ("--speed-mm-s 'nan'", "give numbers between -1000000 and 1000000")),
+        (("--speed-mm-s", "1e9"), ("--speed-mm-s", "give finite numbers between -1000000 and 1000000")),
+        (("--speed-mm-s", "nan"), ("--speed-mm-s 'nan'", "give finite numbers between -1000000 and 1000000")),
         (("--speed-mm-s", "0"), ("--speed-mm-s",)),
         (("--speed-mm-s", "-20,30"), ("--speed-mm-s",)),
         (
