@@ -26,8 +26,11 @@ _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
 _MOST_NAMES = 20  # that an error lists
 _LOOKED_AT = 100  # rows that say whether a column holds numbers
-_GROUPED = r"^[+-]?[1-9]\d{0,2}(,\d{3})+\.\d+$"  # a point behind, so that it is no decimal comma
-_GROUPED_BY_POINTS = r"^\s*[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\s*$"
+_GROUPED = {  # by the mark between thousands
+    ",": r"^[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?$",
+    ".": r"^[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?$",
+}
+_HAS_POINT_TOO = r",\d{3}\.\d+$"  # so that it is no decimal comma
 
 
 @dataclass(frozen=True)
@@ -233,15 +236,15 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
     if not _is_text(column):
         return column
+    trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
+    grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
     if decimal == ",":
-        in_thousands = pc.match_substring_regex(column, _GROUPED_BY_POINTS)
-        other = pc.any(pc.and_not(pc.match_substring(column, "."), in_thousands)).as_py()
-        plain = column if other else pc.replace_substring(column, ".", "")
-        return pc.replace_substring(plain, ",", ".")
-    trimmed = pc.utf8_trim_whitespace(column)
-    if not pc.any(pc.match_substring_regex(trimmed, _GROUPED)).as_py():
+        other = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
+        plain = trimmed if other else pc.replace_substring(trimmed, mark, "")
+        return pc.replace_substring(plain, decimal, ".")
+    if not pc.any(pc.match_substring_regex(trimmed, _HAS_POINT_TOO)).as_py():
         return column
-    return pc.replace_substring(trimmed, ",", "")
+    return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
 
 
 def _as_numbers(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:

@@ -376,6 +376,13 @@ def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values
     assert read_table(path).numbers("Kraft [N]").tolist() == list(values)
 
 
+def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
+    path = tmp_path / "numbers.txt"
+    path.write_text("n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
+    with pytest.raises(InputError, match=r"row 4, column .*'4,5' is no finite number"):
+        read_table(path).numbers("Kraft [N]")
+
+
 def test_how_a_file_is_written_is_said(tmp_path):
     read = import_file(zwick(tmp_path)).read
     for words in (
