@@ -32,7 +32,6 @@ from estimation.data.quantities import (
     PHASE,
     RUN,
     Role,
-    own_roles,
     parse_role,
     role_of_option,
     unit_in_name,
@@ -164,8 +163,9 @@ def _by_own_name(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]], shift: int
 ) -> dict[Key, tuple[Role, str]]:
     """With the columns whose names say quantity and unit, such as force_N."""
-    for name, role in own_roles(table.names, shift).items():
-        if name not in options.columns.values():
+    for name in table.names:
+        role = parse_role(name, shift)
+        if role and role.unit and name not in options.columns.values():
             if role.key in chosen and chosen[role.key][1] not in options.columns.values():
                 raise InputError(
                     f"{table.path}: columns '{chosen[role.key][1]}' and '{name}' both hold {role.quantity}; "

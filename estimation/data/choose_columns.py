@@ -113,7 +113,7 @@ def _wanted(there: Collection[Key]) -> list[Key]:
 def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
     """The column whose name fits best; of several times, one without a bad cell that goes on all along."""
     if role.key == TIME and len(guesses) > 1:
-        guesses = [one for one in guesses if _is_whole(table, one.column)] or guesses
+        guesses = [one for one in guesses if table.varies(one.column)] or guesses
         guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
     fit = max(one.fit for one in guesses)
     first, *equal = (one for one in guesses if one.fit == fit)
@@ -125,13 +125,6 @@ def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
             f"--column {role.numbered}={shlex.quote(first.column)}"
         )
     return first
-
-
-def _is_whole(table: Table, column: str) -> bool:
-    try:
-        return len(table.numbers(column)) > 0
-    except InputError:
-        return False
 
 
 def _same(table: Table, one: Guess, other: Guess) -> bool:

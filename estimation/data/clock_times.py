@@ -31,8 +31,8 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
     """
     done = []
     for place, name in enumerate(columns.column_names):
-        text = columns.column(place)
-        if not _is_clock(text):
+        text = _as_text(columns.column(place))
+        if text is None or not _is_clock(text):
             continue
         parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), _CLOCK.pattern)
         try:
@@ -52,9 +52,14 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
     return frozenset(one.name for one in columns.schema if (one.metadata or {}).items() >= _MARK.items())
 
 
+def _as_text(column: pa.ChunkedArray) -> pa.ChunkedArray | None:
+    """A column of text, coded or not, or of dates with times; None for any other."""
+    kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_timestamp(kind)
+    return column.cast(pa.string()) if is_text else None
+
+
 def _is_clock(column: pa.ChunkedArray) -> bool:
-    if not pa.types.is_string(column.type):
-        return False
     first = np.flatnonzero(is_filled(column.slice(0, 1000)))[:1]
     return len(first) > 0 and _CLOCK.match(re.sub(_BLANKS, " ", column[int(first[0])].as_py())) is not None
 

@@ -1,7 +1,7 @@
 """What the columns of a data file are called, and what they hold."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -70,11 +70,6 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
         return None
     return Role(quantity, joint, unit, shift)
-
-
-def own_roles(names: Iterable[str], shift: int) -> dict[str, Role]:
-    """The roles of the names that say quantity and unit; the shift is added to their joints' numbers."""
-    return {name: role for name in names if (role := parse_role(name, shift)) and role.unit}
 
 
 def joint_number(name: str) -> int | None:

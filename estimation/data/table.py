@@ -167,9 +167,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     try:
         found = read(place)
         table = table_of(found.columns, place, found.titles, found.decimal)
-        columns, clocks = with_seconds(table.columns, found.decimal)
-        words = (*found.words, *table.words, *clocks)
-        return replace(table, columns=columns, words=words)
+        return replace(table, words=(*found.words, *table.words))
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
@@ -177,7 +175,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
 
 
 def table_of(found: pa.Table, place: Path, titles: Sequence[str] = (), decimal: str = ".") -> Table:
-    """A table as Arrow holds it; several side by side are runs of one.
+    """A table as Arrow holds it, clock times as seconds; several side by side are runs of one.
 
     Args:
         found: columns.
@@ -189,17 +187,17 @@ def table_of(found: pa.Table, place: Path, titles: Sequence[str] = (), decimal: 
         InputError: it has no rows, or two columns of one name.
     """
     columns = _without_gaps(found.rename_columns([" ".join(name.split()) for name in found.column_names]))
-    names = columns.column_names
+    names, rows, words = columns.column_names, np.arange(1, columns.num_rows + 1), list[str]()
     if tests := find_tests(names):
         columns, rows = one_below_the_other(columns, tests, titles, decimal)
-        words = (f"{len(tests)} tests side by side, taken as runs",)
-        return Table(place, columns, rows, decimal, words)
+        names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
     twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:
         raise InputError(f"{place}: column {', '.join(map(repr, twice))} is there twice; rename one")
     if columns.num_rows == 0:
         raise InputError(f"{place}: no rows of data")
-    return Table(place, columns, np.arange(1, columns.num_rows + 1), decimal)
+    columns, clocks = with_seconds(columns, decimal)
+    return Table(place, columns, rows, decimal, (*words, *clocks))
 
 
 def _without_gaps(columns: pa.Table) -> pa.Table:

@@ -60,6 +60,20 @@ def test_tests_of_a_frame_may_differ_in_length_and_in_the_kind_of_number(tmp_pat
     assert len(import_table(table).channels[0].runs) == 2
 
 
+@pytest.mark.parametrize(
+    "kind", [pa.timestamp("us"), pa.large_string(), pa.dictionary(pa.int16(), pa.string())]
+)
+def test_times_of_a_frame_are_seconds(tmp_path, kind):
+    stamps = [datetime(2024, 3, 1, 23, 59, 59) + timedelta(seconds=0.25 * row) for row in range(12)]
+    times = pa.array(
+        stamps if pa.types.is_timestamp(kind) else [f"{one:%Y-%m-%d %H:%M:%S.%f}" for one in stamps]
+    )
+    table = table_of(
+        pa.table([times.cast(kind), pa.array(T), pa.array(T)], names=["Time", *NAMES[1:]]), tmp_path
+    )
+    np.testing.assert_allclose(table.numbers("Time") - 86399.0, 0.25 * np.arange(12), atol=1e-6)
+
+
 def test_repeated_names_that_stand_in_another_order_keep_theirs(book):
     first, other = NAMES, (NAMES[1], NAMES[0], NAMES[2])
     rows = [[[t, 2 * t, k * t, t, 3 * t, (k + 1) * t] for t in T] for k in (4, 6)]
