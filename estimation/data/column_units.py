@@ -35,9 +35,14 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
     """Find the unit: the user's word, the column's own name, the user's name for it, in this order.
 
     Raises:
-        InputError: the unit does not measure the quantity.
+        InputError: the unit does not measure the quantity, or the column holds the times of a clock.
     """
     dimensions = QUANTITIES[role.quantity]
+    if role.quantity != "time" and column in clocks_of(table.columns):
+        raise InputError(
+            f"{table.path}: column '{column}' holds clock times, expected {role.quantity}; name another one "
+            "with --column"
+        )
     said, own = _said_unit(table, options, role, column), _own_unit(table, column)
     unit = _unit(table, options, role, column)
     note = ""

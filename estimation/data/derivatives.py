@@ -27,7 +27,7 @@ _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: i
 _RISEN = 1.25  # times the least change so far: from there on, windows bend the motion
 _TRIALS = 4000  # samples on which windows are compared
 _ON_GRID = 0.01  # of a grid's step
-_MOST_STEPS = 1e9  # in one move; more are rounding errors of the numbers themselves
+_ARITHMETIC = 1e4  # spacings of floating-point numbers: smaller moves are rounding of the numbers themselves
 _STAIRCASE = 0.8  # of the slowest positions are those of a neighbour: an encoder waits at its steps
 _SLOWEST, _REACH = 0.1, 10  # share of the samples; samples to either side by which their speed is told
 _BLOCK = 20_000  # samples fitted at once, to bound memory
@@ -93,8 +93,8 @@ def grid_step(position: FloatArray) -> float:
     them.
     """
     moves = np.abs(np.diff(position))
-    moves = moves[moves > 0]
-    if not len(moves) or moves.max() > _MOST_STEPS * moves.min():
+    moves = moves[moves > _ARITHMETIC * np.spacing(np.abs(position).max(initial=0.0))]
+    if not len(moves):
         return 0.0
     in_steps = moves / moves.min()
     return float(moves.min()) if np.abs(in_steps - np.round(in_steps)).max() < _ON_GRID else 0.0

@@ -169,12 +169,12 @@ def _words(error: float, floor: float, parts: Mapping[str, tuple[Part, ...]], un
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
             said.append(
                 f"By {by}, it is as large everywhere; measured less modelled is on average {high.mean:+.3g} "
-                f"{unit} at {high.label}, {low.mean:+.3g} {unit} at {low.label}."
+                f"{unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
         side = "above" if worst.mean > 0.0 else "below"
         said.append(
-            f"By {by}, it is largest at {worst.label}: {worst.rmse:.3g} {unit}, the measurement "
+            f"By {by}, it is largest for '{worst.label}': {worst.rmse:.3g} {unit}, the measurement "
             f"{abs(worst.mean):.3g} {unit} {side} the model on average."
         )
     return tuple(said)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate
+from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate, grid_step
 from estimation.data.local_fit import local_derivative, local_fit, local_fits
 from estimation.signals.pieces import number_pieces
 
@@ -239,3 +239,12 @@ def test_several_pieces_are_fitted_as_each_by_itself(lengths, jitter):
     ]
     assert together.fitted == pytest.approx(np.concatenate([one.fitted for one in alone]))
     assert together.variance == pytest.approx(np.concatenate([one.variance for one in alone]))
+
+
+def test_the_grid_of_an_encoder_is_found_though_its_zero_was_taken_off_in_floating_point():
+    step, counts = 2.0 * np.pi / 4096, np.cumsum(np.random.default_rng(3).integers(-2, 3, 2000))
+    ways = counts * step + 0.7, (counts + 1000) * step + (0.7 - 1000 * step)  # alike but for rounding
+    position = np.where(np.arange(len(counts)) % 2 == 0, *ways)
+    assert np.any(np.diff(position)[np.diff(counts) == 0] != 0.0)
+    assert grid_step(position) == pytest.approx(step, rel=1e-9)
+    assert grid_step(position + 0.2 * step * np.random.default_rng(4).standard_normal(2000)) == 0.0
