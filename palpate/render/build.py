@@ -231,6 +231,6 @@ def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
     return replace(
         view,
         accepted=tuple(found.accepted),
-        ranking=tuple(found.ranking),
+        ranking=tuple(one for one in found.ranking if one.score > 0.0),
         next_experiment=found.next_experiment,
     )

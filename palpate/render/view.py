@@ -102,7 +102,7 @@ class ChannelView:
     # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     accepted: tuple[Accepted, ...] = ()  # established effects
-    ranking: tuple[Ranked, ...] = ()  # candidates beside the base model, best first
+    ranking: tuple[Ranked, ...] = ()  # candidates that help the base model, best first
     next_experiment: NextExperiment | None = None  # what to record next; None for nothing
     # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
     wanted: tuple[str, FloatArray] | None = None
