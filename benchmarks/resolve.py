@@ -37,9 +37,9 @@ from threadpoolctl import threadpool_limits
 
 from control.probing.plan import ProbingPlan
 from estimation.design import Choice, Experiment
+from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.doubt import SMALL
-from estimation.diagnosis.result import NextExperiment
 from estimation.study.rivals import is_undecided
 from palpate.resolving.designing import NextProbe, feasible, next_probe
 from palpate.resolving.resolve import Budget, Decision, End, resolve

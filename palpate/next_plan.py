@@ -5,7 +5,7 @@ import shlex
 import yaml
 
 from control.probing.plan import ProbingPlan
-from estimation.diagnosis.result import NextExperiment
+from estimation.design.next_experiment import NextExperiment
 from palpate.runs.hiding import SEALED
 from palpate.words import as_shell_word
 from robot_io.session import Session

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
 from estimation.diagnosis.doubt import SMALL, of_steps
 from estimation.diagnosis.established import in_order, rivals
-from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.objections import Objection, free_air, swinging
 from estimation.diagnosis.of_runs import spread
 from estimation.diagnosis.result import (
@@ -16,7 +16,6 @@ from estimation.diagnosis.result import (
     ChannelDiagnosis,
     Fitted,
     Floor,
-    NextExperiment,
     ParameterValue,
     Ranked,
     Remaining,

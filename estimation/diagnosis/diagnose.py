@@ -8,13 +8,13 @@ from zlib import crc32
 
 import numpy as np
 
+from estimation.arm.shared_gains import with_shared_gains
 from estimation.channel import ChannelData
+from estimation.design.next_experiment import FEW_READINGS
 from estimation.diagnosis.answer import Judgement, answer, insufficient
-from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.diagnosis.doubt import SMALL, of_steps, still_explained
 from estimation.diagnosis.established import established, simplest, standards, sufficient_part
-from estimation.diagnosis.next_experiment import FEW_READINGS
 from estimation.diagnosis.objections import Objection, objection_to
 from estimation.diagnosis.of_runs import vary
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis

@@ -95,10 +95,14 @@ class Disagreement:
 def swinging(end: Standing) -> tuple[float, float] | None:
     """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
     frame = end.plain.frame
-    residual = frame.reduce(held_out_residual(frame, end.trial))
-    step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
-    found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, residual, step_s)
+    found = _swing(frame, frame.reduce(held_out_residual(frame, end.trial)))
     return None if found is None or found[1] < _PEAK or found[2] < _PROMINENT else found[:2]
+
+
+def _swing(frame: Frame, residual: FloatArray) -> tuple[float, float, float] | None:
+    """See `strongest_swing`; the residual on blocks, (m,)."""
+    step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
+    return strongest_swing(frame.reduce(frame.data.time_s), frame.run, residual, step_s)
 
 
 def _swings(end: Standing) -> Objection | None:
@@ -187,19 +191,16 @@ def unlike_noise(standing: Standing, readings: Readings, rng: np.random.Generato
     if min(acting.sum(), still.sum()) < _BLOCKS:
         return None
     slow = _shared_by_neighbours(residual, frame.run, acting)
-    if slow**2 < _LIKE_NEIGHBOUR * _rms(residual[acting]) ** 2:
+    if slow**2 < _LIKE_NEIGHBOUR * rmse(residual[acting]) ** 2:
         return None
     noise = _about_run_means(residual, frame.run, still)
     drawn = islice(draws(standing, readings, rng, own=np.resize(noise, len(frame))), _FEW_DRAWS)
-    left = [_rms(one.frame.reduce(held_out_residual(one.frame, trial))[acting]) for one, trial in drawn]
+    left = [rmse(one.frame.reduce(held_out_residual(one.frame, trial))[acting]) for one, trial in drawn]
     if slow < _ABOVE_AIR * max(left):
         return None
-    expected = float(np.median(left))
-    return Excess(_rms(residual[acting]), expected, _frequency(standing, residual, acting))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    swing = _swing(frame, np.where(acting, residual, np.nan))
+    frequency_hz = swing[0] if swing and swing[1] > _PEAK else None
+    return Excess(rmse(residual[acting]), float(np.median(left)), frequency_hz)
 
 
 def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
@@ -216,15 +217,6 @@ def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray
     return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))
 
 
-def _frequency(standing: Standing, residual: FloatArray, acting: BoolArray) -> float | None:
-    """At which what is left there swings most, if it does much [Hz]."""
-    frame = standing.plain.frame
-    step_s = sample_time(frame.data.time_s, frame.data.run) * frame.rows.shape[1]
-    left = np.where(acting, residual, np.nan)
-    found = strongest_swing(frame.reduce(frame.data.time_s), frame.run, left, step_s)
-    return found[0] if found and found[1] > _PEAK else None
-
-
 def free_air(data: ChannelData) -> float | None:
     """Standard deviation of the effort before the first touch of each run, about that run's mean."""
     if data.kind is not ChannelKind.CONTACT:
@@ -236,4 +228,4 @@ def free_air(data: ChannelData) -> float | None:
         before = before[: int(_FREE * len(before))]
         if len(before) >= _LEAST:
             parts.append(data.effort[before] - data.effort[before].mean())
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
+    return rmse(np.concatenate(parts)) if parts else None

@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from estimation.design.next_experiment import NextExperiment
 from estimation.estimate import ParameterEstimate
 
 
@@ -76,16 +77,6 @@ class Remaining(_Entry):
     rmse: float  # error in held-out runs
     times_floor: float  # over the noise floor
     depends_on: list[str]  # signals that it depends on; empty where it is noise
-
-
-class NextExperiment(_Entry):
-    """What to record next."""
-
-    purpose: str  # what it would tell
-    separates: list[str]  # the effects that it would tell apart
-    instruction: str  # in words
-    # Settings for `palpate probe --experiment`, by name.
-    probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
 
 
 class Floor(_Entry):

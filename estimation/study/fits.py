@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from estimation.arm.shared_gains import with_shared_gains
 from estimation.channel import ChannelData
-from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.diagnosis.candidates import library
 from estimation.effect import Effect
 from estimation.fit.trial import NOT_HELD

@@ -9,7 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from estimation.diagnosis.result import Accepted, NextExperiment, Ranked
+from estimation.design.next_experiment import NextExperiment
+from estimation.diagnosis.result import Accepted, Ranked
 from estimation.effect import Effect
 from estimation.study.patterns import Part
 from robot_io.types import BoolArray, FloatArray, IntArray

@@ -14,9 +14,8 @@ from estimation.data.tick_channels import DIRECTION, contact_channels, joint_cha
 from estimation.design import Choice, Experiment, Rivals, choose
 from estimation.design.choice import NEARLY
 from estimation.design.discrimination import SMALL
+from estimation.design.next_experiment import FEW_READINGS, NextExperiment
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.next_experiment import FEW_READINGS
-from estimation.diagnosis.result import NextExperiment
 from estimation.study import StudyChannel, StudyDiagnosis
 from estimation.study.channels import channel_of
 from estimation.study.rivals import rivals_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.next_experiment import sufficient
+from estimation.design.next_experiment import sufficient
 from estimation.gate.gate import refuse
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import assert_refused, next_commands, run

@@ -9,8 +9,8 @@ import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.design import Choice, Experiment
+from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import Verdict
-from estimation.diagnosis.result import NextExperiment
 from palpate.next_plan import plan_text
 from palpate.resolving import rehearsal
 from palpate.resolving.designing import NextProbe, feasible, next_probe

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from estimation.arm.base_parameters import base_parameters
+from estimation.arm.shared_gains import with_shared_gains
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis.arm_gains import with_shared_gains
 from estimation.effects import EFFECTS
 from estimation.fit.standing import stand
 from estimation.gate import usable

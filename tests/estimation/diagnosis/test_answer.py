@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelKind
+from estimation.design.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.answer import Judgement, answer, insufficient
-from estimation.diagnosis.next_experiment import exploring, separating, sufficient
 from estimation.diagnosis.objections import Objection
 from estimation.diagnosis.of_runs import spread, vary
 from estimation.diagnosis.result import Verdict

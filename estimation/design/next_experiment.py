@@ -6,10 +6,11 @@ A probing arm can do more than repeat a motion in another way: its plan comes fr
 
 from collections.abc import Mapping, Sequence
 
+from pydantic import BaseModel, ConfigDict
+
 from estimation.channel import ChannelData, ChannelKind
 from estimation.design import Experiment, Rivals, choose
 from estimation.design.own_motion import changed_motions, extent
-from estimation.diagnosis.result import NextExperiment
 from estimation.effect import Effect
 from estimation.fit.standing import Fit
 from estimation.gate.gate import SINGLE_RUN
@@ -31,6 +32,18 @@ _BY_SIGNAL: Mapping[str, str] = {
     **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
     **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),
 }
+
+
+class NextExperiment(BaseModel):
+    """What to record next."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    purpose: str  # what it would tell
+    separates: list[str]  # the effects that it would tell apart
+    instruction: str  # in words
+    # Settings for `palpate probe --experiment`, by name.
+    probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
 
 
 def separating(effect: Effect, fits: Mapping[str, Fit], data: ChannelData) -> NextExperiment:
