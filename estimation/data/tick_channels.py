@@ -80,7 +80,8 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     """The torque of each joint, called "joint_1", "joint_2" ...
 
     A move between two runs belongs to the run after it. The context holds the whole arm's motion as
-    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), and what its tip does:
+    `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints), its torques as `joint_torque`
+    (n, joints), and what its tip does:
     `contact_force` (n,), positive in compression and less what the sensor reads in free air, `touching` (n,),
     1 where that is surely a contact and 0 elsewhere, and `press_direction_world` (n, 3).
 
@@ -101,7 +102,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
         for joint in chosen.vector("joint_position_rad").T
     ]
-    force_n = _force_at(time_s, chosen)
+    force_n, torque = _force_at(time_s, chosen), chosen.vector("torque_measured_nm")
     contacts = list(find_contacts(force_n, run, chosen["phase"]))
     touching = np.zeros(len(chosen))
     for contact in contacts:
@@ -110,12 +111,12 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         "joint_position": np.column_stack([position for position, _, _ in motions]),
         "joint_velocity": np.column_stack([velocity for _, velocity, _ in motions]),
         "joint_acceleration": np.column_stack([acceleration for _, _, acceleration in motions]),
+        "joint_torque": torque,
         "contact_force": force_n - _tare(contacts).of(run),  # no joint feels a sensor's bias
         "touching": touching,
         DIRECTION: chosen[DIRECTION],
     }
     kept = ~_pressed_elsewhere(time_s, chosen, contacts, known)
-    torque = chosen.vector("torque_measured_nm")
     channels = (
         ChannelData(
             f"joint_{joint + 1}",

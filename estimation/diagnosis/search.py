@@ -51,7 +51,7 @@ _FINE = 4  # blocks within which a copy of blocks hardly tells times
 NEAR = 1.5  # times the squared error that is left, from which another effect may get below it
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
-_ENOUGH, _ENOUGH_RUNS = 4000, 12  # blocks and runs of a sketch
+_ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a sketch
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 

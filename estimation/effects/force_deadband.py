@@ -24,6 +24,7 @@ class ForceDeadband(AdditiveEffect):
     needs = ("contact_torque_per_newton", "touching")
     confused_with = {
         "torque_gain": "press at several forces: a dead band takes the same from all",
+        "force_sensor_error": "press at several forces: a dead band takes the same from all",
         "payload": "compare free air with contact: a payload is there in both",
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData
 from estimation.signals.moved import BY_ACCELERATION, BY_POSITION
+from estimation.signals.runwise import steadied
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -17,6 +18,7 @@ REGRESSOR = "rigid_body_regressor"
 PAYLOAD = "payload_effort_per_kg"
 TOUCH = "contact_torque"
 LEVER = "contact_torque_per_newton"
+BEYOND = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
@@ -36,8 +38,9 @@ def with_rigid_body(
     the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
     level, `weight_effort` (n,), what the weight across that axis takes, and `tilt_effort_per_rad` (n,), its
     change with a turn of the base about the axis, counted about world x or y, whichever is nearer. Where the
-    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing, and
-    `contact_torque_per_newton` (n,) its lever.
+    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing,
+    `contact_torque_per_newton` (n,) its lever, and where all torques are, `force_beyond_reading` (n,) [N] is
+    what the other joints carry of the tip's force beyond what its sensor says; nothing acts in free air.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -56,8 +59,13 @@ def with_rigid_body(
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
     context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
     if "contact_force" in data.context:
-        context[LEVER] = _lever(body, data)[:, joint]
+        levers = _levers(body, data)
+        context[LEVER] = levers[:, joint]
         context[TOUCH] = context[LEVER] * data.context["contact_force"]
+        if "joint_torque" in data.context:
+            left = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
+            others = np.delete(np.arange(body.joint_count), joint)
+            context[BEYOND] = _beyond_reading(data, levers[:, others], left[:, others])
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) < 1e-6:
         quarter = np.zeros(body.joint_count)
@@ -97,7 +105,24 @@ def _regressor(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: Flo
     return np.array([body.regressor(*rows)[joint] for rows in zip(q, v, a, strict=True)])
 
 
-def _lever(body: RigidBody, data: ChannelData) -> FloatArray:
+def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> FloatArray:
+    """Force at the tip beyond its reading (n,) [N], by torques that no link takes; in free air there is none.
+
+    Each joint counts by its lever and its noise, which its neighbouring samples tell.
+
+    Args:
+        data: any joint's channel.
+        levers: torques per newton at the tip, shape (n, joints).
+        left: torques, shape (n, joints).
+    """
+    touching, force = data.context["touching"], data.context["contact_force"]
+    left = left - levers * force[:, None]
+    weights = levers / np.maximum(np.var(np.diff(left, axis=0), axis=0), 1e-300)
+    beyond = np.sum(weights * left, axis=1) / np.maximum(np.sum(weights * levers, axis=1), 1e-300)
+    return steadied(np.where(touching, beyond, -force), data.time_s, data.run)
+
+
+def _levers(body: RigidBody, data: ChannelData) -> FloatArray:
     """Torques (n, joints) that press with one newton: J^T p, p the press direction."""
     jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
     torque: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])

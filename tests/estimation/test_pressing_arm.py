@@ -1,5 +1,6 @@
 """What a joint spends on pressing with the tip."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,3 +65,22 @@ def test_fitted_masses_leave_the_pressing_to_the_force_sensor(body):
     fitted, given = EFFECTS["rigid_body_fitted"](), EFFECTS["rigid_body"]()
     pressing = given.known(data, {}) - data.context["rigid_body_torque"]
     np.testing.assert_allclose(fitted.known(data, {}), pressing)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_the_other_joints_say_what_the_force_sensor_misses(body, joint):
+    """The tip is pressed by more than the sensor reads; what the joint itself carries says nothing of it."""
+    n, rng = 1200, np.random.default_rng(4)
+    still, missed = resting(joint, 7.0, n), 0.8 * np.sin(np.linspace(0.0, 12.0, n))
+    q = np.tile([0.3, -0.7, 0.4], (n, 1))
+    pushed = np.array([body.tip_jacobian(row)[:3].T @ PRESS for row in q]) * (7.0 + missed)[:, None]
+    torque = body.inverse_dynamics_along(q, 0.0 * q, 0.0 * q) + pushed
+    torque += rng.normal(0.0, [0.02, 0.01, 0.005], q.shape)
+    torque[:, joint] = rng.normal(0.0, 5.0, n)
+    touching = np.append(np.zeros(200), np.ones(n - 200))
+    reading = np.where(touching, 7.0, 0.3)  # a sensor that has drifted in free air
+    known = {"joint_position": q, "joint_torque": torque, "touching": touching, "contact_force": reading}
+    data = replace(still, time_s=0.001 * np.arange(n), context={**still.context, **known})
+    found = with_rigid_body(data, body, joint).context["force_beyond_reading"]
+    assert found[:170] == pytest.approx(-0.3)
+    assert np.sqrt(np.mean((found - missed)[230:] ** 2)) < 0.05

@@ -12,6 +12,7 @@ from palpate.runs.hiding import hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
+from palpate.study import Study
 from robot_io.errors import SessionError
 from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden, noise_scale
@@ -231,3 +232,13 @@ def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     outcome.loop.raise_for_trip()
     assert outcome.failures == ()
     assert np.nanmax(Session.open(job.session).samples("tick")["force_n"]) > 9.5
+
+
+def test_joints_say_that_the_force_sensor_is_off_whose_reading_lags(tmp_path):
+    (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
+    path = tmp_path / "lag.mcap"
+    run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, "--seed", 2, "--online", "none")
+    for joint in ("joint_1", "joint_2"):
+        (found,) = Study(path, keep=False).diagnose(joint).channels
+        assert [one.effect for one in found.accepted] == ["force_sensor_error"]
+        assert found.complete
