@@ -27,6 +27,7 @@ from estimation.fit.intervals import final, values
 from estimation.fit.readings import Readings
 from estimation.fit.standing import Standing
 
+_PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
 _Rivals = Mapping[str, Mapping[str, Standing]]  # models with another effect in the place of one, by both
 
 
@@ -83,20 +84,15 @@ def answer(found: Judgement) -> ChannelDiagnosis:
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor,
         floor=Floor(value=floor, free_air=free_air(search.data), share_left=end.left_of_blocks()),
-        baseline=fitted(search.start),
+        baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
         accepted=accepted,
         ranking=_ranking(search),
-        final=fitted(end),
+        final=Fitted(rmse=end.rmse, parameters=_parameters(end)),
         complete=found.complete,
         remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
         depends_on=found.signals,
         next_experiment=_next(found, accepted, others),
     )
-
-
-def fitted(standing: Standing) -> Fitted:
-    """A model's error in held-out runs and its parameters."""
-    return Fitted(rmse=standing.rmse, parameters=_parameters(standing))
 
 
 def _parameters(standing: Standing) -> dict[str, ParameterValue]:
@@ -113,14 +109,13 @@ def _accepted(found: Judgement, path: Sequence[Standing], others: _Rivals) -> li
         effect = by_name[name]
         if isinstance(effect, RunVariation):
             own["spread"] = spread(found.end, effect)
-        less = search.without(found.end, name)
         accepted.append(
             Accepted(
                 effect=name,
                 parameters=own,
                 rmse_before=before.rmse,
                 rmse_after=after.rmse,
-                p_value=search.p_value(less, found.end),
+                p_value=search.p_value(search.without(found.end, name), found.end),
                 confused_with=list(others[name]),
                 physics=effect.physics,
                 equation=effect.equation,
@@ -148,14 +143,14 @@ def _reason(found: Judgement, verdict: Verdict, accepted: Sequence[Accepted]) ->
     if verdict is Verdict.ADEQUATE:
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
-            f"law explains no more of it than of draws from the model{_steps(found)}{_hum(end)}"
+            f"law explains no more of it than of draws from the model{_steps(found)}{_hum(end)}{_peaks(end)}"
         )
     left = _left(found)
     if verdict is Verdict.MISSING:
         names = " and ".join(_or_rivals(entry) for entry in accepted)
         before = f"{found.search.start.rmse:.3g} {unit}"
         fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
-        nothing = f"no more than noise is left{_steps(found)}{_hum(end)}"
+        nothing = f"no more than noise is left{_steps(found)}{_hum(end)}{_peaks(end)}"
         return f"{fall}, and {nothing}" if found.complete else f"{fall}; {left}"
     return f"the error is {end.rmse:.3g} {unit}; {left}"
 
@@ -178,11 +173,17 @@ def _hum(end: Standing) -> str:
     return f"; {size} of the noise swings at {found[0]:.3g} Hz, in free air too"
 
 
+def _peaks(end: Standing) -> str:
+    """That what passes for noise is hardly anywhere but in a few moments, such as those of breaking away."""
+    squares = np.sort(end.trial.residual[end.plain.kept] ** 2)
+    share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
+    return f"; {100 * share:.0f} % of its square is in a twentieth of the samples" if share > _PEAKED else ""
+
+
 def _left(found: Judgement) -> str:
     if found.objection:
         return found.objection.reason
-    told = ", ".join(found.signals) or "a mix of signals"
-    floor = found.floor
+    told, floor = ", ".join(found.signals) or "a mix of signals", found.floor
     times = f"{found.end.rmse / floor:.2g} times the noise floor, " if floor > 0.0 else ""
     return f"what is left is {times}and depends on {told}"
 

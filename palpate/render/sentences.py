@@ -80,7 +80,7 @@ def _rest(found: ChannelDiagnosis) -> str:
 
 
 def _remarks(found: ChannelDiagnosis) -> Iterator[str]:
-    if found.verdict is Verdict.UNEXPLAINED:
+    if found.verdict is Verdict.UNEXPLAINED or (found.complete and "; " in found.reason):
         yield f"Why: {_ended(found.reason)}"
 
 
