@@ -15,6 +15,7 @@ from palpate.render.progress import motion_progress
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
 from palpate.runs.permission import ask_for_power
 from palpate.runs.replaying import ReplayJob, references_of, run_replay
+from palpate.runs.session import raise_for_end
 from palpate.truth import scenario_of
 from palpate.words import count, duration, safe, shown, typed
 
@@ -67,6 +68,4 @@ def command(
             (f"palpate compare {typed(session)} {typed(file)}", "both side by side"),
             (f"palpate inspect {typed(file)}", "see it in Rerun"),
         )
-    if result.outcome is Outcome.STOPPED and not result.deactivation_error:
-        raise KeyboardInterrupt
-    result.raise_for_trip()
+    raise_for_end(result)

@@ -22,6 +22,7 @@ from palpate.render.terminal import print_files
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
 from palpate.runs.permission import ask_for_power
 from palpate.runs.robots import find_robot, robot_names
+from palpate.runs.session import raise_for_end
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
@@ -119,7 +120,7 @@ def follower(
         console.print_json(_as_data(job, outcome))
     else:
         _print(job, outcome)
-    outcome.raise_for_failure()
+    raise_for_end(outcome.loop)
 
 
 @group.command()

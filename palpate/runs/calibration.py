@@ -22,14 +22,13 @@ from control.laws.gains import gains_of
 from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import Outcome
-from control.loop.task import Task, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
+from control.loop.task import Task
 from palpate.runs.probing import NOBODY, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body, released
 from robot_io.calibration import load_calibrations
 from robot_io.errors import InputError
 from robot_io.guard import Guard, Limits
-from robot_io.types import FloatArray, Measurement
+from robot_io.types import FloatArray
 
 KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
 MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}
@@ -80,17 +79,12 @@ class Bench:
             KeyboardInterrupt: the user stopped it.
             PalpateError: the arm was stopped.
         """
-
-        def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
-            watcher.tick(measurement, output)
-            return NO_ESTIMATE
-
         arm, guard, rate_hz = self.arm, self.guard(limits), self.job.robot_file.control_rate_hz
         watcher.started()
         with ExitStack() as stack:
             if not self.job.simulated:
                 stack.enter_context(realtime())
-            loop = partial(run_loop, rate_hz=rate_hz, observer=observe, stop=arm.unlogged)
+            loop = partial(run_loop, rate_hz=rate_hz, observer=watcher.observe, stop=arm.unlogged)
             result = loop(arm.robot, guard, task, arm.clock, arm.log)
             result = released(arm.robot, result)
         if result.outcome is Outcome.STOPPED and not (result.deactivation_error or arm.unlogged()):

@@ -12,7 +12,7 @@ from control.laws.gains import TouchGains, gains_of
 from control.loop.loop import run_loop
 from control.loop.phases import Phase
 from control.loop.realtime import realtime
-from control.loop.result import LoopResult, Outcome
+from control.loop.result import LoopResult
 from control.loop.task import Task, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.probing.plan import ProbingPlan
@@ -22,7 +22,7 @@ from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
-from palpate.runs.session import ArmJob, arm_session, checked_body, released
+from palpate.runs.session import ArmJob, arm_session, checked_body, raise_for_end, released
 from palpate.words import count
 from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError, PalpateError
@@ -53,6 +53,11 @@ class Watcher:
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
         """A tick has passed. With a real arm, take no time here."""
 
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """An observer for the loop, which estimates nothing."""
+        self.tick(measurement, output)
+        return NO_ESTIMATE
+
 
 NOBODY = Watcher()
 
@@ -71,13 +76,9 @@ class ProbingOutcome:
         """Raise if the session does not hold all that was planned.
 
         Raises:
-            SafetyTripError: the torque may still be on, or a limit was exceeded.
-            KeyboardInterrupt: the user stopped it.
-            PalpateError: the arm was stopped, or a run gave no data.
+            KeyboardInterrupt, PalpateError: see `raise_for_end`; or a run gave no data.
         """
-        if self.loop.outcome is Outcome.STOPPED and not self.loop.deactivation_error:
-            raise KeyboardInterrupt
-        self.loop.raise_for_trip()
+        raise_for_end(self.loop)
         if self.failures:
             text = count(len(self.failures), "failure")
             raise PalpateError(f"{text} while probing: {self.failures[0]}")

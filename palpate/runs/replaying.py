@@ -8,15 +8,14 @@ import numpy as np
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.result import LoopResult
-from control.loop.task import NO_RUN, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates
+from control.loop.task import NO_RUN
+from control.loop.tick_record import STREAM_NAME
 from control.probing.replay import References, ReplayTask
 from palpate.runs.probing import NOBODY, Watcher, run_guarded
 from palpate.runs.session import SOURCE, ArmJob
 from robot_io.calibration import load_calibrations
 from robot_io.errors import InputError
 from robot_io.session import Session
-from robot_io.types import Measurement
 
 REPLAY_OF = "replay_of"  # key of the session that was repeated, in the session's metadata
 _STILL_RAD_S = 1e-3  # slower references stand
@@ -69,15 +68,10 @@ def run_replay(
     body = RigidBody.of_robot(job.robot_file, calibrations)
     task = ReplayTask(body, gains_of(job.robot_file), references)
     _check_arm(body, job.recorded)
-
-    def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
-        watcher.tick(measurement, output)
-        return NO_ESTIMATE
-
     extra = {REPLAY_OF: f"{job.recorded.path.name}, made {job.recorded.metadata.created_utc}"}
     if SOURCE in job.recorded.metadata.extra:
         extra[REPLAY_OF] += f", {job.recorded.metadata.extra[SOURCE]}"
-    return run_guarded(job, task, calibrations, extra, observe, watcher)
+    return run_guarded(job, task, calibrations, extra, watcher.observe, watcher)
 
 
 def _check_arm(body: RigidBody, recorded: Session) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
-from control.loop.result import LoopResult
+from control.loop.result import LoopResult, Outcome
 from control.loop.tick_record import tick_stream
 from palpate.runs.hiding import SEAL, hide, seal_hidden
 from palpate.runs.permission import Permission, without_question
@@ -146,6 +146,19 @@ def released(robot: Robot, result: LoopResult) -> LoopResult:
             raise
         raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
     return replace(result, deactivation_error="")
+
+
+def raise_for_end(result: LoopResult) -> None:
+    """Raise if the arm was stopped before all was done.
+
+    Raises:
+        SafetyTripError: the torque may still be on, or a limit was exceeded.
+        KeyboardInterrupt: the user stopped it.
+        PalpateError: a device or the task failed.
+    """
+    if result.outcome is Outcome.STOPPED and not result.deactivation_error:
+        raise KeyboardInterrupt
+    result.raise_for_trip()
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.loop import run_loop
 from control.loop.realtime import realtime
-from control.loop.result import LoopResult, Outcome
+from control.loop.result import LoopResult
 from control.probing.plan import ProbingPlan
 from control.probing.sites import check_against_guard
 from control.probing.task import ProbingTask
@@ -49,17 +49,6 @@ class FollowerOutcome:
     states: dict[int, TargetState]  # what became of each target, by its leader's count
     estimates: int  # how many were made
     talk_error: str  # why the link was given up; empty if it was not
-
-    def raise_for_failure(self) -> None:
-        """Raise if the arm was stopped.
-
-        Raises:
-            KeyboardInterrupt: the user stopped it.
-            PalpateError: a limit was exceeded, a device failed, or the torque may still be on.
-        """
-        if self.loop.outcome is Outcome.STOPPED and not self.loop.deactivation_error:
-            raise KeyboardInterrupt
-        self.loop.raise_for_trip()
 
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
