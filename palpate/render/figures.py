@@ -18,7 +18,7 @@ _RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
 _SHADE_CELLS = 300  # of the time axis, each shaded or not
 _BAR_PX = 40
-_TIME = "time, runs one after the other [s]"
+TIME = "time, runs one after the other [s]"
 Place = tuple[int, int]  # row and column of a subplot
 Curve = tuple[FloatArray, FloatArray]
 _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are as bright as the brightest
@@ -94,7 +94,8 @@ def map_figure(channel: ChannelView) -> go.Figure:
     made = make_subplots(
         1, max(len(stages), 1), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
     )
-    maps = [residual_map(channel, stage.residual) for stage in stages]
+    used = channel.engaged & channel.judged
+    maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
     found = np.abs(np.concatenate([each.mean.ravel() for each in maps]))
     reach = float(np.quantile(found[np.isfinite(found)], _BRIGHT)) if np.isfinite(found).any() else 1.0
     for column, each in enumerate(maps, start=1):
@@ -170,7 +171,7 @@ def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     for values, look in curves:
         draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
     _shade(made, channel, place)
-    title_axes(made, place, "" if channel.stages else _TIME, channel.axes.effort)
+    title_axes(made, place, "" if channel.stages else TIME, channel.axes.effort)
 
 
 def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
@@ -184,7 +185,7 @@ def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
     for level in (-2 * channel.floor, 2 * channel.floor):
         line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
         made.add_hline(y=level, line=line, row=place[0], col=place[1])
-    title_axes(made, place, _TIME, f"measured − model [{unit}]")
+    title_axes(made, place, TIME, f"measured − model [{unit}]")
 
 
 def _look_of(channel: ChannelView, stage: StageView) -> Look:

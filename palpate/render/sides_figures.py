@@ -5,12 +5,11 @@ from plotly.subplots import make_subplots
 
 from estimation.statistics.correlation import Correlation
 from palpate.render import palette
-from palpate.render.figures import Look, Place, draw_curves, styled, title_axes
+from palpate.render.figures import TIME, Look, Place, draw_curves, styled, title_axes
 from palpate.render.sides import LETTERS, SidesView
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
-_TIME = "time, runs one after the other [s]"
 
 
 def state_figure(view: SidesView) -> go.Figure:
@@ -46,7 +45,7 @@ def time_figure(view: SidesView) -> go.Figure:
             left = run_curves(channel.time_s, channel.stages[-1].residual, runs)
             draw_curves(made, left, (2, 1), unit, Look(f"left by {letter}'s model", color))
     title_axes(made, (1, 1), "", first.axes.effort)
-    title_axes(made, (2, 1), _TIME, f"measured − model [{unit}]")
+    title_axes(made, (2, 1), TIME, f"measured − model [{unit}]")
     return styled(made, 520)
 
 
@@ -56,13 +55,8 @@ def residual_figure(view: SidesView) -> go.Figure:
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
         for column, one in enumerate((side.autocorrelation, side.cross_correlation), start=1):
-            _draw_correlation(
-                made,
-                (1, column),
-                one,
-                side.step_s,
-                Look(letter, color, named=column == 1),
-            )
+            look = Look(letter, color, named=column == 1)
+            _draw_correlation(made, (1, column), one, side.step_s, look)
     title_axes(made, (1, 1), "lag [s]", "correlation")
     title_axes(made, (1, 2), "velocity before (+) or after (−) by [s]", "")
     made.update_yaxes(range=[-1.05, 1.05])

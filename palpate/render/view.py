@@ -5,7 +5,6 @@ Positions and velocities are in the units that people read (mm for lengths); eff
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -150,26 +149,12 @@ class ResidualMap:
 _CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; samples in a cell that is shown
 
 
-class State(Protocol):
-    """The motion over which a residual is averaged; see `ChannelView`."""
-
-    @property
-    def position(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def velocity(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def engaged(self) -> BoolArray: ...  # noqa: D102
-
-    @property
-    def judged(self) -> BoolArray: ...  # noqa: D102
-
-
-def residual_map(state: State, residual: FloatArray) -> ResidualMap:
-    """Average a residual (n,) over position and velocity; a contact only while pressed."""
-    used = np.isfinite(residual) & state.engaged & state.judged
-    velocity, position = state.velocity[used], state.position[used]
+def residual_map(
+    position: FloatArray, velocity: FloatArray, residual: FloatArray, used: BoolArray
+) -> ResidualMap:
+    """Average a residual (n,) over position and velocity; of the samples that are `used`, such as pressed."""
+    used = used & np.isfinite(residual)
+    velocity, position = velocity[used], position[used]
     edges = [_edges(velocity), _edges(position)]
     counts = np.histogram2d(velocity, position, edges)[0]
     sums = np.histogram2d(velocity, position, edges, weights=residual[used])[0]

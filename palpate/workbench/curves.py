@@ -10,7 +10,7 @@ from estimation.channel import ChannelData, ChannelKind
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
 from palpate.render.thinning import peaks
-from palpate.render.view import Axes, residual_map
+from palpate.render.view import Axes, ResidualMap, residual_map
 from palpate.workbench.plot import Figure, Restyle
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -48,10 +48,9 @@ class Motion:
         """Samples of the chosen runs, shape (n,)."""
         return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
 
-    @property
-    def engaged(self) -> BoolArray:
-        """Where the object can push, shape (n,)."""
-        return self.data.engaged
+    def map(self, residual: FloatArray) -> ResidualMap:
+        """A residual (n,) over the state; of a contact only while pressed."""
+        return residual_map(self.position, self.velocity, residual, self.judged & self.data.engaged)
 
     def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
         """Samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between two runs."""
@@ -167,7 +166,7 @@ def state_update(motion: Motion, predicted: FloatArray) -> Restyle:
 
 def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
     """What base model and model leave over the state, in the same colours."""
-    first, second = residual_map(motion, before), residual_map(motion, now)
+    first, second = motion.map(before), motion.map(now)
     found = np.abs(first.mean[np.isfinite(first.mean)])
     reach = float(np.quantile(found, 0.98)) if len(found) else 1.0
     unit = motion.axes.effort_unit
@@ -200,7 +199,7 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
 
 def map_update(motion: Motion, residual: FloatArray) -> Restyle:
     """The model's map."""
-    each = residual_map(motion, residual)
+    each = motion.map(residual)
     x, y, z = (part.astype(np.float32) for part in (each.position, each.velocity, each.mean))
     return {"x": [x], "y": [y], "z": [z]}, [1]
 

@@ -163,11 +163,12 @@ def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
     judged = contact.position < 0.01
     view = channel_view(contact, (), 0.02, judged=judged)
-    flat = residual_map(view, np.where(judged, 0.3, 99.0))
+    used = view.engaged & view.judged
+    flat = residual_map(view.position, view.velocity, np.where(judged, 0.3, 99.0), used)
     seen = flat.mean[np.isfinite(flat.mean)]
     assert len(seen) > 8
     np.testing.assert_allclose(seen, 0.3)
-    signs = residual_map(view, np.sign(contact.velocity))
+    signs = residual_map(view.position, view.velocity, np.sign(contact.velocity), used)
     assert np.nanmin(signs.mean[signs.velocity > 5.0]) == 1.0
     assert np.nanmax(signs.mean[signs.velocity < -5.0]) == -1.0
     assert signs.position.max() <= 10.0  # mm
