@@ -8,6 +8,7 @@ import rerun.blueprint as rrb
 
 from palpate.render import palette
 from palpate.render.recording.arm import SOLID, log_moving_arm
+from palpate.render.recording.scene import picture_rows
 from palpate.render.recording.session import log_phases
 from palpate.render.recording.stream import (
     BACKGROUND,
@@ -22,9 +23,8 @@ from palpate.teleop.haptics import GUESS
 from palpate.teleop.in_words import GEOMETRY
 from palpate.teleop.joined import Joined
 from robot_io.session import Event
-from robot_io.types import FloatArray, IntArray
+from robot_io.types import FloatArray
 
-_PICTURES_HZ = 60.0
 _LEADER_BASE_M = (0.0, 0.5, 0.0)  # beside the follower, in the picture only
 _FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
 _TROUBLE = {"disagreement", "refused", "link", "link_silent", "trip", "no_estimate"}
@@ -48,7 +48,7 @@ def record_both(joined: Joined, path: Path) -> float:
             ("leader", joined.leader, haptic, hand_s, _LEADER_BASE_M),
             ("follower", joined.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
         ):
-            rows = _pictures(time_s)
+            rows = picture_rows(time_s)
             position_rad = samples.vector("joint_position_rad")[rows]
             urdf = session.metadata.urdf
             log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
@@ -59,11 +59,6 @@ def record_both(joined: Joined, path: Path) -> float:
         _log_link(recording, joined, start_s)
     felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
     return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
-
-
-def _pictures(time_s: FloatArray) -> IntArray:
-    grid = np.arange(time_s[0], time_s[-1], 1.0 / _PICTURES_HZ)
-    return np.unique(np.minimum(np.searchsorted(time_s, grid), len(time_s) - 1))
 
 
 def _log_forces(recording: rr.RecordingStream, joined: Joined, hand_s: FloatArray, arm_s: FloatArray) -> None:

@@ -97,9 +97,8 @@ class Scene:
 
     @property
     def picture_rows(self) -> IntArray:
-        """Indices of the ticks that are drawn in 3D, `PICTURES_HZ` of them a second, and the last."""
-        grid = np.arange(0.0, self.time_s[-1], 1.0 / PICTURES_HZ)
-        return np.unique(np.append(np.searchsorted(self.time_s, grid), len(self.time_s) - 1))
+        """Indices of the ticks that are drawn in 3D."""
+        return picture_rows(self.time_s)
 
     @property
     def picture_moment_s(self) -> float:
@@ -109,6 +108,12 @@ class Scene:
             return float(self.time_s[len(self.time_s) // 2])
         of_last = holding[self.ticks["run"][holding] == self.ticks["run"][holding[-1]]]
         return float(self.time_s[of_last[len(of_last) // 2]])
+
+
+def picture_rows(time_s: FloatArray) -> IntArray:
+    """Indices of times (n,) [s] that are drawn in 3D, `PICTURES_HZ` of them a second, and the last."""
+    grid = np.arange(time_s[0], time_s[-1], 1.0 / PICTURES_HZ)
+    return np.unique(np.append(np.searchsorted(time_s, grid), len(time_s) - 1))
 
 
 def has_ticks(session: Session) -> bool:
