@@ -182,7 +182,8 @@ class Study(StudyBase):
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
-            newest = (self.newest(one) or self._newest_of_any_data(one.name) for one in self.channels)
+            of_any_data = {one.channel: one for one in self.revisions}
+            newest = (self.newest(one) or of_any_data.get(one.name) for one in self.channels)
             chosen = [revision for revision in newest if revision is not None]
         for revision in chosen:
             self.check(revision)
@@ -214,9 +215,6 @@ class Study(StudyBase):
         """True parameters of a simulated session: those of the object, not of the joints."""
         session = self.source.session
         return true_parameters(session) if session and channel.kind is ChannelKind.CONTACT else {}
-
-    def _newest_of_any_data(self, channel: str) -> Revision | None:
-        return next((one for one in reversed(self.revisions) if one.channel == channel), None)
 
 
 def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:

@@ -28,22 +28,18 @@ def view_of(
 
 def result_view(result: ChannelResult) -> ChannelView:
     """All that is known of one channel."""
-    compared = result.shown
+    compared, diagnosis = result.shown, result.diagnosis
+    is_said = diagnosis is not None and diagnosis.reason in result.reason
     return channel_view(
         result.channel.data,
         [_stage(stage, result.stages[: place + 1]) for place, stage in enumerate(result.stages)],
         result.noise_floor or float("nan"),
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
-        diagnosis=result.diagnosis,
+        diagnosis=diagnosis,
         not_judged=compared.not_judged if compared is not None else "",
-        notes=(result.reason,) if result.reason and not _is_said(result) else (),
+        notes=(result.reason,) if result.reason and not is_said else (),
     )
-
-
-def _is_said(result: ChannelResult) -> bool:
-    """Whether the diagnosis gives the reason why nothing was compared already."""
-    return result.diagnosis is not None and result.diagnosis.reason in result.reason
 
 
 def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:

@@ -123,17 +123,15 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     known = [effect.name for effect in fitted.model.effects]
     is_noise = fitted.rmse < AT_FLOOR * noise_floor
     seen = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
-    found = tuple(one if one.by == "run" else _likeliest_first(fitted, one) for one in seen)
+    # the likeliest effects first; of runs none can tell
+    found = tuple(
+        one if one.by == "run" else replace(one, effects=likeliest(fitted, one.effects)) for one in seen
+    )
     first, *where = _words(fitted.rmse, noise_floor, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
     words = (first, *where, *(one.sentence for one in found))
     return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
-
-
-def _likeliest_first(fitted: Fitted, pattern: Pattern) -> Pattern:
-    """The pattern with its effects in the order of how little each would leave; of runs none can tell."""
-    return replace(pattern, effects=likeliest(fitted, pattern.effects))
 
 
 def _parts(fitted: Fitted, floor: float) -> dict[str, tuple[Part, ...]]:

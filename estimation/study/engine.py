@@ -253,6 +253,9 @@ def diagnose(
     file: str,
 ) -> Diagnosis:
     """What is missing in the models of these channels of one robot."""
+    # A worker of a sweep is one of many, and may start no others; these do not know effects of a user's file.
+    own = all(type(effect).__module__.startswith("estimation.") for effect in effects)
+    processes = os.cpu_count() or 1 if own and not current_process().daemon else 1
     with _one_thread():
         return diagnosis.diagnose(
             channels,
@@ -261,15 +264,5 @@ def diagnose(
             rng=np.random.default_rng(SEED),
             progress=progress,
             file=file,
-            processes=_processes() if _importable(effects) else 1,
+            processes=processes,
         )
-
-
-def _processes() -> int:
-    """How many may share a diagnosis; a worker of a sweep is one of many, and may start none."""
-    return 1 if current_process().daemon else os.cpu_count() or 1
-
-
-def _importable(effects: Sequence[Effect]) -> bool:
-    """Whether another process knows these effects; it does not know those of a user's file."""
-    return all(type(effect).__module__.startswith("estimation.") for effect in effects)

@@ -1,11 +1,9 @@
 """A first answer for one more effect, on means over blocks: the best of a few places, where that leads."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from estimation.diagnosis.candidates import extended
-from estimation.effect import Effect, Inner
+from estimation.effect import Effect
 from estimation.fit.colour import WHITE
 from estimation.fit.frame import Frame, coarse_copy
 from estimation.fit.inner_search import look
@@ -35,7 +33,8 @@ def glance(standing: Fit, effect: Effect, rough: Bench) -> Standing:
         effect: what is added.
         rough: from `rough_bench`.
     """
-    known, places = standing.trial.parameters, _few(effect.starts(standing.data))
+    known, places = standing.trial.parameters, effect.starts(standing.data)
+    places = places[:: max(len(places) // _FEW, 1)]
     tried = [
         look(rough, model, effect, known, places).best for model in extended(standing.trial.model, effect)
     ]
@@ -43,7 +42,3 @@ def glance(standing: Fit, effect: Effect, rough: Bench) -> Standing:
     followed = polish(rough, best, _SETTLED)
     trial = attempt(standing.plain, best.model, followed.parameters)
     return Standing(standing.data, standing.plain, trial)
-
-
-def _few(places: Sequence[Inner]) -> Sequence[Inner]:
-    return places[:: max(len(places) // _FEW, 1)]

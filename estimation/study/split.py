@@ -1,6 +1,5 @@
 """Ways to split samples, so that one sees where a model fails."""
 
-from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +27,8 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
     for name in sorted(data.recorded):
         found[f"recorded {name}" if name in found else name] = _bins(data.context[name], "", data.engaged)
-    return {by: kept for by, masks in found.items() if len(kept := _occupied(masks)) > 1}
+    occupied = {by: {name: one for name, one in masks.items() if one.any()} for by, masks in found.items()}
+    return {by: masks for by, masks in occupied.items() if len(masks) > 1}
 
 
 def _phases(data: ChannelData) -> dict[str, BoolArray]:
@@ -62,7 +62,3 @@ def _bins(signal: FloatArray, unit: str, engaged: BoolArray) -> dict[str, BoolAr
     place = np.clip(np.digitize(signal, edges[1:-1]), 0, _BINS - 1)
     labels = [f"{low:.3g} to {high:.3g} {unit}".strip() for low, high in pairwise(edges)]
     return {label: (place == i) & engaged for i, label in enumerate(labels)}
-
-
-def _occupied(masks: Mapping[str, BoolArray]) -> dict[str, BoolArray]:
-    return {label: mask for label, mask in masks.items() if mask.any()}

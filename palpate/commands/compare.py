@@ -25,6 +25,7 @@ from palpate.outcome import NAMES, write_outcome
 from palpate.outcome import as_json as json_text
 from palpate.render.sides import print_pair
 from palpate.render.terminal import print_comparison, print_files
+from palpate.render.view import FAR
 from palpate.side_by_side import NAMES as SIDES
 from palpate.side_by_side import Pair, chosen_revisions, write_pair
 from palpate.study import Study
@@ -33,7 +34,6 @@ from palpate.words import safe, shown, typed
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
-FAR = 3.0  # times the noise floor
 Steps = list[tuple[str, str]]
 
 

@@ -65,8 +65,11 @@ def command(
     world = load_scenario(scenario)
     if engine is not None:
         world = world.with_engine(engine)
-    session = output_session(out or _default_session())
-    second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if _can_hide(world) else None
+    now = datetime.now().astimezone()
+    session = output_session(out or Path("sessions") / f"demo-{now:%Y%m%d-%H%M%S}.mcap")
+    # Of another law, what is hidden would not be all that the demo's base model misses.
+    can_hide = isinstance(world.object.law, KelvinVoigt)
+    second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()
     again = _repeated(scenario, engine, seed)
@@ -88,21 +91,12 @@ def command(
     _next(demo, hidden, again)
 
 
-def _can_hide(scenario: Scenario) -> bool:
-    """Whether the demo's base model is that of the object, so that all that is missing is what is hidden."""
-    return isinstance(scenario.object.law, KelvinVoigt)
-
-
 def _repeated(scenario: str, engine: EngineName | None, seed: int | None) -> str:
     """The command that makes this very demo again."""
     words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
     words += ["--engine", engine] if engine is not None else []
     words += ["--seed", str(seed)] if seed is not None else []
     return " ".join(map(as_shell_word, words))
-
-
-def _default_session() -> Path:
-    return Path("sessions") / f"demo-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap"
 
 
 def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:

@@ -54,7 +54,8 @@ def command(
     if look:
         _look(files, found, options, out, as_json=as_json)
         return
-    session = output_session(out or Path("sessions") / f"{_stem(files[0])}.mcap")
+    stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
+    session = output_session(out or Path("sessions") / f"{stem}.mcap")
     with import_progress() as progress:
         imported = import_files(found, options.options, lambda what, share: progress(what, _READ * share))
         write_session(
@@ -117,11 +118,6 @@ def _look(
     last = retyped(named[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
     command = " ".join(filter(None, ["palpate import", more, last]))
     console.next_steps((command, "store it as a session"))
-
-
-def _stem(file: Path) -> str:
-    """The file's name without its endings (two of "x.csv.gz")."""
-    return file.name.removesuffix(".gz").rpartition(".")[0] or file.stem
 
 
 def _print(imported: Imported, session: Path) -> None:

@@ -27,7 +27,8 @@ def command(
     """
     if len(sessions) < 2:
         raise InputError(f"{sessions[0]}: is one session; name two or more")
-    if twice := [str(path) for n, path in enumerate(sessions) if path.resolve() in _resolved(sessions[:n])]:
+    places = [path.resolve() for path in sessions]
+    if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
     file = output_session(out, keep=sessions)
     found = [open_session(path) for path in sessions]
@@ -48,7 +49,3 @@ def command(
         (f"palpate info {typed(file)}", "what is in the file"),
         (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
     )
-
-
-def _resolved(paths: list[Path]) -> list[Path]:
-    return [path.resolve() for path in paths]

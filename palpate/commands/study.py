@@ -67,7 +67,8 @@ def command(
     with sweep_progress() as progress:
         report = run_cases(chosen, store, cluster, progress)
     rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
-    seconds = _seconds_per_case(rows)
+    # processor time of each case that is done [s]
+    seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
     done = sum(len(of_part) for of_part in seconds.values())
     if plan:
         _print_plan(parts, seconds, workers, as_json)
@@ -128,11 +129,6 @@ def _write(folder: Path, title: str, grid: Any, rows: Mapping[str, Any], facts: 
     from palpate.sweep.report import write_grid  # noqa: PLC0415, as above
 
     return write_grid(folder, title, grid, rows["grid"], facts)
-
-
-def _seconds_per_case(rows: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, list[float]]:
-    """Processor time of each case that is done, part by part [s]."""
-    return {name: [row["seconds"] for row in of_part if row["first"]] for name, of_part in rows.items()}
 
 
 def _print_plan(

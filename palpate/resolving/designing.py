@@ -150,7 +150,8 @@ def _planned(
 ) -> list["_Planned"]:
     """Those of experiments that do not take too long, the most promising first."""
     within = ((one, ticks) for one, ticks in offered if ticks["time_s"][-1] <= longest_s)
-    return sorted((_Planned.of(*one, study, left) for one in within), key=_promise, reverse=True)
+    planned = (_Planned.of(*one, study, left) for one in within)
+    return sorted(planned, key=lambda one: one.experiment.tells, reverse=True)
 
 
 def _new(
@@ -177,10 +178,6 @@ def _plans_run(study: Study) -> list[ProbingPlan]:
 def _plan_of(session: Session) -> ProbingPlan:
     text = session.metadata.extra.get(PLAN, "")
     return validate(ProbingPlan, dict(parse_yaml(text, f"{session.path}, its plan").data) if text else {})
-
-
-def _promise(one: "_Planned") -> float:
-    return one.experiment.tells
 
 
 def _remedy(

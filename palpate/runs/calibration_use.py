@@ -47,7 +47,8 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     else:
         talk.print(f"\nTo use it, write into {shown(file)}:", soft_wrap=True)
     named = {kind: name for kind, name in whose.file.calibration.model_dump().items() if name is not None}
-    named[calibration.kind] = _seen_from(path, file.resolve().parent)
+    folder = file.resolve().parent
+    named[calibration.kind] = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
     line = yaml.safe_dump(named, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10_000)
     talk.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
@@ -67,8 +68,3 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     console.next_steps(
         (f"palpate probe {whose.option}{wire}{gentle}", "probe with it, once the robot file names it")
     )
-
-
-def _seen_from(path: Path, folder: Path) -> str:
-    """The path as the robot file can name it."""
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)

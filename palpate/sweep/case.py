@@ -8,7 +8,7 @@ old is taken for new.
 import importlib
 import importlib.util
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -57,9 +57,10 @@ def code_version(module: str) -> str:
     """
     digest = sha256("".join(f"{name} {_version_of(name)}\n" for name in _LIBRARIES).encode())
     for folder in (*map(_folder_of, _PHYSICS), _folder_of(module)):
-        for path in _sources(folder):
-            digest.update(f"{folder.name}/{path.relative_to(folder).as_posix()}\0".encode())
-            digest.update(path.read_bytes())
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in _ENDINGS and path.is_file():
+                digest.update(f"{folder.name}/{path.relative_to(folder).as_posix()}\0".encode())
+                digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -75,7 +76,3 @@ def _folder_of(module: str) -> Path:
     if found is None or found.origin is None:
         raise InputError(f"work '{module}': Python finds no such module")
     return Path(found.origin).parent
-
-
-def _sources(folder: Path) -> Iterator[Path]:
-    return (path for path in sorted(folder.rglob("*")) if path.suffix in _ENDINGS and path.is_file())

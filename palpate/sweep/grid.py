@@ -19,7 +19,7 @@ from palpate.sweep.case import Case
 from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator, world
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
-from robot_io.files.safe_yaml import YamlDocument, load_yaml
+from robot_io.files.safe_yaml import load_yaml
 from sim_backend.contact_laws import HuntCrossley
 
 SHIPPED = Path(__file__).parent / "grids"
@@ -142,21 +142,17 @@ class GridFile(FileModel):
 def load_grid(path: Path) -> GridFile:
     """Read the file of a sweep; `InputError` names file, line, key and the valid choices."""
     document = load_yaml(path)
-    return _checked(document.data, document)
-
-
-def shipped_grid(name: str) -> GridFile:
-    """One of those that come with palpate."""
-    return load_grid(SHIPPED / f"{name}.yaml")
-
-
-def _checked(data: object, document: YamlDocument) -> GridFile:
-    grid = validate(GridFile, data, document)
+    grid = validate(GridFile, document.data, document)
     lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
     count = grid.repeats * math.prod(map(len, lists))  # Python's int: no size overflows
     if count > MOST_CASES:
         raise InputError(f"{document.origin}: {count} cases; at most {MOST_CASES}")
     return grid
+
+
+def shipped_grid(name: str) -> GridFile:
+    """One of those that come with palpate."""
+    return load_grid(SHIPPED / f"{name}.yaml")
 
 
 def _values(value: Any) -> list[Any]:  # noqa: ANN401

@@ -86,7 +86,7 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
         for parameter in parameters:
             errors = errors_of(own, parameter)
             relative = 100 * np.abs(errors.relative)
-            cells += [_most(relative), float(np.mean(relative)) if len(relative) else None]
+            cells += [float(relative.max()), float(np.mean(relative))] if len(relative) else [None, None]
             cells += [errors.over_bound, 100 * errors.covered]
         failed = sum(row.get("estimator") == estimator and bool(row.get("problem")) for row in rows)
         lines.append((*cells, failed))
@@ -97,7 +97,3 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
     figures = ("worst %", "mean %", "over bound", "in 95 % interval, %")
     heads = [f"{name}: {figure}" for name in called for figure in figures]
     return Table(name, title, ("estimator", *heads, "no answer"), tuple(lines))
-
-
-def _most(values: FloatArray) -> float | None:
-    return float(values.max()) if len(values) else None

@@ -233,12 +233,6 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
 
 def _revision(found: ChannelEstimates) -> Revision:
     """Estimates as a revision that nobody keeps: what can be written as a simulated object."""
-    kept = {
-        p.name: KeptParameter(
-            value=p.value, std_err=p.std_err if np.isfinite(p.std_err) else None, unit=p.unit
-        )
-        for p in found.best.parameters
-    }
     return Revision(
         number=0,
         parent=None,
@@ -250,7 +244,7 @@ def _revision(found: ChannelEstimates) -> Revision:
         effort_unit=found.channel.kind.effort_unit,
         rmse=found.best.rmse,
         noise_floor=0.0,
-        parameters=kept,
+        parameters={p.name: KeptParameter.of(p) for p in found.best.parameters},
         data_sha256="",
         created_utc="",
         software_version="",

@@ -189,9 +189,7 @@ class _Leader:
             while self._pipe.poll():
                 self._take_telling(self._pipe.recv())
         except (EOFError, OSError) as error:
-            raise PalpateError(
-                f"the haptic process has ended (exit code {self._process.exitcode})"
-            ) from error
+            raise self._lost() from error
 
     def _take_telling(self, telling: Telling) -> None:
         if telling.lateness is not None:
@@ -219,7 +217,8 @@ class _Leader:
         if not waiting:
             number = target_number(self._sender, len(self._targets))
             self._targets[number] = Target(number, place, DOWN)
-            self._note("target", f"target {short_number(number)} chosen at {_millimetres(place)} mm")
+            place_mm = ", ".join(f"{1e3 * value:.0f}" for value in place)
+            self._note("target", f"target {short_number(number)} chosen at ({place_mm}) mm")
 
     def _hear_follower(self) -> None:
         if self._conversation.listen():
@@ -293,9 +292,10 @@ class _Leader:
         try:
             self._pipe.send(orders)
         except OSError as error:
-            raise PalpateError(
-                f"the haptic process has ended (exit code {self._process.exitcode})"
-            ) from error
+            raise self._lost() from error
+
+    def _lost(self) -> PalpateError:
+        return PalpateError(f"the haptic process has ended (exit code {self._process.exitcode})")
 
     def _end_haptics(self) -> None:
         """Have the session closed, and hear how punctual the loop was."""
@@ -318,7 +318,3 @@ class _Leader:
         trust = self._probed.in_words(telling.tip_world_m, age_s)
         link = "linked" if self._conversation.linked else "NO LINK"
         return f"{telling.force_n:5.2f} N felt; {trust}; {link}"
-
-
-def _millimetres(place: tuple[float, ...]) -> str:
-    return "(" + ", ".join(f"{1e3 * value:.0f}" for value in place) + ")"

@@ -75,7 +75,7 @@ class Bench:
         self.judging: Elsewhere | None = None  # the diagnosis that goes on
         self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
         self._future: list[Choice] = []
-        first = next((one for one in study.channels if not self.refusal(one)), study.channels[0])
+        first = next((one for one in study.channels if not study.refusal(one)), study.channels[0])
         self.choice = self._start_of(first.name)
 
     @property
@@ -87,10 +87,6 @@ class Bench:
     def diagnosis(self) -> ChannelDiagnosis | None:
         """What was found in this channel, if anybody asked."""
         return self.study.known_diagnosis(self.channel)
-
-    def refusal(self, channel: StudyChannel) -> str:
-        """Why a channel cannot be judged; empty where it can."""
-        return self.study.refusal(channel)
 
     def effects(self) -> tuple[Effect, ...]:
         """The library for this channel: what can be added to its base model."""

@@ -148,14 +148,11 @@ async def _resolve(home: Home, world: str, place: ui.element) -> None:
 
 def _unused(home: Home, name: str, ending: str = "") -> Path:
     """A place where nothing is, and which no other tab is about to write to."""
-    paths = (_sessions(home) / f"{name}-{number}{ending}" for number in count(1))
+    folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
+    paths = (folder / f"{name}-{number}{ending}" for number in count(1))
     free = next(path for path in paths if path not in home.promised and not path.exists())
     home.promised.add(free)
     return free
-
-
-def _sessions(home: Home) -> Path:
-    return output_folder(SESSIONS if home.folder == Path() else home.folder)
 
 
 def _next_step(home: Home, bench: Bench) -> None:

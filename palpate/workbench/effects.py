@@ -123,7 +123,8 @@ class Effects:
                 await ahead.fit((*beside, name))
                 one = await asyncio.to_thread(evidence_of, study, channel, beside, name)
             except PalpateError as error:
-                self._rows.change({name: {"mark": _no_mark(str(error))}})
+                why = escape(str(error), quote=True)
+                self._rows.change({name: {"mark": f'<span class="quiet" title="{why}">–</span>'}})
                 continue
             found.append(one)
             self._last[name] = one.falls
@@ -203,10 +204,6 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
 def _rank(falls: float, *, chosen: bool) -> int:
     """Place in the list: what is ticked first, then what takes most away."""
     return round(-1000.0 * max(falls, 0.0)) - 2000 * chosen
-
-
-def _no_mark(why: str) -> str:
-    return f'<span class="quiet" title="{escape(why, quote=True)}">–</span>'
 
 
 def _drawn(effect: Effect, kind: ChannelKind) -> str:

@@ -42,7 +42,7 @@ class Page:
     ) -> None:
         """Put everything in its place: raw curves first, then the fit, then the evidence."""
         self._header()
-        refused = self.bench.refusal(self.bench.channel)
+        refused = self.bench.study.refusal(self.bench.channel)
         with ui.element("div").classes("desk"):
             with ui.element("div").classes("left"):
                 if refused:
