@@ -2,8 +2,9 @@
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -29,6 +30,27 @@ class Fuzzer(ABC):
     @abstractmethod
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """Whether something accepted should not have been, judged without the codec."""
+
+
+class Decoder(Protocol):
+    """What finds values or packets in a stream."""
+
+    def feed(self, data: bytes) -> Iterable[object]:
+        """What has come to its end with this."""
+        ...
+
+
+class StreamFuzzer(Fuzzer):
+    """One endless stream; what is accepted may have begun in earlier inputs, the last of which are `seen`."""
+
+    memory = 400  # bytes
+
+    def __init__(self, stream: Decoder) -> None:
+        self.stream, self.seen = stream, b""
+
+    def decode(self, data: bytes) -> list[object]:
+        self.seen = (self.seen + data)[-self.memory - len(data) :]
+        return list(self.stream.feed(data))
 
 
 @dataclass(frozen=True)

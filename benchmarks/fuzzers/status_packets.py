@@ -5,11 +5,8 @@ that the protocol adds, must be those that came.
 """
 
 from abc import abstractmethod
-from typing import Any
 
-from robot_io.drivers.servo.stream import PacketStream
-
-from .fuzzer import Fuzzer
+from .fuzzer import Fuzzer, StreamFuzzer
 
 
 class StatusFuzzer(Fuzzer):
@@ -29,21 +26,11 @@ class StatusFuzzer(Fuzzer):
         return self.encoded(accepted) != data
 
 
-class StatusStreamFuzzer(StatusFuzzer):
-    """A reader that finds packets in a stream; each input continues the stream."""
+class StatusStreamFuzzer(StreamFuzzer, StatusFuzzer):
+    """A reader that finds packets in a stream."""
 
-    def __init__(self) -> None:
-        self._reader = self.reader()
-        self._recent = b""
-
-    @abstractmethod
-    def reader(self) -> PacketStream[Any]:
-        """What finds the packets."""
-
-    def decode(self, data: bytes) -> list[object]:
-        self._recent = (self._recent + data)[-2048:]
-        return list(self._reader.feed(data))
+    memory = 2048
 
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """Whether its bytes are not in the stream."""
-        return self.encoded(accepted) not in self._recent
+        return self.encoded(accepted) not in self.seen

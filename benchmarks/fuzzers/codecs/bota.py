@@ -5,31 +5,27 @@ import numpy as np
 from robot_io.drivers.bota.protocol import FRAME_SIZE, BotaStream
 from sim_backend.emulators.serial.bota import crc, frame
 
-from ..fuzzer import Fuzzer
-
-_MEMORY = 100  # bytes: a frame may have begun in earlier inputs
+from ..fuzzer import StreamFuzzer
 
 
-class BotaFuzzer(Fuzzer):
+class BotaFuzzer(StreamFuzzer):
     """One endless stream."""
 
     name = "bota"
+    memory = 100
 
     def __init__(self) -> None:
-        self._stream, self._seen, self._time_us = BotaStream("z", 100.0), b"", 0
+        super().__init__(BotaStream("z", 100.0))
+        self._time_us = 0
 
     def frame(self, rng: np.random.Generator) -> bytes:
         self._time_us += 1250
         status = 0 if rng.random() < 0.9 else 1 << int(rng.integers(16))
         return frame(status, rng.normal(scale=30.0, size=6).tolist(), self._time_us)
 
-    def decode(self, data: bytes) -> list[object]:
-        self._seen = (self._seen + data)[-_MEMORY - len(data) :]
-        return list(self._stream.feed(data))
-
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        starts = (k for k in range(len(self._seen) - FRAME_SIZE + 1) if self._seen[k] == 0xAA)
-        return not any(_says(self._seen[k + 1 : k + FRAME_SIZE], accepted) for k in starts)
+        starts = (k for k in range(len(self.seen) - FRAME_SIZE + 1) if self.seen[k] == 0xAA)
+        return not any(_says(self.seen[k + 1 : k + FRAME_SIZE], accepted) for k in starts)
 
 
 def _says(body: bytes, force_n: object) -> bool:

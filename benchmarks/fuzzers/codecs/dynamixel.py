@@ -49,8 +49,8 @@ class DynamixelStreamFuzzer(_Wire, StatusStreamFuzzer):
 
     name = "dynamixel_stream"
 
-    def reader(self) -> StatusReader:
-        return StatusReader(128)
+    def __init__(self) -> None:
+        super().__init__(StatusReader(128))
 
 
 class DynamixelFastReplyFuzzer(Fuzzer):

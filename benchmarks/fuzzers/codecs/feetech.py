@@ -40,5 +40,5 @@ class FeetechStreamFuzzer(_Wire, StatusStreamFuzzer):
 
     name = "feetech_stream"
 
-    def reader(self) -> StatusReader:
-        return StatusReader(largest=64)
+    def __init__(self) -> None:
+        super().__init__(StatusReader(largest=64))

@@ -10,21 +10,13 @@ from robot_io.drivers.serial_force.mark10 import Mark10Stream
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream
 from sim_backend.emulators.serial.cell import crc, line
 
-from ..fuzzer import Fuzzer
-
-_MEMORY = 400  # a value may have begun in earlier inputs
+from ..fuzzer import StreamFuzzer
 
 
-class _LinesFuzzer(Fuzzer):
-    def __init__(self) -> None:
-        self._seen = b""
-
-    def _remember(self, data: bytes) -> None:
-        self._seen = (self._seen + data)[-_MEMORY - len(data) :]
-
+class _LinesFuzzer(StreamFuzzer):
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """See `Fuzzer.is_wrong`: the number must be the first word of a line."""
-        words = (line.split()[:1] for line in re.split(rb"[\r\n]", self._seen))
+        words = (line.split()[:1] for line in re.split(rb"[\r\n]", self.seen))
         return not any(_is(word[0], accepted) for word in words if word)
 
 
@@ -41,15 +33,10 @@ class LoadstarFuzzer(_LinesFuzzer):
     name = "loadstar"
 
     def __init__(self) -> None:
-        super().__init__()
-        self._stream = loadstar_stream(1.0, 100.0)
+        super().__init__(loadstar_stream(1.0, 100.0))
 
     def frame(self, rng: np.random.Generator) -> bytes:
         return f"{rng.normal(scale=30.0):12.4f}\r\n".encode()
-
-    def decode(self, data: bytes) -> list[object]:
-        self._remember(data)
-        return list(self._stream.feed(data))
 
 
 class Mark10Fuzzer(_LinesFuzzer):
@@ -58,19 +45,14 @@ class Mark10Fuzzer(_LinesFuzzer):
     name = "mark10"
 
     def __init__(self) -> None:
-        super().__init__()
-        self._stream = Mark10Stream("N", 100.0)
+        super().__init__(Mark10Stream("N", 100.0))
 
     def frame(self, rng: np.random.Generator) -> bytes:
         return f"{rng.normal(scale=30.0):.2f} N\r\n".encode()
 
-    def decode(self, data: bytes) -> list[object]:
-        self._remember(data)
-        return list(self._stream.feed(data))
-
     def is_wrong(self, data: bytes, accepted: object) -> bool:
         """See `Fuzzer.is_wrong`: the number must stand before the unit, and nothing else in its line."""
-        whole = (line.strip().split(b" ") for line in re.split(rb"[\r\n]", self._seen))
+        whole = (line.strip().split(b" ") for line in re.split(rb"[\r\n]", self.seen))
         return not any(words[1:] == [b"N"] and _is(words[0], accepted) for words in whole)
 
 
@@ -80,35 +62,26 @@ class PatternFuzzer(_LinesFuzzer):
     name = "force_lines"
 
     def __init__(self) -> None:
-        super().__init__()
-        self._stream = pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9)
+        super().__init__(pattern_stream(r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>N)", None, 1.0, 1e9))
 
     def frame(self, rng: np.random.Generator) -> bytes:
         return f"{rng.normal(scale=30.0):.3f} N\r\n".encode()
 
-    def decode(self, data: bytes) -> list[object]:
-        self._remember(data)
-        return list(self._stream.feed(data))
 
-
-class CellFuzzer(Fuzzer):
+class CellFuzzer(StreamFuzzer):
     """A load cell on a microcontroller; the CRC is made again by its emulator."""
 
     name = "microcontroller_cell"
 
     def __init__(self) -> None:
-        self._seen, self._counter = b"", 0
-        self._stream = CellStream(1.0, 0.0, 100.0)
+        super().__init__(CellStream(1.0, 0.0, 100.0))
+        self._counter = 0
 
     def frame(self, rng: np.random.Generator) -> bytes:
         self._counter = (self._counter + 1) % 256
         return line(f"{self._counter} {int(rng.integers(-(1 << 23), 1 << 23))}")
 
-    def decode(self, data: bytes) -> list[object]:
-        self._seen = (self._seen + data)[-_MEMORY - len(data) :]
-        return list(self._stream.feed(data))
-
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        lines = (one.rpartition(b"*") for one in re.split(rb"[\r\n]", self._seen))
+        lines = (one.rpartition(b"*") for one in re.split(rb"[\r\n]", self.seen))
         sound = (text.split() for text, _, digits in lines if digits == b"%04X" % crc(text))
         return not any(_is(words[-1], accepted) for words in sound if words)

@@ -5,14 +5,10 @@ Telegrams are made and judged by the emulator, which shares no code with the cod
 
 import numpy as np
 
-from robot_io.drivers.serial_force.lorenz_protocol import (
-    LorenzStream,
-    Telegram,
-    TelegramReader,
-)
+from robot_io.drivers.serial_force.lorenz_protocol import LorenzStream, Telegram, TelegramReader
 from sim_backend.emulators.serial.sensors import telegram
 
-from ..fuzzer import Fuzzer
+from ..fuzzer import Fuzzer, StreamFuzzer
 
 
 class LorenzTelegramFuzzer(Fuzzer):
@@ -35,15 +31,15 @@ class LorenzTelegramFuzzer(Fuzzer):
         return again not in data
 
 
-class LorenzStreamFuzzer(Fuzzer):
+class LorenzStreamFuzzer(StreamFuzzer):
     """One endless stream: a value must stand between two counters that go on by one."""
 
     name = "lorenz_stream"
+    memory = 100
 
     def __init__(self) -> None:
-        self._stream = LorenzStream(0.5)
+        super().__init__(LorenzStream(0.5))
         self._counter = 0
-        self._recent = b""
 
     def frame(self, rng: np.random.Generator) -> bytes:
         samples = b""
@@ -52,12 +48,8 @@ class LorenzStreamFuzzer(Fuzzer):
             self._counter = (self._counter + 1) % 256
         return samples
 
-    def decode(self, data: bytes) -> list[object]:
-        self._recent = (self._recent + data)[-100 - len(data) :]
-        return list(self._stream.feed(data))
-
     def is_wrong(self, data: bytes, accepted: object) -> bool:
-        recent = self._recent
+        recent = self.seen
         counts = int(2.0 * accepted)  # type: ignore[operator]
         value = bytes((counts // 256 % 256, counts % 256))
         return not any(
