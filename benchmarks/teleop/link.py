@@ -2,12 +2,15 @@
 
 import heapq
 from dataclasses import dataclass
+from math import inf
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from control.teleop.couplings.channel import Packet
 
 Arrived = list[tuple[int, Packet]]  # packets, each with the step in which it was sent
+T = TypeVar("T")
 _ROUNDING_S = 1e-9
 
 
@@ -25,15 +28,15 @@ class LinkFaults:
         return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
 
 
-class Line:
-    """One way of the link."""
+class Line(Generic[T]):
+    """One way of the link, for packets of any kind."""
 
     def __init__(self, faults: LinkFaults, rng: np.random.Generator) -> None:
         self._faults, self._rng = faults, rng
-        self._under_way: list[tuple[float, int, Packet]] = []
+        self._under_way: list[tuple[float, int, T]] = []
         self._number = -1
 
-    def send(self, packet: Packet, time_s: float) -> None:
+    def send(self, packet: T, time_s: float) -> None:
         """Put a packet on the way at `time_s` [s]."""
         self._number += 1
         late, lost = self._rng.random(2)
@@ -41,9 +44,14 @@ class Line:
             arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
             heapq.heappush(self._under_way, (arrives_s, self._number, packet))
 
-    def arrived(self, time_s: float) -> Arrived:
-        """Packets that have arrived by `time_s` [s] since the last call."""
+    @property
+    def next_s(self) -> float:
+        """When the next packet arrives [s]; infinity while none is under way."""
+        return self._under_way[0][0] if self._under_way else inf
+
+    def arrived(self, time_s: float) -> list[tuple[int, T]]:
+        """Packets that have arrived by `time_s` [s] since the last call, each with its number."""
         arrived = []
-        while self._under_way and self._under_way[0][0] <= time_s + _ROUNDING_S:
+        while self.next_s <= time_s + _ROUNDING_S:
             arrived.append(heapq.heappop(self._under_way)[1:])
         return arrived

@@ -6,7 +6,6 @@ everything above, meet what they would meet on such a network. Needs root and /d
 
 import ctypes
 import fcntl
-import heapq
 import os
 import select
 import struct
@@ -19,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.teleop.link import LinkFaults
+from benchmarks.teleop.link import Line, LinkFaults
 
 NAMES = ("palpate-one", "palpate-two")
 ADDRESSES = ("10.99.0.1", "10.99.0.2")
@@ -72,22 +71,14 @@ def _device(name: str) -> int:
 
 
 def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
-    rng = np.random.default_rng(seed)
     devices = [_device(name) for name in NAMES]
     ready.set()
-    waiting: list[tuple[float, int, int, bytes]] = []
-    count = 0
+    line = Line[tuple[int, bytes]](faults, np.random.default_rng(seed))
     while True:
-        next_s = waiting[0][0] - time.monotonic() if waiting else 1.0
-        come, _, _ = select.select(devices, [], [], max(0.0, next_s))
+        come, _, _ = select.select(devices, [], [], min(1.0, max(0.0, line.next_s - time.monotonic())))
         for device in come:
-            packet, count = os.read(device, _MOST_BYTES), count + 1
-            late, lost = rng.random(2)
-            if lost >= faults.loss:
-                due_s = time.monotonic() + faults.delay_s + late * faults.jitter_s
-                other = devices[1 - devices.index(device)]
-                heapq.heappush(waiting, (due_s, count, other, packet))
-        while waiting and waiting[0][0] <= time.monotonic():
-            _, _, device, packet = heapq.heappop(waiting)
+            other = devices[1 - devices.index(device)]
+            line.send((other, os.read(device, _MOST_BYTES)), time.monotonic())
+        for _, (device, packet) in line.arrived(time.monotonic()):
             with suppress(OSError):  # the other side is not up yet
                 os.write(device, packet)

@@ -4,7 +4,6 @@ To check that the link in one process is like a real one. Netem would do what th
 has it.
 """
 
-import heapq
 import multiprocessing
 import select
 import socket
@@ -15,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from benchmarks.teleop.link import Arrived, LinkFaults
+from benchmarks.teleop.link import Arrived, Line, LinkFaults
 from control.teleop.couplings.channel import Packet
 
 HOST = "127.0.0.1"
@@ -94,21 +93,14 @@ def relay(
     sockets: list[socket.socket], targets: list[tuple[str, int]], faults: LinkFaults, seed: int, stop: Event
 ) -> None:
     """Pass what comes at each socket on to its target, late or not at all."""
-    rng = np.random.default_rng(seed)
-    waiting: list[tuple[float, int, int, bytes]] = []
-    count, end_s = 0, time.monotonic() + LONGEST_S
+    line = Line[tuple[int, bytes]](faults, np.random.default_rng(seed))
+    end_s = time.monotonic() + LONGEST_S
     while not stop.is_set() and time.monotonic() < end_s:
-        next_s = waiting[0][0] - time.monotonic() if waiting else 0.05
-        select.select(sockets, [], [], min(0.05, max(0.0, next_s)))
+        select.select(sockets, [], [], min(0.05, max(0.0, line.next_s - time.monotonic())))
         for way, come in enumerate(sockets):
             while (message := _received(come)) is not None:
-                late, lost = rng.random(2)
-                count += 1
-                if lost >= faults.loss:
-                    due_s = time.monotonic() + faults.delay_s + late * faults.jitter_s
-                    heapq.heappush(waiting, (due_s, count, way, message))
-        while waiting and waiting[0][0] <= time.monotonic():
-            _, _, way, message = heapq.heappop(waiting)
+                line.send((way, message), time.monotonic())
+        for _, (way, message) in line.arrived(time.monotonic()):
             sockets[way].sendto(message, targets[way])
 
 
