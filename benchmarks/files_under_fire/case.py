@@ -2,6 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -11,3 +16,8 @@ class Case:
     what: str
     arguments: list[str]
     wrong_number: Callable[[], str] = lambda: ""  # what was read otherwise than it stands there; or empty
+
+
+def pick(rng: Rng, some: Any) -> Any:  # noqa: ANN401
+    """One of some, by chance."""
+    return some[int(rng.integers(len(some)))]

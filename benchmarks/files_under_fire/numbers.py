@@ -10,10 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from files_under_fire.case import Case
+from files_under_fire.case import Case, Rng, pick
 from robot_io import Session
 
-Rng = np.random.Generator
 NAMES = ("time_s", "displacement_m", "force_N")
 CELLS = (
     *(
@@ -52,11 +51,11 @@ CELLS = (
 def case(folder: Path, rng: Rng) -> Case:
     """A file of degenerate measurements and a command for it."""
     columns = presses(rng)
-    kind = _pick(rng, tuple(_CHANGES))
+    kind = pick(rng, tuple(_CHANGES))
     _CHANGES[kind](columns, rng)
-    path, session = folder / _pick(rng, ("a.csv", "a.csv", "a.csv", "a.parquet", "a.npz")), folder / "a.mcap"
+    path, session = folder / pick(rng, ("a.csv", "a.csv", "a.csv", "a.parquet", "a.npz")), folder / "a.mcap"
     _write(path, columns, rng)
-    command = _pick(rng, ("import", "import", "estimate", "compare", "diagnose"))
+    command = pick(rng, ("import", "import", "estimate", "compare", "diagnose"))
     options = {
         "import": ["-o", str(session)],
         "estimate": ["--model", "kelvin_voigt"],
@@ -139,7 +138,7 @@ def _write(path: Path, columns: dict[str, list[Any]], rng: Rng) -> None:
 
 
 def _array(values: list[Any], rng: Rng) -> np.ndarray[Any, Any]:
-    kind = _pick(rng, ("f8", "f8", "f8", "f4", "f2", "i8", "U30", "c16", "O", "?"))
+    kind = pick(rng, ("f8", "f8", "f8", "f4", "f2", "i8", "U30", "c16", "O", "?"))
     try:
         with np.errstate(all="ignore"):
             return np.array(values).astype(kind)
@@ -157,7 +156,7 @@ def _arrow(array: np.ndarray[Any, Any], rng: Rng) -> pa.Array:
         pa.timestamp("us"),
         pa.int8(),
     )
-    kind = _pick(rng, kinds)
+    kind = pick(rng, kinds)
     try:
         if kind is not None and pa.types.is_fixed_size_list(kind):
             values = [[value] for value in values]
@@ -167,54 +166,50 @@ def _arrow(array: np.ndarray[Any, Any], rng: Rng) -> pa.Array:
 
 
 def _cells(columns: dict[str, list[Any]], rng: Rng) -> None:
-    column, count = columns[_pick(rng, NAMES)], int(_pick(rng, (1, 3, 50, 240)))
-    cell = _pick(rng, CELLS)
+    column, count = columns[pick(rng, NAMES)], int(pick(rng, (1, 3, 50, 240)))
+    cell = pick(rng, CELLS)
     for row in rng.integers(len(column), size=count) if count < len(column) else range(len(column)):
         column[row] = cell
 
 
 def _scaled(columns: dict[str, list[Any]], rng: Rng) -> None:
-    name, factor = _pick(rng, NAMES), _pick(rng, (0.0, 1e300, 1e-300, 1e-310, -1.0, 1e9, 1e-9, 1e30, 1e155))
+    name, factor = pick(rng, NAMES), pick(rng, (0.0, 1e300, 1e-300, 1e-310, -1.0, 1e9, 1e-9, 1e30, 1e155))
     columns[name] = [factor * value for value in columns[name]]
 
 
 def _shifted(columns: dict[str, list[Any]], rng: Rng) -> None:
-    name, by = _pick(rng, NAMES), _pick(rng, (1e9, -1e9, 1e16, 1e-5, -5.0, 1e300))
+    name, by = pick(rng, NAMES), pick(rng, (1e9, -1e9, 1e16, 1e-5, -5.0, 1e300))
     columns[name] = [by + value for value in columns[name]]
 
 
 def _rounded(columns: dict[str, list[Any]], rng: Rng) -> None:
-    name, digits = _pick(rng, NAMES), int(rng.integers(-1, 4))
+    name, digits = pick(rng, NAMES), int(rng.integers(-1, 4))
     columns[name] = [round(value, digits) for value in columns[name]]
 
 
 def _rows(columns: dict[str, list[Any]], rng: Rng) -> None:
     count = len(columns["time_s"])
-    few = int(_pick(rng, (0, 1, 2, 4, 5, 6, 10, 20)))
-    chosen = _pick(
+    few = int(pick(rng, (0, 1, 2, 4, 5, 6, 10, 20)))
+    chosen = pick(
         rng, (np.arange(few), rng.permutation(count), np.arange(count)[::-1], np.repeat(np.arange(count), 2))
     )
     columns.update({name: [values[row] for row in chosen] for name, values in columns.items()})
 
 
 def _same(columns: dict[str, list[Any]], rng: Rng) -> None:
-    one, other = _pick(rng, NAMES), _pick(rng, NAMES)
+    one, other = pick(rng, NAMES), pick(rng, NAMES)
     columns[one] = list(columns[other])
 
 
 def _runs(columns: dict[str, list[Any]], rng: Rng) -> None:
     count = len(columns["time_s"])
     some = (list(range(count)), [7] * count, ["a", "b"] * (count // 2), [""] * count, [10**30] * count)
-    columns["run"] = _pick(rng, (*some, [float("nan")] * count, [n // 120 for n in range(count)]))
+    columns["run"] = pick(rng, (*some, [float("nan")] * count, [n // 120 for n in range(count)]))
 
 
 def _others(columns: dict[str, list[Any]], rng: Rng) -> None:
-    name = _pick(rng, ("velocity_m_s", "acceleration_m_s2", "phase", "temperature", "velocity"))
+    name = pick(rng, ("velocity_m_s", "acceleration_m_s2", "phase", "temperature", "velocity"))
     columns[name] = rng.standard_normal(len(columns["time_s"])).tolist()
-
-
-def _pick(rng: Rng, some: Any) -> Any:  # noqa: ANN401
-    return some[int(rng.integers(len(some)))]
 
 
 _CHANGES: dict[str, Callable[[dict[str, list[Any]], Rng], None]] = {

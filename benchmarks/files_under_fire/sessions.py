@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from control.probing.plan import ProbingPlan
-from files_under_fire.case import Case
+from files_under_fire.case import Case, Rng, pick
 from files_under_fire.hostile import TEXTS, URDFS
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
@@ -22,7 +22,6 @@ from robot_io import Session, Stream, write_session
 from sim_backend.scenario import Scenario
 
 Columns = dict[str, np.ndarray[Any, Any]]
-Rng = np.random.Generator
 NUMBERS = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e31, 5e-324, -0.0, 1e18)
 COMMANDS = (
     ["info"],
@@ -50,9 +49,9 @@ def case(folder: Path, rng: Rng) -> Case:
     path, good = folder / "s.mcap", folder / "good.mcap"
     good.write_bytes(whole())
     session = Session.open(good)
-    kind = _pick(rng, tuple(_DAMAGES))
+    kind = pick(rng, tuple(_DAMAGES))
     expected = _DAMAGES[kind](path, session, rng)
-    command, *options = _pick(rng, COMMANDS)
+    command, *options = pick(rng, COMMANDS)
     options = [str(folder / word) if word.startswith("out.") else word for word in options]
     out = folder / "out.csv"
     return Case(
@@ -146,12 +145,12 @@ def _columns(change: Callable[[Columns, Rng], None]) -> Callable[[Path, Session,
 def _odd_numbers(columns: Columns, rng: Rng) -> None:
     for name in rng.choice([one for one in columns if columns[one].dtype.kind == "f"], 2):
         rows = rng.integers(len(columns[name]), size=int(rng.integers(1, 50)))
-        columns[name][rows] = _pick(rng, NUMBERS)
+        columns[name][rows] = pick(rng, NUMBERS)
 
 
 def _odd_times(columns: Columns, rng: Rng) -> None:
     time_s = columns["time_s"]
-    columns["time_s"] = _pick(
+    columns["time_s"] = pick(
         rng, (time_s[::-1], 0 * time_s, -time_s, time_s * 1e9, time_s * 1e-12, time_s + 1e15, time_s // 0.1)
     ).copy()
 
@@ -159,7 +158,7 @@ def _odd_times(columns: Columns, rng: Rng) -> None:
 def _odd_runs(columns: Columns, rng: Rng) -> None:
     count = len(columns["run"])
     some = (np.arange(count), -np.ones(count), np.full(count, 2**31 - 1), rng.integers(-5, 5, count))
-    columns["run"] = np.asarray(_pick(rng, some)).astype(columns["run"].dtype)
+    columns["run"] = np.asarray(pick(rng, some)).astype(columns["run"].dtype)
 
 
 def _odd_phases(columns: Columns, rng: Rng) -> None:
@@ -167,7 +166,7 @@ def _odd_phases(columns: Columns, rng: Rng) -> None:
 
 
 def _few(columns: Columns, rng: Rng) -> None:
-    count = int(_pick(rng, (0, 1, 2, 5, 40)))
+    count = int(pick(rng, (0, 1, 2, 5, 40)))
     columns.update({name: values[:count] for name, values in columns.items()})
 
 
@@ -194,8 +193,8 @@ def _narrow(columns: Columns, rng: Rng) -> None:
 
 def _metadata(path: Path, session: Session, rng: Rng) -> Columns | None:
     samples = session.samples("tick")
-    field = _pick(rng, ("robot_file", "urdf", "calibration", "scenario", "command_line", "extra"))
-    text = _pick(rng, URDFS if field == "urdf" else TEXTS)
+    field = pick(rng, ("robot_file", "urdf", "calibration", "scenario", "command_line", "extra"))
+    text = pick(rng, URDFS if field == "urdf" else TEXTS)
     value = {text[:60]: text, "run_labels": text, "plan": text} if field == "extra" else text
     metadata = replace(session.metadata, **{field: value})
     write_session(path, [(samples.stream, dict(samples.columns))], metadata, session.events)
@@ -218,7 +217,7 @@ def _messages(path: Path, session: Session, rng: Rng) -> Columns | None:
                 channels[channel.id] = writer.register_channel(channel.topic, "protobuf", known)
             data = bytearray(message.data)
             if number in wrong:
-                _pick(rng, (_flip, _cut, _drop))(data, rng)
+                pick(rng, (_flip, _cut, _drop))(data, rng)
             writer.add_message(channels[channel.id], message.log_time, bytes(data), 0, message.sequence)
         writer.finish()
     return None
@@ -230,13 +229,9 @@ def _spoilt(text: str, rng: Rng) -> str:
     place = int(rng.integers(len(text)))
     return (
         text[:place]
-        + _pick(rng, ("", "9" * 30, "[", '"', "null", "\x1b[2J", "-1", "1e999"))
+        + pick(rng, ("", "9" * 30, "[", '"', "null", "\x1b[2J", "-1", "1e999"))
         + text[place + 1 :]
     )
-
-
-def _pick(rng: Rng, some: Any) -> Any:  # noqa: ANN401
-    return some[int(rng.integers(len(some)))]
 
 
 _DAMAGES: dict[str, Callable[[Path, Session, Rng], Columns | None]] = {

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from files_under_fire.case import Case
+from files_under_fire.case import Case, Rng, pick
 from files_under_fire.hostile import TEXTS, URDFS
 from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.scenario import Scenario
 
-Rng = np.random.Generator
 VALUES = (
     None,
     "",
@@ -37,17 +36,17 @@ QUICK = ["--speed-mm-s", "150", "--hold-s", "0.1", "--online", "none"]
 
 def case(folder: Path, rng: Rng) -> Case:
     """A hostile file and a command that reads it."""
-    kind = ("robot", "scenario", "plan", "hidden", "urdf")[int(rng.integers(5))]
+    kind = pick(rng, ("robot", "scenario", "plan", "hidden", "urdf"))
     file, session = folder / "file.yaml", str(folder / "s.mcap")
     if kind == "urdf":
         data = folder / "joint.csv"
         rows = [f"{n * 0.01:.2f},{np.sin(n * 0.05):.6f},{np.cos(n * 0.05):.6f}" for n in range(400)]
         data.write_text("\n".join(["time_s,position_rad,torque_Nm", *rows]))
-        text = URDFS[int(rng.integers(len(URDFS)))]
+        text = pick(rng, URDFS)
         file.write_text(text, encoding="utf-8", errors="surrogatepass")
         return Case("urdf", ["estimate", str(data), "--model", "rigid_body", "--urdf", str(file)])
     whole = rng.random() < 0.4
-    text = TEXTS[int(rng.integers(len(TEXTS)))] if whole else _wrong_in_one_place(kind, rng)
+    text = pick(rng, TEXTS) if whole else _wrong_in_one_place(kind, rng)
     file.write_text(text, encoding="utf-8", errors="surrogatepass")
     option = {"robot": "--robot", "scenario": "--scenario", "plan": "--experiment", "hidden": "--hidden"}[
         kind
@@ -73,9 +72,8 @@ def _wrong_in_one_place(kind: str, rng: Rng) -> str:
             {"effect": "coulomb_friction", "joint": 1, "coulomb_nm": 0.2},
             {"effect": "drift", "channel": "contact"},
         ]
-    places = list(_places(tree))
-    holder, key = places[int(rng.integers(len(places)))]
-    value, chance = VALUES[int(rng.integers(len(VALUES)))], rng.random()
+    holder, key = pick(rng, list(_places(tree)))
+    value, chance = pick(rng, VALUES), rng.random()
     if chance < 0.7:
         holder[key] = value
     elif chance < 0.85:

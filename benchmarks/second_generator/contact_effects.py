@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from .motion import FINE_HZ, Array
-from .sensor_effects import SENSOR
+from .sensor_effects import SENSOR, crosstalk
 from .world import Effect, Hidden, World
 
 
@@ -127,18 +127,9 @@ def tool_compliance(w: World, s: float, u: Array) -> Hidden:
 CONTACT: dict[str, Effect] = {
     effect.__name__: effect
     for effect in (
-        cubic_stiffness,
-        power_law_stiffness,
-        hunt_crossley,
-        layered_stiffness,
-        stress_relaxation,
-        relaxation_spectrum,
-        quadratic_damping,
-        adhesion,
-        plastic_set,
-        dry_friction,
-        contact_offset,
-        tool_compliance,
+        *(cubic_stiffness, power_law_stiffness, hunt_crossley, layered_stiffness, stress_relaxation),
+        *(relaxation_spectrum, quadratic_damping, adhesion, plastic_set, dry_friction),
+        *(contact_offset, tool_compliance),
     )
 } | SENSOR
 CONTACT_PAIRS = (
@@ -201,12 +192,6 @@ def _buckling(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=-0.8 * s * w.law["k"] * snap * soft, one_sided=True)
 
 
-def _crosstalk(w: World, s: float, u: Array) -> Hidden:
-    """Another machine's period in the sensor."""
-    f = 3 + 9 * u[0]
-    return Hidden(senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1])))
-
-
 def _mullins(w: World, s: float, u: Array) -> Hidden:
     """Below the largest depth so far the object is softer (Mullins 1969)."""
     below = w.deepest() - w.pressed
@@ -227,7 +212,7 @@ CONTACT_OUTSIDE: dict[str, Effect] = {
     "gain that follows dissipated energy": _warming,
     "stiffness by direction of speed": _one_way_stiffness,
     "snap-through": _buckling,
-    "cross-talk of a periodic signal": _crosstalk,
+    "cross-talk of a periodic signal": crosstalk,
     "Mullins softening": _mullins,
     "laminate": _texture,
 }

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from .motion import FINE_HZ, Array
-from .sensor_effects import SENSOR
+from .sensor_effects import SENSOR, crosstalk
 from .world import Effect, Hidden, World, play
 
 GRAVITY = 9.81  # as the model of the arm has it: else a light payload is judged by the fourth digit of g
@@ -147,25 +147,14 @@ def presliding_friction(w: World, s: float, u: Array) -> Hidden:
 
 # what each is best hidden in: its simple model must not take it over
 IN_RIGID_BODY = {
-    "payload": payload,
-    "armature": armature,
-    "torque_gain": torque_gain,
-    "viscous_friction": viscous_friction,
-    "gravity_tilt": gravity_tilt,
+    effect.__name__: effect for effect in (payload, armature, torque_gain, viscous_friction, gravity_tilt)
 }
 JOINT: dict[str, Effect] = {
     **{
         effect.__name__: effect
         for effect in (
-            coulomb_friction,
-            stribeck_friction,
-            asymmetric_friction,
-            load_dependent_friction,
-            quadratic_friction,
-            torque_ripple,
-            joint_spring,
-            backlash,
-            joint_elasticity,
+            *(coulomb_friction, stribeck_friction, asymmetric_friction, load_dependent_friction),
+            *(quadratic_friction, torque_ripple, joint_spring, backlash, joint_elasticity),
             presliding_friction,
         )
     },
@@ -225,12 +214,6 @@ def _warming(w: World, s: float, u: Array) -> Hidden:
     return Hidden(senses=lambda f: f * (1 - 0.8 * s * heat / heat.max()))
 
 
-def _crosstalk(w: World, s: float, u: Array) -> Hidden:
-    """Another drive's period in the sensor."""
-    f = 3 + 9 * u[0]
-    return Hidden(senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1])))
-
-
 def _farthest(w: World, s: float, u: Array) -> Hidden:
     """A seal that has given way as far as the joint ever turned."""
     far = np.maximum.accumulate(np.abs(w.motion.x))
@@ -255,7 +238,7 @@ JOINT_OUTSIDE: dict[str, Effect] = {
     "magnetic detent": _detent,
     "grease that thins with use": _thinning,
     "gain that follows dissipated energy": _warming,
-    "cross-talk of a periodic signal": _crosstalk,
+    "cross-talk of a periodic signal": crosstalk,
     "seal worn to the largest angle": _farthest,
     "end cushion": _end_cushion,
     "friction that grows at rest": _dwell,

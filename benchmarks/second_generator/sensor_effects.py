@@ -56,13 +56,13 @@ def quantisation(w: World, s: float, u: Array) -> Hidden:
 
 
 SENSOR: dict[str, Effect] = {
-    "bias": bias,
-    "drift": drift,
-    "lag": lag,
-    "delay": delay,
-    "saturation": saturation,
-    "deadband": deadband,
-    "hysteresis": hysteresis,
-    "quantisation": quantisation,
+    effect.__name__: effect
+    for effect in (bias, drift, lag, delay, saturation, deadband, hysteresis, quantisation)
 }
 AFTER_NOISE = frozenset({"saturation", "quantisation"})
+
+
+def crosstalk(w: World, s: float, u: Array) -> Hidden:
+    """Another machine's period in the sensor, which no vocabulary has."""
+    f = 3 + 9 * u[0]
+    return Hidden(senses=lambda force: force + s * w.scale * np.sin(2 * np.pi * (f * w.motion.t + u[1])))

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 from scipy.signal import lfilter
 
 from .motion import FINE_HZ, Array, Motion
@@ -181,8 +180,3 @@ def play(signal: Array, width: float) -> Array:
         here = min(max(here, drive - half), drive + half)
         out[i] = here
     return out
-
-
-def chances(rng: Generator) -> Array:
-    """Numbers in 0..1 from which an effect draws its inner parameters."""
-    return rng.uniform(0.0, 1.0, 4)

@@ -74,8 +74,10 @@ def make(scene: Scene) -> Made | None:
         if size is None:
             return None
         sizes[name] = size
-    if any(_left(effort(sizes) - effort(_less(sizes, one)), basis) < LEAST * noise for one in sizes):
-        return None  # one swallows the other, as a dead band does adhesion
+    for one in sizes:
+        others = {name: size for name, size in sizes.items() if name != one}
+        if _left(effort(sizes) - effort(others), basis) < LEAST * noise:
+            return None  # one swallows the other, as a dead band does adhesion
     clean = effort(sizes, alone=False)
     truth = {"stiffness.k": k, "damping.c": c} if touching else dict(OF_THE_JOINT)
     if "hunt_crossley" in sizes:
@@ -91,10 +93,6 @@ def make(scene: Scene) -> Made | None:
         seen = Motion(data.time_s, data.position, data.velocity, data.acceleration, data.run)
         floor = float(np.sqrt(np.mean((data.effort - effort(sizes, by=seen)) ** 2)))
     return Made(data, truth, floor)
-
-
-def _less(sizes: Mapping[str, float], name: str) -> dict[str, float]:
-    return {other: size for other, size in sizes.items() if other != name}
 
 
 def _columns(motion: Motion, touching: bool) -> np.ndarray:

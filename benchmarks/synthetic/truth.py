@@ -33,21 +33,9 @@ def _hunt_crossley(f: Facts) -> dict[str, float]:
     return {"n": n, "k": f.k * f.depth ** (1.0 - n), "b": 2.0 * f.c * f.depth**-n}
 
 
-def _stribeck(f: Facts) -> dict[str, float]:
-    return {"coulomb": 0.6 * f.size, "rise": f.size, "speed": 0.1 + 0.25 * f.shape}
-
-
 def _ripple(f: Facts) -> dict[str, float]:
     waves = 12.0 + np.floor(20.0 * f.shape)
     return {"sine": f.size * np.cos(1.0), "cosine": f.size * np.sin(1.0), "cycles": waves}
-
-
-def _relaxation(f: Facts) -> dict[str, float]:
-    return {"k1": f.size * f.k, "tau": 0.08 * 10.0**f.shape}
-
-
-def _bias(f: Facts) -> dict[str, float]:
-    return {"offset": f.size * f.scale * (1.0 if f.shape > 0.5 else -1.0)}
 
 
 TRUTH: Mapping[str, Callable[[Facts], dict[str, float]]] = {
@@ -56,7 +44,7 @@ TRUTH: Mapping[str, Callable[[Facts], dict[str, float]]] = {
         "k3": f.size if f.kind is not ChannelKind.CONTACT else 10.0 * f.size / f.depth**3
     },
     "layered_stiffness": lambda f: {"k2": f.k * f.size, "depth": f.depth * (0.3 + 0.3 * f.shape)},
-    "stress_relaxation": _relaxation,
+    "stress_relaxation": lambda f: {"k1": f.size * f.k, "tau": 0.08 * 10.0**f.shape},
     "quadratic_damping": lambda f: {"c2": 500.0 * f.size},
     "adhesion": lambda f: {"force": 10.0 * f.size, "reach": f.depth * (0.05 + 0.15 * f.shape)},
     "plastic_set": lambda f: {"share": min(f.size, 0.9)},
@@ -64,7 +52,7 @@ TRUTH: Mapping[str, Callable[[Facts], dict[str, float]]] = {
     "contact_offset": lambda f: {"offset": 0.2 * f.depth * f.size},
     "tool_compliance": lambda f: {"compliance": f.size / f.k},
     "coulomb_friction": lambda f: {"force": f.size},
-    "stribeck_friction": _stribeck,
+    "stribeck_friction": lambda f: {"coulomb": 0.6 * f.size, "rise": f.size, "speed": 0.1 + 0.25 * f.shape},
     "asymmetric_friction": lambda f: {"forward": f.size, "backward": 0.45 * f.size},
     "load_dependent_friction": lambda f: {"mu": f.size},
     "quadratic_friction": lambda f: {"d2": f.size},
@@ -73,7 +61,7 @@ TRUTH: Mapping[str, Callable[[Facts], dict[str, float]]] = {
     "joint_spring": lambda f: {"k": f.size},
     "backlash": lambda f: {"gap": 0.2 * f.size},
     "joint_elasticity": lambda f: {"compliance": f.size / 20.0},
-    "bias": _bias,
+    "bias": lambda f: {"offset": f.size * f.scale * (1.0 if f.shape > 0.5 else -1.0)},
     "drift": lambda f: {"rate": f.size * f.scale / f.last_s},
     "lag": lambda f: {"tau": 0.1 * f.size},
     "delay": lambda f: {"time": 0.1 * f.size},
