@@ -134,11 +134,8 @@ def _changed(node: ast.AST) -> str:
             other = (_COMPARED | _REVERSED)[type(operator)]
             return f"({text(left)} {other} {text(right)})"
         case ast.BoolOp(operator, values):
-            return (
-                "("
-                + (" or " if isinstance(operator, ast.And) else " and ").join(f"({text(v)})" for v in values)
-                + ")"
-            )
+            other = " or " if isinstance(operator, ast.And) else " and "
+            return f"({other.join(f'({text(value)})' for value in values)})"
         case ast.BinOp(left, operator, right) if type(operator) in _COMPUTED:
             return f"(({text(left)}) {_COMPUTED[type(operator)]} ({text(right)}))"
         case ast.UnaryOp(ast.Not() | ast.USub(), operand):
@@ -220,19 +217,8 @@ class Trial:
     def _failing(self, area: str, tests: list[str]) -> str:
         if not tests:
             return ""
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "--no-header",
-            "-p",
-            "no:cacheprovider",
-            "-n",
-            "0",
-            *tests,
-        ]
+        options = ["-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", "-n", "0"]
+        command = [sys.executable, *options, *tests]
         environment = os.environ | {
             "PYTHONPATH": str(self._tree),
             "OPENBLAS_NUM_THREADS": "1",

@@ -150,16 +150,8 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
     page.on("console", heard)
     page.add_init_script(_RAW)
     port, begun = free_port(), time.time()
-    command = [
-        sys.executable,
-        "-m",
-        "palpate.main",
-        "workbench",
-        str(session),
-        "--port",
-        str(port),
-        "--no-browser",
-    ]
+    options = [str(session), "--port", str(port), "--no-browser"]
+    command = [sys.executable, "-m", "palpate.main", "workbench", *options]
     with served(command, port, folder) as process:
         page.goto(f"http://127.0.0.1:{port}", wait_until="commit")
         page.wait_for_selector(".scatterlayer .js-line")

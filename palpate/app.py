@@ -21,20 +21,8 @@ from palpate.failures import OneLineGroup
 from robot_io.errors import InputError
 
 ORDER = (
-    *(
-        "demo",
-        "probe",
-        "replay",
-        "estimate",
-        "inspect",
-        "compare",
-        "diagnose",
-        "resolve",
-        "add",
-        "remove",
-        "revisions",
-    ),
-    *("effects", "workbench", "report", "export", "reveal"),
+    *("demo", "probe", "replay", "estimate", "inspect", "compare", "diagnose", "resolve"),
+    *("add", "remove", "revisions", "effects", "workbench", "report", "export", "reveal"),
     *("import", "merge", "info", "study", "teleop", "calibrate", "doctor"),
 )
 

@@ -14,22 +14,8 @@ from palpate.runs.robots import DEFAULT, find_robot
 from sim_backend.scenario import Scenario
 
 VALUES = (
-    None,
-    "",
-    -1,
-    0,
-    1e999,
-    float("nan"),
-    10**30,
-    "x" * 5000,
-    [],
-    {},
-    [[]],
-    True,
-    "\x1b[2J",
-    1e-300,
-    "1,5",
-    "../..",
+    *(None, "", -1, 0, 1e999, float("nan"), 10**30, "x" * 5000, [], {}, [[]], True, "\x1b[2J", 1e-300),
+    *("1,5", "../.."),
 )
 QUICK = ["--speed-mm-s", "150", "--hold-s", "0.1", "--online", "none"]
 
