@@ -141,12 +141,6 @@ class Effect(ABC):
         return data.kind in self.channels and all(name in data.context for name in self.needs)
 
 
-def sliding_starts(data: ChannelData) -> tuple[Inner, ...]:
-    """See `Effect.starts`: smoothing at a small share of the usual speed."""
-    speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
-    return tuple({"transition": part * speed} for part in (0.003, 0.01, 0.03, 0.08))
-
-
 class AdditiveEffect(Effect):
     """An effect that adds effort, linear in its gains."""
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from estimation.contact_estimator import ContactLaw, OnlineContactLaw
+from estimation.contact_estimators.log_linear_ewrls import LEAST_LOAD_N
 from estimation.estimators.ewrls import Ewrls
 from robot_io.errors import InputError
 
 _FIRST_EXPONENT = 1.3
 _EXPONENTS = (0.5, 4.0)
-_LEAST_LOAD_N = 0.05  # below this the logarithm is mostly noise
 
 
 class DoubleStageRls(OnlineContactLaw):
@@ -49,7 +49,7 @@ class DoubleStageRls(OnlineContactLaw):
         power = depth_m**self._exponent
         k, b = self._gains.update(np.array([power, power * speed_m_s]), force_n).tolist()
         push = k + b * speed_m_s
-        if force_n > _LEAST_LOAD_N and push > 0.0:
+        if force_n > LEAST_LOAD_N and push > 0.0:
             log_depth = math.log(depth_m)
             self._information = self._forgetting * self._information + log_depth**2
             error = math.log(force_n / push) - self._exponent * log_depth

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter, sliding_starts
+from estimation.channel import ChannelData
+from estimation.effect import Inner, Parameter
+from estimation.effects.coulomb_friction import CoulombFriction
 from robot_io.types import FloatArray
 
 
-class AsymmetricFriction(AdditiveEffect):
+class AsymmetricFriction(CoulombFriction):
     """effort = f+ for v > 0, -f- for v < 0, plus viscous parts d+ v and d- v of their own."""
 
     name = "asymmetric_friction"
@@ -16,14 +17,12 @@ class AsymmetricFriction(AdditiveEffect):
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"
     signature = "the jump at reversal and the rise with speed differ between the two directions"
     signals = ("velocity", "direction")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
         Parameter("forward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
         Parameter("backward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
         Parameter("viscous_forward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
         Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
     )
-    inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
     confused_with = {
         "bias": "let the joint rest: a bias stays, friction does not push",
         "coulomb_friction": "move equally in both directions",
@@ -34,9 +33,6 @@ class AsymmetricFriction(AdditiveEffect):
         direction = np.tanh(data.velocity / inner["transition"])
         forward, backward = np.maximum(direction, 0.0), np.minimum(direction, 0.0)  # at rest nothing pushes
         return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        return sliding_starts(data)
 
     def simpler(self, columns: FloatArray) -> FloatArray:
         """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""

@@ -1,9 +1,11 @@
 """Friction that does not depend on speed."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter, sliding_starts
+from estimation.effect import AdditiveEffect, Inner, Parameter
 from robot_io.types import FloatArray
 
 
@@ -18,10 +20,12 @@ class CoulombFriction(AdditiveEffect):
         "Tribology Int. 40 (2007)"
     )
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
-    signals = ("direction",)
+    signals: ClassVar[tuple[str, ...]] = ("direction",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
-    inner = (Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),)
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
+    inner: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
+    )
     confused_with = {
         "position_dependent_friction": "move over a wide range",
         "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
@@ -36,4 +40,6 @@ class CoulombFriction(AdditiveEffect):
         return np.tanh(data.velocity / inner["transition"])[:, None]
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        return sliding_starts(data)
+        """See `Effect.starts`: smoothing at a small share of the usual speed."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple({"transition": part * speed} for part in (0.003, 0.01, 0.03, 0.08))

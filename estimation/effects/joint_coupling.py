@@ -20,7 +20,7 @@ class JointCoupling(AdditiveEffect):
     `viscous_friction` and `coulomb_friction`; what only the coupling brings goes with joint j.
 
     Args:
-        neighbour: number of joint j from 0; None until `suited_to` has found it.
+        neighbour: number of joint j from 0, which `suited_to` finds.
     """
 
     name = "joint_coupling"
@@ -49,7 +49,7 @@ class JointCoupling(AdditiveEffect):
         "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
     }
 
-    def __init__(self, neighbour: int | None = None) -> None:
+    def __init__(self, neighbour: int = 0) -> None:
         self._neighbour = neighbour
 
     def suited_to(self, data: ChannelData) -> "JointCoupling":
@@ -69,17 +69,15 @@ class JointCoupling(AdditiveEffect):
         return velocity.ndim == 2 and velocity.shape[1] > 1
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        neighbour = 0 if self._neighbour is None else self._neighbour
-        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, neighbour]
-        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, neighbour]
+        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, self._neighbour]
+        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, self._neighbour]
         return np.column_stack([a, v, np.tanh(v / inner["transition"])])
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
     ) -> bool:
         """See `Effect.is_misnamed`: a neighbour that hardly turns this motor leaves plain friction."""
-        neighbour = 0 if self._neighbour is None else self._neighbour
-        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, neighbour]
+        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbour]
         return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:

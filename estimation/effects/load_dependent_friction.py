@@ -1,18 +1,17 @@
 """Friction that grows with the load on the gear."""
 
-from typing import ClassVar
-
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter, sliding_starts
+from estimation.channel import ChannelData
+from estimation.effect import Inner, Parameter
+from estimation.effects.coulomb_friction import CoulombFriction
 from robot_io.types import FloatArray
 
 _LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
 _SHARES = (1.0, 0.6)
 
 
-class LoadDependentFriction(AdditiveEffect):
+class LoadDependentFriction(CoulombFriction):
     """effort = mu |load| tanh(v / transition), load the effort that the joint carries apart from friction.
 
     What accelerates the rotor does not pass through the gear (Hamon et al. take it off the load, too). Where
@@ -28,11 +27,7 @@ class LoadDependentFriction(AdditiveEffect):
     )
     signature = "the jump at reversal is larger where the joint carries more"
     signals = ("direction", "load")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
-    inner: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
-    )
     needs = ("load",)
     confused_with = {
         "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
@@ -41,14 +36,10 @@ class LoadDependentFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        sliding = np.tanh(data.velocity / inner["transition"])
-        return (sliding * np.abs(self._load(data, inner)))[:, None]
+        return super().columns(data, inner) * np.abs(self._load(data, inner))[:, None]
 
     def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.asarray(data.context["load"])
-
-    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        return sliding_starts(data)
 
     def suited_to(self, data: ChannelData) -> "LoadDependentFriction":
         return _WithRotor() if _LUMPED in data.context else self

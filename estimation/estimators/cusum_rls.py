@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimation.estimators.recursive import INITIAL_VARIANCE, RecursiveEstimator
+from estimation.estimators.recursive import INITIAL_VARIANCE
+from estimation.estimators.rls import Rls
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -50,7 +51,7 @@ class _Noise:
         self._floor = max((self._errors - self._share * self._square) / self._count, 0.0)
 
 
-class CusumRls(RecursiveEstimator):
+class CusumRls(Rls):
     """All samples count the same, until a change: then only those after it.
 
     For every gain the products of column and error, over their usual size, are summed up both ways less an
@@ -116,6 +117,3 @@ class CusumRls(RecursiveEstimator):
             self._covariance = np.diag(self._initial_variance)
             self.changes += 1
             self._listen()
-
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        return reduced

@@ -4,7 +4,8 @@ import random
 
 import numpy as np
 
-from estimation.estimators.recursive import INITIAL_VARIANCE, RecursiveEstimator
+from estimation.estimators.recursive import INITIAL_VARIANCE
+from estimation.estimators.rls import Rls
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -18,7 +19,7 @@ _CUT = 4.0  # standard deviations
 _SEED = 1
 
 
-class PreemptiveRansac(RecursiveEstimator):
+class PreemptiveRansac(Rls):
     """Least squares of the samples that agree with it, for as long as no rival agrees better with most.
 
     Every few samples as many of the recent ones as there are gains are drawn and solved; the hypothesis joins
@@ -85,6 +86,3 @@ class PreemptiveRansac(RecursiveEstimator):
         except np.linalg.LinAlgError:
             return  # these samples determine nothing
         self._medians[worst] = 2.0 * self._medians[0]
-
-    def _next_covariance(self, reduced: FloatArray, error: float) -> FloatArray:
-        return reduced
