@@ -9,8 +9,7 @@ from estimation.data.derivatives import differentiate
 from estimation.estimate import Estimate, Identifiability
 from estimation.fit.samples import slopes_of
 from estimation.model import Model, Parameters
-from estimation.signals.blocks import blocks
-from estimation.signals.pieces import number_pieces
+from estimation.signals.blocks import blocks, number_pieces
 from estimation.statistics.least_squares import solve
 from estimation.surface import FEWEST_STEPS
 from robot_io.types import BoolArray, FloatArray

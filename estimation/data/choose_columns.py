@@ -9,8 +9,7 @@ import numpy as np
 from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import OF_JOINTS, Role
-from estimation.data.said_units import units_meant
+from estimation.data.quantities import OF_JOINTS, Role, parse_role
 from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
 from estimation.statistics.correlation import likeness
@@ -61,6 +60,20 @@ def choose_columns(
     wanted = [key for key in _wanted({*known, *found}) if key in found]
     chosen = {key: _best(table, Role(*key, "", shift), found[key]) for key in wanted}
     return {key: (Role(*key, guess.unit, shift), guess.column) for key, guess in chosen.items()}
+
+
+def units_meant(table: Table, options: ImportOptions, role: Role, column: str) -> list[str]:
+    """The names in --unit that mean a column: its own, its quantity, or its quantity and joint.
+
+    A name that a column has means that one alone, unless the user calls another one so.
+    """
+    exact = {name for name in table.names if name not in options.columns or name in options.columns.values()}
+    return [name for name in options.units if name == column or (name not in exact and _is_of(name, role))]
+
+
+def _is_of(named: str, role: Role) -> bool:
+    said = parse_role(named, role.shift)
+    return named == role.quantity or (said is not None and said.key == role.key)
 
 
 def _shifted(one: Guess, shift: int) -> Guess:

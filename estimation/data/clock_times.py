@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from estimation.data.side_by_side import is_filled
+from estimation.data.side_by_side import is_filled, is_text
 from robot_io.types import FloatArray
 
 _CLOCK = re.compile(
@@ -55,8 +55,7 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
 def _as_text(column: pa.ChunkedArray) -> pa.ChunkedArray | None:
     """A column of text, coded or not, or of dates with times; None for any other."""
     kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_timestamp(kind)
-    return column.cast(pa.string()) if is_text else None
+    return column.cast(pa.string()) if is_text(kind) or pa.types.is_timestamp(kind) else None
 
 
 def _is_clock(column: pa.ChunkedArray) -> bool:

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.data.choose_columns import Key
+from estimation.data.choose_columns import Key, units_meant
 from estimation.data.clock_times import clocks_of
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, Role, si_unit, unit_in_name
-from estimation.data.said_units import units_meant
 from estimation.data.table import Table
 from estimation.data.units import SI, dimension_of, factor_to_si, likely_time_unit, normalise, scaled_unit
 from robot_io.errors import InputError

@@ -18,7 +18,7 @@ from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from estimation.data.press_phases import press_phases
 from estimation.data.table import Table, read_table
 from estimation.data.units import SLOWEST_S, likely_time_unit
-from estimation.signals.pieces import number_pieces
+from estimation.signals.blocks import number_pieces
 from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
@@ -79,12 +79,8 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
     channels = [replace(channel, context=context, recorded=frozenset(context)) for channel in channels]
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
-    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, _read(columns), columns.roles)
-
-
-def _read(columns: Columns) -> str:
-    """What was taken for what, and how the file is written."""
-    return "; ".join(filter(None, [columns.matched, *columns.table.words]))
+    read = "; ".join(filter(None, [columns.matched, *columns.table.words]))
+    return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles)
 
 
 def _clock(columns: Columns, rows: Rows) -> Iterator[str]:

@@ -65,9 +65,14 @@ def with_run(columns: pa.Table, label: str) -> pa.Table:
 def is_filled(column: pa.ChunkedArray) -> BoolArray:
     """In which rows a column holds something, shape (n,)."""
     held = pc.is_valid(column)
-    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+    if is_text(column.type):
         held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
     return np.asarray(pc.fill_null(held, False).to_numpy(zero_copy_only=False), dtype=np.bool_)
+
+
+def is_text(kind: pa.DataType) -> bool:
+    """Whether a column of this type holds text."""
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def _is_held(column: pa.ChunkedArray) -> BoolArray:

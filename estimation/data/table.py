@@ -17,7 +17,7 @@ from estimation.data.array_files import read_npz, read_parquet
 from estimation.data.clock_times import with_seconds
 from estimation.data.file_columns import BAGS, FileColumns, is_bag
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
-from estimation.data.side_by_side import find_tests, is_filled, one_below_the_other
+from estimation.data.side_by_side import find_tests, is_filled, is_text, one_below_the_other
 from estimation.data.text_table import number_of, read_text_table
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -232,7 +232,7 @@ def _remedy(shown: str, *, whole: bool) -> str:
 
 def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     """Text of numbers with a decimal point and without marks between thousands; all else as it is."""
-    if not _is_text(column):
+    if not is_text(column.type):
         return column
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
     grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
@@ -246,14 +246,10 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
 
 
 def _as_numbers(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    if decimal == "." or not _is_text(column):
+    if decimal == "." or not is_text(column.type):
         with suppress(pa.ArrowInvalid):  # as plain numbers, which need no search for marks and blanks
             return pc.cast(column, pa.float64())
     return pc.cast(pc.utf8_trim_whitespace(_with_points(column, decimal)), pa.float64())
-
-
-def _is_text(column: pa.ChunkedArray) -> bool:
-    return bool(pa.types.is_string(column.type) or pa.types.is_large_string(column.type))
 
 
 def _text(value: object) -> str:

@@ -79,7 +79,8 @@ def _refused(content: bytes, path: Path) -> Dialect:
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
     cells = header.split(max(DELIMITERS, key=header.count))
-    if len(cells) == 1 and all(_is_number(one) for one in rest if one.strip()):
+    below = (one.decode(errors="replace") for one in rest if one.strip())
+    if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
         raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
     if all(not math.isnan(number_of(cell)) for cell in cells):
         raise InputError(f"{path}: the first line holds numbers; put the names of the columns there")
@@ -87,10 +88,6 @@ def _refused(content: bytes, path: Path) -> Dialect:
         f"{path}: no line with the names of columns is followed by rows of numbers; it begins with "
         f"{_shown(header)}; write the names in one line, and numbers below each of them"
     )
-
-
-def _is_number(cell: bytes) -> bool:
-    return not math.isnan(number_of(cell.decode(errors="replace")))
 
 
 def _shown(header: str) -> str:

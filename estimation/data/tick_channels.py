@@ -12,8 +12,7 @@ from estimation.data.contact import Contact, find_contacts
 from estimation.data.derivatives import differentiate, grid_step
 from estimation.data.surface import find_surface, touch_of
 from estimation.data.tick_check import USELESS
-from estimation.signals.blocks import blocks
-from estimation.signals.pieces import number_pieces
+from estimation.signals.blocks import blocks, number_pieces
 from estimation.signals.runwise import sample_time
 from estimation.tare import Tare
 from robot_io.errors import InputError
@@ -232,13 +231,12 @@ def _by_clock(
 
 def _with_moves(run: IntArray) -> IntArray:
     """Run numbers in which the samples between two runs belong to the later one, and the last to the last."""
-    runs, filled = run.astype(np.int64), run.astype(np.int64)
+    runs = run.astype(np.int64)
     numbered = np.flatnonzero(runs != NO_RUN)
     if not len(numbered):
         return np.zeros_like(runs)
     following = np.minimum(np.searchsorted(numbered, np.arange(len(runs))), len(numbered) - 1)
-    filled[:] = runs[numbered[following]]
-    return filled
+    return runs[numbered[following]]
 
 
 def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
@@ -249,17 +247,14 @@ def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
         first = contact.rows[0]
         direction, tip = ticks[DIRECTION][first], ticks["tip_position_world_m"][first]
         centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
-        near = [number for number, other in enumerate(centres) if _distance(centre, other) < _SAME_PLACE_M]
-        if near:
+        apart_m = [np.linalg.norm(centre - other) for other in centres]
+        near = np.flatnonzero(np.array(apart_m) < _SAME_PLACE_M)
+        if len(near):
             places[near[0]].append(contact)
         else:
             places.append([contact])
             centres.append(centre)
     return places
-
-
-def _distance(one: FloatArray, other: FloatArray) -> float:
-    return float(np.linalg.norm(one - other))
 
 
 def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tared: bool) -> ChannelData:

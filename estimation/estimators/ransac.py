@@ -110,8 +110,5 @@ class Ransac(Estimator):
         refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
         spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)
         enough = len(rivals) > rivals.shape[1] + 1
-        return spread if ratio < _FAR_BELOW and enough and _smaller(spread, refined) else refined
-
-
-def _smaller(one: Covariance, other: Covariance) -> bool:
-    return bool(np.all(one.std_err < other.std_err))
+        smaller = np.all(spread.std_err < refined.std_err)
+        return spread if ratio < _FAR_BELOW and enough and smaller else refined

@@ -8,6 +8,8 @@ import numpy as np
 from estimation.signals.remembered import of_arrays
 from robot_io.types import BoolArray, FloatArray, IntArray
 
+_GAP = 3.5  # median steps that are a gap: jitter, and a sample or two that were lost, are none
+
 
 def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
     """The rows of each stretch of equal numbers, in their order; none of no rows.
@@ -30,6 +32,19 @@ def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
     piece.setflags(write=False)  # it is remembered
     starts.setflags(write=False)
     return starts, piece
+
+
+def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
+    """Numbers, from 0, of the stretches that end with a run or at a gap in time [s], shape (n,).
+
+    A touch ends none. It bends the velocity but does not break it, and a window across it is less wrong than
+    the lopsided windows at the ends of two pieces would be (see docs/estimation.md).
+    """
+    steps_s, same_run = np.diff(time_s), np.diff(run) == 0
+    border = ~same_run
+    if same_run.any():
+        border = border | (steps_s > _GAP * np.median(steps_s[same_run]))
+    return np.concatenate([[0], np.cumsum(border)]).astype(np.int64)
 
 
 def of_equal_length(number: IntArray) -> Iterator[IntArray]:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from estimation.signals.blocks import blocks
-from estimation.signals.pieces import number_pieces
+from estimation.signals.blocks import blocks, number_pieces
 from robot_io.types import FloatArray, IntArray
 
 _SLOWEST = 3.0  # periods within the longest piece

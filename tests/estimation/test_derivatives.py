@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate, grid_step
 from estimation.data.local_fit import local_derivative, local_fit, local_fits
-from estimation.signals.pieces import number_pieces
+from estimation.signals.blocks import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
 

@@ -7,9 +7,8 @@ from scipy.signal import savgol_filter
 
 from estimation.signals.blocks import blocks, in_order_of_time
 from estimation.signals.bouc_wen import bouc_wen
-from estimation.signals.fading import low_pass, relax
+from estimation.signals.fading import low_pass, relax, springpot
 from estimation.signals.runwise import direction, play, rate, running_max, shift, steadied
-from estimation.signals.viscoelastic import springpot
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)
