@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 
 import numpy as np
 
@@ -19,12 +18,11 @@ from calibration.force.weighing import weigh
 from calibration.still import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
-from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import Outcome
 from control.loop.task import Task
 from palpate.runs.probing import NOBODY, Watcher
-from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body, released
+from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body
 from robot_io.calibration import load_calibrations
 from robot_io.errors import InputError
 from robot_io.guard import Guard, Limits
@@ -79,15 +77,13 @@ class Bench:
             KeyboardInterrupt: the user stopped it.
             PalpateError: the arm was stopped.
         """
-        arm, guard, rate_hz = self.arm, self.guard(limits), self.job.robot_file.control_rate_hz
+        guard, rate_hz = self.guard(limits), self.job.robot_file.control_rate_hz
         watcher.started()
         with ExitStack() as stack:
             if not self.job.simulated:
                 stack.enter_context(realtime())
-            loop = partial(run_loop, rate_hz=rate_hz, observer=watcher.observe, stop=arm.unlogged)
-            result = loop(arm.robot, guard, task, arm.clock, arm.log)
-            result = released(arm.robot, result)
-        if result.outcome is Outcome.STOPPED and not (result.deactivation_error or arm.unlogged()):
+            result = self.arm.run(task, guard, rate_hz, watcher.observe)
+        if result.outcome is Outcome.STOPPED and not (result.deactivation_error or self.arm.unlogged()):
             raise KeyboardInterrupt
         result.raise_for_trip()
 

@@ -1,15 +1,14 @@
 """Puts a probing run together: robot, clock, guard, task, loop, session log, online estimation."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
-from functools import partial
 from pathlib import Path
 
 import yaml
 
 from control.laws.gains import TouchGains, gains_of
-from control.loop.loop import run_loop
+from control.loop.journal import Observer
 from control.loop.phases import Phase
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult
@@ -22,7 +21,7 @@ from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
 from estimation.online import OnlineContactEstimator
-from palpate.runs.session import ArmJob, arm_session, checked_body, raise_for_end, released
+from palpate.runs.session import ArmJob, arm_session, checked_body, raise_for_end
 from palpate.words import count
 from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.errors import InputError, PalpateError
@@ -30,7 +29,6 @@ from robot_io.guard import Guard
 from robot_io.types import Measurement
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
-Observer = Callable[[Measurement, TaskOutput], Estimates]
 MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
 
 
@@ -128,7 +126,7 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     Raises:
         InputError: they do not fit each other; nothing has moved, and no session is left.
     """
-    robot_file, rate_hz = job.robot_file, job.robot_file.control_rate_hz
+    robot_file = job.robot_file
     body = checked_body(robot_file, calibrations)  # the guard has a model of its own of the arm's weight
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count, body.gravity)
     with ExitStack() as stack:
@@ -136,10 +134,7 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
         if not job.simulated:
             stack.enter_context(realtime())
         watcher.started()
-        # An InputError from here: the task does not suit where the arm stands, and nothing has moved.
-        loop = partial(run_loop, rate_hz=rate_hz, observer=observe, stop=arm.unlogged)
-        result = loop(arm.robot, guard, task, arm.clock, arm.log)
-        return released(arm.robot, result), arm.sealed
+        return arm.run(task, guard, robot_file.control_rate_hz, observe), arm.sealed
 
 
 def online_estimators() -> list[str]:

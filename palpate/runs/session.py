@@ -11,7 +11,10 @@ from pathlib import Path
 
 from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
+from control.loop.journal import Observer
+from control.loop.loop import run_loop
 from control.loop.result import LoopResult, Outcome
+from control.loop.task import Task
 from control.loop.tick_record import tick_stream
 from palpate.runs.hiding import SEAL, hide, seal_hidden
 from palpate.runs.permission import Permission, without_question
@@ -21,6 +24,7 @@ from robot_io.calibration import Calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, InputError
+from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata, SessionWriter, Stream
@@ -73,6 +77,35 @@ class ArmSession:
         failure = None if self.world is not None else self.log.failure
         return "" if failure is None else f"its session is no longer written ({failure})"
 
+    def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
+        """Run a task in the loop, which ends as well where `unlogged` says so; then let go of the robot.
+
+        Where its torque could not be switched off, that is the next try. The session is still open then:
+        closing it may wait for its disk.
+
+        Raises:
+            InputError: the task does not suit where the arm stands; nothing has moved.
+            DeviceError: the torque is off, but a device could not be released; says why the arm was stopped,
+                too.
+        """
+        robot, stop = self.robot, self.unlogged
+        result = run_loop(
+            robot, guard, task, self.clock, self.log, rate_hz=rate_hz, observer=observer, stop=stop
+        )
+        try:
+            robot.deactivate()
+        except DeviceError as error:
+            with suppress(DeviceError):
+                robot.close()
+            return replace(result, deactivation_error=str(error))
+        try:
+            robot.close()
+        except DeviceError as error:
+            if not result.cause:
+                raise
+            raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
+        return replace(result, deactivation_error="")
+
 
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
     """The arm, once it is known that its masses and its DH table can be relied on.
@@ -123,29 +156,6 @@ def arm_session(
         metadata = _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC))
         log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario, streams))
         yield ArmSession(robot, clock, log, sealed, world)
-
-
-def released(robot: Robot, result: LoopResult) -> LoopResult:
-    """Let go of the robot; where its torque could not be switched off, this is the next try.
-
-    To be called before the session is closed, which may wait for its disk.
-
-    Raises:
-        DeviceError: the torque is off, but a device could not be released; says why the arm was stopped, too.
-    """
-    try:
-        robot.deactivate()
-    except DeviceError as error:
-        with suppress(DeviceError):
-            robot.close()
-        return replace(result, deactivation_error=str(error))
-    try:
-        robot.close()
-    except DeviceError as error:
-        if not result.cause:
-            raise
-        raise DeviceError(f"the arm was stopped: {result.cause}; then: {error}") from error
-    return replace(result, deactivation_error="")
 
 
 def raise_for_end(result: LoopResult) -> None:

@@ -6,14 +6,12 @@ processes of their own estimate. Neither can hold the loop up, and only the queu
 
 from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass, field
-from functools import partial
 
 import numpy as np
 import yaml
 
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
-from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult
 from control.probing.plan import ProbingPlan
@@ -22,7 +20,7 @@ from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
 from control.teleop.link_record import LINK_STREAM
 from palpate.runs.probing import PLAN
-from palpate.runs.session import ArmJob, arm_session, checked_body, released
+from palpate.runs.session import ArmJob, arm_session, checked_body
 from palpate.teleop.follower_observer import Observer
 from palpate.teleop.follower_talk import Say, Talk
 from robot_io.calibration import load_calibrations
@@ -81,9 +79,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         observer = Observer(talk, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         talk.start()
         say("waiting for a leader; Ctrl-C brings the arm to rest")
-        loop = partial(run_loop, rate_hz=rate_hz, observer=observer.observe, stop=arm.unlogged)
-        result = loop(arm.robot, guard, task, arm.clock, arm.log)
-        result = released(arm.robot, result)
+        result = arm.run(task, guard, rate_hz, observer.observe)
         talk.farewell(result.cause)
     states = {short_number(number): state for number, state in talk.queue.states().items()}
     return FollowerOutcome(result, states, talk.estimates, talk.error)

@@ -6,7 +6,6 @@ import sys
 import pytest
 
 from control.loop.result import Outcome
-from palpate.runs import probing
 from palpate.runs import session as run_session
 from robot_io.session import Session, SessionWriter
 from tests.palpate.cli import run
@@ -28,9 +27,9 @@ def test_a_full_disk_stops_no_arm_and_is_one_line(tmp_path, monkeypatch):
         results.append(loop(*args, **kwargs))
         return results[-1]
 
-    loop = probing.run_loop
+    loop = run_session.run_loop
     monkeypatch.setattr(run_session, "SessionWriter", SmallDisk)
-    monkeypatch.setattr(probing, "run_loop", run_loop)
+    monkeypatch.setattr(run_session, "run_loop", run_loop)
     path = tmp_path / "s.mcap"
     said = run("probe", "-o", path, "--speed-mm-s", 150, "--hold-s", 0.2, "--online", "none")
 
