@@ -162,8 +162,7 @@ class Page:
         self._error.show(shown)
         self._centre.show(shown)
         self._lines.show()
-        self._undo.set_enabled(self.bench.can_undo())
-        self._redo.set_enabled(self.bench.can_redo())
+        self._enable_steps()
 
     def _show_beside(self, shown: Shown) -> None:
         """What takes the browser longer, and is looked at later."""
@@ -198,27 +197,17 @@ class Page:
             ).classes("channel").mark("channel")
             ui.label(f"base model {self.bench.channel.model.name}").classes("quiet wide")
             ui.space()
-            ui.button("Open", icon="folder_open", on_click=self._opening).props(
-                'flat dense no-caps title="Another file or session, or a new probing"'
-            ).mark("open")
-            self._undo = (
-                ui.button("Undo", icon="undo", on_click=self._undone)
-                .props('flat dense no-caps title="Ctrl+Z"')
-                .mark("undo")
-            )
-            self._redo = (
-                ui.button("Redo", icon="redo", on_click=self._redone)
-                .props('flat dense no-caps title="Ctrl+Shift+Z"')
-                .mark("redo")
-            )
-            self._undo.set_enabled(self.bench.can_undo())
-            self._redo.set_enabled(self.bench.can_redo())
-            ui.button("Keep", icon="bookmark_add", on_click=self._keep).props(
-                f'flat dense no-caps title="{words.KEEP}"'
-            ).mark("keep")
-            ui.button("Report", icon="description", on_click=self._report).props(
-                'unelevated dense no-caps title="Write report.html with all that is shown"'
-            ).mark("report")
+            _button("Open", "folder_open", self._opening, "Another file or session, or a new probing")
+            self._undo = _button("Undo", "undo", self._undone, "Ctrl+Z")
+            self._redo = _button("Redo", "redo", self._redone, "Ctrl+Shift+Z")
+            self._enable_steps()
+            _button("Keep", "bookmark_add", self._keep, words.KEEP)
+            about = "Write report.html with all that is shown"
+            _button("Report", "description", self._report, about, look="unelevated")
+
+    def _enable_steps(self) -> None:
+        self._undo.set_enabled(self.bench.can_undo())
+        self._redo.set_enabled(self.bench.can_redo())
 
     async def _channel_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
         try:
@@ -283,6 +272,12 @@ class Page:
                 ).props("flat dense no-caps align=left").classes("revision")
             if not kept:
                 ui.label("none kept yet").classes("quiet")
+
+
+def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:
+    """A button of the header."""
+    made = ui.button(text, icon=icon, on_click=work).mark(text.lower())
+    return made.props(f'{look} dense no-caps title="{about}"')
 
 
 def gates(bench: Bench) -> None:
