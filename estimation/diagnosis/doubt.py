@@ -71,9 +71,12 @@ def place(observed: float, draws: Iterator[float]) -> Placed:
 
 
 def still_explained(standing: Standing, readings: Readings, rng: np.random.Generator) -> Placed:
-    """Share of the held-out error that a smooth law explains beside a model, in data and in draws from it."""
+    """Share of the held-out error that a smooth law explains beside a model, in data and in draws from it.
+
+    What it explains in draws that leave less than the data counts beside what the data leave.
+    """
     drawn = (
-        flexible(bench, trial, standing.windows).share_of(trial)
+        flexible(bench, trial, standing.windows).share_of(trial, standing.trial.held_out)
         for bench, trial in draws(standing, readings, rng)
     )
     return place(standing.left_of_blocks(), drawn)

@@ -45,9 +45,10 @@ class Flexible:
         """Squared whitened residuals that the smooth law takes away in held-out runs."""
         return float(np.sum(self.before - self.held_out))
 
-    def share_of(self, trial: Trial) -> float:
-        """Share of a model's error in held-out runs that the smooth law takes away."""
-        left = max(1.0 - self.explained / trial.held_out, 0.0) if trial.held_out > 0.0 else 1.0
+    def share_of(self, trial: Trial, least: float = 0.0) -> float:
+        """Share of a model's error in held-out runs that the smooth law takes away; of `least` if less is left."""
+        whole = max(trial.held_out, least)
+        left = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
         return float(1.0 - np.sqrt(left))
 
 

@@ -37,9 +37,9 @@ def features(frame: Frame, efforts: Sequence[FloatArray]) -> dict[str, FloatArra
         "offset": np.ones((len(x), 1)),
         "time": _ageing(time_s, run, v, effort, turn),
         "position": frame.memory.recall("position", lambda: _position(frame)),
-        "velocity": np.column_stack([_curves(v), v[:, None] * coarse_x]),
+        "velocity": np.column_stack([_curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
-        "acceleration": _hats(a),
+        "acceleration": np.column_stack([_hats(a), a[:, None] * coarse_x]),
         "past motion": frame.memory.recall("past motion", lambda: _past(frame)),
         "effort": np.hstack([p for e in efforts for p in (_curves(e), _past_effort(e, time_s, run))]),
     }
