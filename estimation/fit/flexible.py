@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from estimation.fit.frame import Frame
-from estimation.fit.moments import Moments, held_out_energy, score
+from estimation.fit.moments import Moments, held_out_energy, held_out_gains, score
 from estimation.fit.smooth_signals import features
 from estimation.fit.trial import Bench, Trial
 from estimation.signals.blocks import of_equal_length
@@ -46,7 +46,7 @@ class Flexible:
         return float(np.sum(self.before - self.held_out))
 
     def share_of(self, trial: Trial, least: float = 0.0) -> float:
-        """Share of a model's error in held-out runs that the smooth law takes away; of `least` if less is left."""
+        """Share of a model's error, or of `least` if that is more, that the smooth law takes away."""
         whole = max(trial.held_out, least)
         left = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
         return float(1.0 - np.sqrt(left))
@@ -185,15 +185,7 @@ def _held_out_residual(
     columns: FloatArray, target: FloatArray, frame: Frame, moments: Moments, best: _Tried
 ) -> FloatArray:
     residual = np.empty_like(target)
-    columns = columns[:, best.kept]
-    width = np.sqrt(np.mean(columns**2, axis=0))
-    width[width == 0.0] = 1.0
-    scale = np.append(1.0 / width, 1.0)
-    products = moments.only(best.kept).products * scale[:, None] * scale
-    whole = products.sum(axis=0)
-    for fold in range(frame.folds):
+    for fold, gains in enumerate(held_out_gains(moments.only(best.kept), best.ridge)):
         test = frame.fold == fold
-        mean = (whole - products[fold]) / np.sum(~test & frame.trusted)
-        gains = np.linalg.solve(mean[:-1, :-1] + np.diag(best.ridge), mean[:-1, -1])
-        residual[test] = target[test] - columns[test] @ (gains / width)
+        residual[test] = target[test] - columns[test][:, best.kept] @ gains
     return residual

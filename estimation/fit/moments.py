@@ -100,13 +100,19 @@ def held_out_energy(moments: Moments, ridges: FloatArray) -> FloatArray:
     See `score`, which does one of them and more.
     """
     scaled, scale = _scaled(moments)
+    return _sse(scaled, np.array([_shrunken(moments, scale, ridge) for ridge in ridges]))
+
+
+def held_out_gains(moments: Moments, ridge: FloatArray) -> FloatArray:
+    """Gains (folds, q) from the folds other than each, with a shrinkage (q,)."""
+    _, scale = _scaled(moments)
+    return _shrunken(moments, scale, ridge) * scale
+
+
+def _shrunken(moments: Moments, scale: FloatArray, ridge: FloatArray) -> FloatArray:
     system, target = moments.training(scale)
-    diagonals = ridges[:, :, None] * np.eye(ridges.shape[1])
-    gains = [
-        [_solved(one + diagonal, wanted) for one, wanted in zip(system[1:], target[1:], strict=True)]
-        for diagonal in diagonals
-    ]
-    return _sse(scaled, np.array(gains))
+    pairs = zip(system[1:] + np.diag(ridge), target[1:], strict=True)
+    return np.array([_solved(one, wanted) for one, wanted in pairs])
 
 
 def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
