@@ -159,7 +159,7 @@ def _steps(found: Judgement) -> str:
     """What a smooth law takes away beside a complete model where the position's steps may make it."""
     end, unit, off = found.end, found.search.data.kind.effort_unit, of_steps(found.end, found.readings)
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.plain.kept.sum(), 1))
-    if not off or end.left_of_blocks() <= SMALL:
+    if end.left_of_blocks() <= SMALL or left > off:
         return ""
     return f" or of encoders half a step off: {left:.3g} {unit}, where these make up to {off:.3g} {unit}"
 
