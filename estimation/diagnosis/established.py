@@ -167,7 +167,7 @@ def _with_whole(search: Search, end: Standing, whole: Effect) -> Standing:
 
 
 def simplest(search: Search, end: Standing, readings: Readings, is_complete: Complete) -> Standing:
-    """The model with each effect exchanged for one of fewer parameters, where the data do not refuse that.
+    """The model with each effect exchanged for one of fewer parameters, or of as many that leaves less.
 
     Of laws that cannot be told apart, the simplest bears the name (W. H. Jefferys, J. O. Berger, American
     Scientist 80 (1992)); it must leave no more than the other did.
@@ -180,20 +180,18 @@ def simplest(search: Search, end: Standing, readings: Readings, is_complete: Com
     """
     for name in names_in_order(search, end):
         (effect,) = (one for one in end.trial.model.effects if one.name == name)
-        smaller = (search.with_candidate(one) for one in _rivals(search, end, name, readings, size(effect)))
-        as_good = (
-            one
-            for one in smaller
-            if one.rmse <= (1.0 + SMALL) * end.rmse and (is_complete(one) or not is_complete(end))
-        )
-        end = min(as_good, key=search.size, default=end)
+        others = (search.with_candidate(one) for one in _rivals(search, end, name, readings, size(effect)))
+        better = [
+            one for one in others if search.is_better(one, end) and (is_complete(one) or not is_complete(end))
+        ]
+        end = min(better, key=lambda one: (search.size(one), one.trial.held_out), default=end)
     return end
 
 
 def _rivals(
-    search: Search, end: Standing, name: str, readings: Readings, below: float = np.inf
+    search: Search, end: Standing, name: str, readings: Readings, most: float = np.inf
 ) -> Iterator[Candidate]:
-    """Candidates of fewer parameters than `below` that the data do not refuse in the place of one.
+    """Candidates of at most so many parameters that the data do not refuse in the place of one.
 
     One that needs more parameters to draw the same curve (a law with one more term) is no rival: the data say
     that the term is nothing.
@@ -202,7 +200,7 @@ def _rivals(
     others = [one for one in search.instead(end, name) if one.effect.name != name]
     half = 0.5 * (without.trial.held_out + end.trial.held_out)
     for candidate in others[:_RIVALS]:
-        if size(candidate.effect) >= below or candidate.followed(end.plain) > NEAR * half:
+        if size(candidate.effect) > most or candidate.followed(end.plain) > NEAR * half:
             continue
         theirs = search.with_candidate(candidate)
         if not search.is_sensible(theirs):
