@@ -3,24 +3,17 @@
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
 
 import can
 from can.interfaces.virtual import VirtualBus
 
-from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.delivery import Device, FrameWire
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has
-
-
-@dataclass(slots=True)
-class _Late:
-    due_s: float
-    message: can.Message = field(repr=False)
 
 
 class CanNode(ABC):
@@ -41,7 +34,7 @@ class CanNode(ABC):
         """Suffer a fault of the device itself: alert, reboot, or an encoder that is stuck from now on."""
 
 
-class CanWire(EmulatedWire):
+class CanWire(FrameWire[can.Message]):
     """Nodes on a python-can bus.
 
     Faults: a node's frames are dropped, delayed, corrupted, duplicated, reordered or sent under a foreign id;
@@ -55,11 +48,9 @@ class CanWire(EmulatedWire):
     """
 
     def __init__(self, bus: can.BusABC, nodes: Sequence[CanNode], faults: Faults | None = None) -> None:
+        super().__init__(faults)
         self._bus = bus
         self._nodes = tuple(nodes)
-        self.faults = faults or Faults()
-        self._late: list[_Late] = []
-        self._held_back: dict[int, can.Message] = {}
         self._unplugged = False
 
     def receive(self, now_s: float) -> None:
@@ -67,19 +58,17 @@ class CanWire(EmulatedWire):
             if self._unplugged or message.is_error_frame:
                 continue
             for node in self._nodes:
-                self._send(node, node.hear(message, now_s), now_s)
+                self._deliver_all(node, node.hear(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
         if self._is_unplugged(now_s):
             for node in self._nodes:
                 node.tell(now_s)  # to nobody; its watchdog runs all the same
             return
-        for late in [late for late in self._late if late.due_s <= now_s]:
-            self._late.remove(late)
-            self._put(late.message, now_s)
+        self._deliver_late(now_s)
         for node in self._nodes:
             self._strike(node, now_s)
-            self._send(node, node.tell(now_s), now_s)
+            self._deliver_all(node, node.tell(now_s), now_s)
 
     def close(self) -> None:
         self._bus.shutdown()
@@ -99,42 +88,26 @@ class CanWire(EmulatedWire):
             if fault is not None:
                 node.strike(fault, now_s)
 
-    def _send(self, node: CanNode, messages: Sequence[can.Message], now_s: float) -> None:
+    def _deliver_all(self, node: CanNode, messages: Sequence[can.Message], now_s: float) -> None:
         for message in messages:
-            self._send_one(node.number, message, now_s)
+            self._deliver(node.number, message, now_s)
 
-    def _send_one(self, number: int, message: can.Message, now_s: float) -> None:
-        strikes = self.faults.strikes
-        if strikes(FaultKind.DROP, number, now_s):
-            return
-        if strikes(
-            FaultKind.CORRUPT, number, now_s
-        ):  # CAN's own CRC catches flipped bits: what gets through is short
-            message.data = message.data[:3]
-            message.dlc = 3
-        if strikes(FaultKind.WRONG_ID, number, now_s):
-            if message.is_extended_id:  # the sender stands in the id
-                message.arbitration_id = message.arbitration_id & ~0xFF00 | 0xFE00
+    def _damaged(self, device: Device, frame: can.Message, now_s: float) -> can.Message:
+        """See `FrameWire._damaged`; CAN's own CRC catches flipped bits: what gets through is short."""
+        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+            frame.data = frame.data[:3]
+            frame.dlc = 3
+        if self.faults.strikes(FaultKind.WRONG_ID, device, now_s):
+            if frame.is_extended_id:  # the sender stands in the id
+                frame.arbitration_id = frame.arbitration_id & ~0xFF00 | 0xFE00
             else:
-                message.arbitration_id = _STRANGER
-                message.data = bytearray([0xFE, *message.data[1:]])
-        if strikes(FaultKind.REORDER, number, now_s) and number not in self._held_back:
-            self._held_back[number] = message
-            return
-        fault = strikes(FaultKind.DELAY, number, now_s)
-        if fault:
-            self._late.append(_Late(now_s + fault.delay_s, message))
-            return
-        self._put(message, now_s)
-        if strikes(FaultKind.DUPLICATE, number, now_s):
-            self._put(message, now_s)
-        earlier = self._held_back.pop(number, None)
-        if earlier is not None:
-            self._put(earlier, now_s)
+                frame.arbitration_id = _STRANGER
+                frame.data = bytearray([0xFE, *frame.data[1:]])
+        return frame
 
-    def _put(self, message: can.Message, now_s: float) -> None:
-        message.timestamp = now_s
-        self._bus.send(message)
+    def _put(self, frame: can.Message, now_s: float) -> None:
+        frame.timestamp = now_s
+        self._bus.send(frame)
 
 
 class _DevicesEnd(VirtualBus):

@@ -4,19 +4,17 @@ import math
 import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Positive, validate
+from robot_io.files.file_model import Positive, validate
 from sim_backend.emulators.bench import EmulatedWire
 from sim_backend.emulators.faults import Faults
 from sim_backend.emulators.plant import Plant
 from sim_backend.emulators.serial.pty_line import SensorWire, SerialSensor, StreamTimer
+from sim_backend.emulators.serial.wires import AxisSettings, newtons_per
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
-_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
 _END = 0x7FFFFFFF
 BROKEN_GAGE, SENSING_RANGE, ANY_ERROR = 1 << 2, 1 << 30, 1 << 31
 _INTERNAL_HZ = 7000
@@ -37,7 +35,6 @@ class EmulatedNetFt(SerialSensor):
         capacity_n: where its range ends [N].
         counts_per_force: counts of one `unit`.
         unit: of its forces.
-        sign: -1 if it counts tension as positive.
 
     Attributes:
         enabled: whether RDT is switched on.
@@ -46,11 +43,9 @@ class EmulatedNetFt(SerialSensor):
         measures: whether it measures anew; else it repeats itself.
     """
 
-    def __init__(
-        self, axis: int, capacity_n: float, counts_per_force: float, unit: str, sign: float = 1.0
-    ) -> None:
+    def __init__(self, axis: int, capacity_n: float, counts_per_force: float, unit: str) -> None:
         self.range_n, self.enabled, self.rate_hz, self.status, self.measures = capacity_n, True, 1000, 0, True
-        self._axis, self.counts_per_force, self.unit, self._sign = axis, counts_per_force, unit, sign
+        self._axis, self.counts_per_force, self.unit = axis, counts_per_force, unit
         self._timer = StreamTimer(self.rate_hz)
         self._sequence = self._measurement = 0
 
@@ -74,7 +69,7 @@ class EmulatedNetFt(SerialSensor):
             status |= BROKEN_GAGE | ANY_ERROR
         else:
             status |= SENSING_RANGE | ANY_ERROR if abs(force_n) >= self.range_n else 0
-            value = round(self._sign * force_n / _NEWTONS[self.unit] * self.counts_per_force)
+            value = round(force_n / newtons_per(self.unit) * self.counts_per_force)
             counts[self._axis] = min(max(value, -_END), _END)
         return record(self._sequence, self._measurement, status, counts)
 
@@ -125,7 +120,7 @@ class NetFtLine(SensorWire):
                 data, self._host = self._socket.recvfrom(2048)
             except BlockingIOError:
                 return
-            self._put(self._sensor.hear(data, now_s))
+            self._put(self._sensor.hear(data, now_s), now_s)
 
     def close(self) -> None:
         """See `EmulatedWire.close`: the host hears nothing more."""
@@ -135,9 +130,9 @@ class NetFtLine(SensorWire):
             self._server.shutdown()
             self._server.server_close()
 
-    def _put(self, data: bytes) -> None:
-        if self._is_open and self._host and data:
-            self._socket.sendto(data, self._host)
+    def _put(self, frame: bytes, now_s: float) -> None:
+        if self._is_open and self._host and frame:
+            self._socket.sendto(frame, self._host)
 
     def _corrupted(self, data: bytes) -> bytes:
         return self.faults.lose_a_byte(data)
@@ -159,12 +154,9 @@ def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
     return Pages
 
 
-class _Sensor(FileModel, extra="ignore"):
-    axis: Annotated[str, Field(pattern="^[xyz]$")]
-    capacity_n: Positive
+class _Settings(AxisSettings):
     counts_per_force: Positive
     unit: str = "N"
-    reversed: bool = False
 
 
 class NetFtWires(WireMaker):
@@ -175,15 +167,9 @@ class NetFtWires(WireMaker):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         if request.force is None or request.force.driver != "net_ft":
             raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
-        own = validate(_Sensor, request.force.settings)
-        if own.unit not in _NEWTONS:
-            raise InputError(f"no Net F/T counts in '{own.unit}'. Valid: {', '.join(_NEWTONS)}")
-        sensor = EmulatedNetFt(
-            "xyz".index(own.axis),
-            own.capacity_n,
-            own.counts_per_force,
-            own.unit,
-            -1.0 if own.reversed else 1.0,
-        )
+        own = validate(_Settings, request.force.settings)
+        newtons_per(own.unit)  # refused before the wire is there
+        sensor = EmulatedNetFt(own.axis_index, own.capacity_n, own.counts_per_force, own.unit)
+        own.signed(sensor)
         line = NetFtLine(sensor, request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

@@ -32,7 +32,6 @@ class EmulatedBota(SerialSensor):
     Args:
         axis: which of its axes is pressed, from 0.
         capacity_n: where its range ends [N].
-        sign: -1 if it counts tension as positive.
         length: of its filter, which makes its rate, as it was saved in it.
 
     Attributes:
@@ -41,8 +40,8 @@ class EmulatedBota(SerialSensor):
         starts_until_s: when it has started and begins to hear [s].
     """
 
-    def __init__(self, axis: int, capacity_n: float, sign: float = 1.0, length: int = 512) -> None:
-        self.range_n, self._axis, self._sign, self.status, self.refused = capacity_n, axis, sign, 0, ""
+    def __init__(self, axis: int, capacity_n: float, length: int = 512) -> None:
+        self.range_n, self._axis, self.status, self.refused = capacity_n, axis, 0, ""
         self._saved = self._length = length
         self._configures = False
         self.starts_until_s = 0.0
@@ -81,7 +80,7 @@ class EmulatedBota(SerialSensor):
         if math.isnan(force_n):
             status, force_n = status | INVALID, 0.0
         status |= OVERRANGE if abs(force_n) >= self.range_n else 0
-        values[self._axis] = self._sign * force_n
+        values[self._axis] = force_n
         return frame(status, values, round(self._time_us))
 
     def restart(self, now_s: float, silent_s: float) -> None:

@@ -29,14 +29,11 @@ class EmulatedCell(SerialSensor):
         newtons_per_count: what a count is [N].
         zero_counts: without a load.
         rate_hz: samples a second [Hz].
-        sign: -1 if it counts tension as positive.
     """
 
-    def __init__(
-        self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320, sign: float = 1.0
-    ) -> None:
+    def __init__(self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320) -> None:
         self.range_n = math.inf
-        self._counts_per_n, self._zero = sign / newtons_per_count, zero_counts
+        self._counts_per_n, self._zero = 1.0 / newtons_per_count, zero_counts
         self._rate_hz = rate_hz
         self._counter = 0
         self._timer = StreamTimer(rate_hz)

@@ -20,7 +20,6 @@ class EmulatedMark10(SerialSensor):
 
     Args:
         capacity_n: capacity [N]; it reads a tenth beyond.
-        sign: -1 if its signs are inverted by how it is mounted.
         answer_s: how long it takes to answer [s].
 
     Attributes:
@@ -30,8 +29,8 @@ class EmulatedMark10(SerialSensor):
 
     unit, unknown = "LB", ()
 
-    def __init__(self, capacity_n: float, sign: float = 1.0, answer_s: float = 1.5e-3) -> None:
-        self.range_n, self._sign, self._answer_s = 1.1 * capacity_n, sign, answer_s
+    def __init__(self, capacity_n: float, answer_s: float = 1.5e-3) -> None:
+        self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
         self._input, self._due_s = b"", math.inf
 
     def hear(self, data: bytes, now_s: float) -> bytes:
@@ -61,10 +60,8 @@ class EmulatedMark10(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         written, newtons = _UNITS[self.unit]
-        value = self._sign * force_n / newtons
-        return (
-            f"{value:.3f} {written}\r\n".encode() if math.isfinite(value) else f"--- {written}\r\n".encode()
-        )
+        value = f"{force_n / newtons:.3f}" if math.isfinite(force_n) else "---"
+        return f"{value} {written}\r\n".encode()
 
     def restart(self, now_s: float, silent_s: float) -> None:
         self._input, self._due_s = b"", math.inf

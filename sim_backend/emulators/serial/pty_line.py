@@ -10,7 +10,8 @@ import tty
 from abc import ABC, abstractmethod
 from math import inf
 
-from sim_backend.emulators.bench import EmulatedWire, heard_at
+from sim_backend.emulators.bench import heard_at
+from sim_backend.emulators.delivery import Device, FrameWire
 from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.plant import Plant
 
@@ -63,9 +64,11 @@ class SerialSensor(ABC):
 
     Attributes:
         name: what faults name it by.
+        sign: -1 if it counts tension as positive.
     """
 
     name = "force"
+    sign = 1.0
     range_n: float = _RANGE_N  # end of its range [N]
     _timer: StreamTimer
     _silent_until_s = -inf
@@ -80,14 +83,14 @@ class SerialSensor(ABC):
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
-        """One reading of the stream; NaN where the sensor has none."""
+        """One reading of the stream, of a force with the sensor's sign; NaN where it has none."""
 
     def restart(self, now_s: float, silent_s: float) -> None:
         """Power-up state, after a silence."""
         self._silent_until_s = now_s + silent_s
 
 
-class SensorWire(EmulatedWire):
+class SensorWire(FrameWire[bytes]):
     """A line with one sensor at its end, and what goes wrong there.
 
     Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
@@ -100,15 +103,9 @@ class SensorWire(EmulatedWire):
     """
 
     def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
+        super().__init__(faults)
         self._sensor, self._plant = sensor, plant
-        self.faults = faults or Faults()
-        self._late: list[tuple[float, bytes]] = []
-        self._held_back: bytes | None = None
         self._stuck_n: float | None = None
-
-    @abstractmethod
-    def _put(self, data: bytes) -> None:
-        """Send bytes to the host, if there are any and it is there."""
 
     def _corrupted(self, data: bytes) -> bytes:
         """What arrives of a reading that is damaged on its way."""
@@ -121,11 +118,10 @@ class SensorWire(EmulatedWire):
         reboot = strikes(FaultKind.REBOOT, name, now_s)
         if reboot:
             self._sensor.restart(now_s, reboot.delay_s)
-        for late in [late for late in self._late if late[0] <= now_s]:
-            self._late.remove(late)
-            self._put(late[1])
+        self._deliver_late(now_s)
         if self._sensor.due(now_s):
-            self._send_reading(self._sensor.reading(self._force_n(now_s)), now_s)
+            reading = self._sensor.reading(self._sensor.sign * self._force_n(now_s))
+            self._deliver(name, reading, now_s)
 
     def _force_n(self, now_s: float) -> float:
         strikes, name, limit_n = self.faults.strikes, self._sensor.name, self._sensor.range_n
@@ -142,27 +138,12 @@ class SensorWire(EmulatedWire):
             return limit_n
         return min(max(force_n, -limit_n), limit_n)
 
-    def _send_reading(self, data: bytes, now_s: float) -> None:
-        strikes, name = self.faults.strikes, self._sensor.name
-        if strikes(FaultKind.DROP, name, now_s):
-            return
-        if strikes(FaultKind.CORRUPT, name, now_s):
-            data = self._corrupted(data)
-        if strikes(FaultKind.LOSE, name, now_s):
-            data = self.faults.lose_a_byte(data)
-        if strikes(FaultKind.REORDER, name, now_s) and self._held_back is None:
-            self._held_back = data
-            return
-        delay = strikes(FaultKind.DELAY, name, now_s)
-        if delay:
-            self._late.append((now_s + delay.delay_s, data))
-            return
-        self._put(data)
-        if strikes(FaultKind.DUPLICATE, name, now_s):
-            self._put(data)
-        if self._held_back is not None:
-            self._put(self._held_back)
-            self._held_back = None
+    def _damaged(self, device: Device, frame: bytes, now_s: float) -> bytes:
+        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+            frame = self._corrupted(frame)
+        if self.faults.strikes(FaultKind.LOSE, device, now_s):
+            frame = self.faults.lose_a_byte(frame)
+        return frame
 
 
 class PtyLine(SensorWire):
@@ -203,7 +184,7 @@ class PtyLine(SensorWire):
         except OSError:  # nobody has the other end open
             return
         if data and heard_at(self._master, self._baud_rate):
-            self._put(self._sensor.hear(data, now_s))
+            self._put(self._sensor.hear(data, now_s), now_s)
 
     def close(self) -> None:
         """See `EmulatedWire.close`: the host sees a port that has gone."""
@@ -212,18 +193,18 @@ class PtyLine(SensorWire):
             os.close(self._slave)
             os.close(master)
 
-    def _put(self, data: bytes) -> None:
-        if self._master is None or not data:
+    def _put(self, frame: bytes, now_s: float) -> None:
+        if self._master is None or not frame:
             return
         waiting = self._readable()
         try:
-            os.write(self._master, data)
+            os.write(self._master, frame)
         except OSError as error:
             if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
                 raise
             return
         if self._in_lock_step:
-            self._wait_until_readable(min(waiting + len(data), _MOST_READABLE))
+            self._wait_until_readable(min(waiting + len(frame), _MOST_READABLE))
 
     def _readable(self) -> int:
         """How many bytes the driver could read."""

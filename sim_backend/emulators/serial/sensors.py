@@ -16,12 +16,10 @@ class EmulatedGauge(SerialSensor):
     Args:
         capacity_n: end of its range [N].
         rate_hz: lines a second [Hz].
-        sign: -1 if it counts tension as positive.
     """
 
-    def __init__(self, capacity_n: float, rate_hz: float = 500.0, sign: float = 1.0) -> None:
+    def __init__(self, capacity_n: float, rate_hz: float = 500.0) -> None:
         self.range_n = capacity_n
-        self._sign = sign
         self._timer = StreamTimer(rate_hz)
         self._timer.start(0.0)
 
@@ -30,7 +28,7 @@ class EmulatedGauge(SerialSensor):
         return b""
 
     def reading(self, force_n: float) -> bytes:
-        return f"{self._sign * force_n:.3f} N\r\n".encode()
+        return f"{force_n:.3f} N\r\n".encode()
 
 
 LBF_N = 4.4482216152605
@@ -43,7 +41,6 @@ class EmulatedLoadstar(SerialSensor):
         capacity_n: capacity [N]; readings go a fifth beyond.
         unit: "lb" or "N", the unit that it is calibrated in.
         rate_hz: readings a second [Hz].
-        sign: -1 if the load cell counts tension as positive.
 
     Attributes:
         width: characters of a reading; 0 pads none, as some interfaces do.
@@ -51,12 +48,10 @@ class EmulatedLoadstar(SerialSensor):
 
     width = 12
 
-    def __init__(
-        self, capacity_n: float, unit: str = "lb", rate_hz: float = 500.0, sign: float = 1.0
-    ) -> None:
+    def __init__(self, capacity_n: float, unit: str = "lb", rate_hz: float = 500.0) -> None:
         self.range_n = 1.2 * capacity_n
         self._unit, self._newtons = unit, {"lb": LBF_N, "N": 1.0}[unit]
-        self._capacity_n, self._sign = capacity_n, sign
+        self._capacity_n = capacity_n
         self._timer = StreamTimer(rate_hz)
         self._tare_n = self._last_n = 0.0
         self._input = b""
@@ -90,7 +85,7 @@ class EmulatedLoadstar(SerialSensor):
 
     def reading(self, force_n: float) -> bytes:
         self._last_n = force_n
-        return f"{self._sign * (force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
+        return f"{(force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
 
     def restart(self, now_s: float, silent_s: float) -> None:
         self._timer.stop()
@@ -129,7 +124,6 @@ class EmulatedLorenz(SerialSensor):
         counts_at_nominal: counts at nominal load.
         dimension_code: code of its unit.
         load_code: code of its nominal load.
-        sign: -1 if it counts tension as positive.
     """
 
     def __init__(
@@ -138,10 +132,9 @@ class EmulatedLorenz(SerialSensor):
         counts_at_nominal: float = 25000.0,
         dimension_code: int = 3,
         load_code: int = 100,
-        sign: float = 1.0,
     ) -> None:
         self.range_n = nominal_n * 32767 / counts_at_nominal
-        self._counts_per_n = sign * counts_at_nominal / nominal_n
+        self._counts_per_n = counts_at_nominal / nominal_n
         self._dimension_code, self._load_code = dimension_code, load_code
         self._timer = StreamTimer(1000.0)
         self._counter = 0

@@ -162,9 +162,9 @@ def test_a_lorenz_sensor_answers_hello_and_streams_until_three_stx():
 
 
 def test_a_gauge_writes_by_itself_and_rests_after_a_restart():
-    gauge = EmulatedGauge(100.0, sign=-1.0)
+    gauge = EmulatedGauge(100.0)
     assert gauge.due(1.0)
-    assert gauge.reading(2.5) == b"-2.500 N\r\n"
+    assert gauge.reading(-2.5) == b"-2.500 N\r\n"
     gauge.restart(1.0, 0.5)
     assert not gauge.due(1.4)
     assert gauge.due(1.6)
