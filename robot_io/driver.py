@@ -50,19 +50,10 @@ class DriverContext:
 
 
 class DriverCatalogue:
-    """Every driver that a robot file can name, by kind.
+    """Every driver that a robot file can name, by kind: the built-in ones, and those in further `packages`.
 
     A driver is a class in a module of one of the packages. It derives from an interface, states a `name`, and
     is made by `Driver(settings: Mapping[str, object], context: DriverContext)`; making it opens nothing.
-
-    Args:
-        packages: dotted names of packages with drivers, beside the built-in ones.
-
-    Attributes:
-        bus: buses.
-        encoder: joint encoders.
-        torque: torque-controlled drives.
-        force: force sensors.
     """
 
     def __init__(self, *packages: str) -> None:

@@ -49,8 +49,7 @@ class UnloggedError(SessionError):
 def in_words(error: BaseException) -> str:
     """Kind, message and place of an error, such as "ZeroDivisionError: division by zero (my.py, line 2)".
 
-    Args:
-        error: as it was caught; what the interpreter itself adds to its traceback is left out.
+    It is as it was caught; what the interpreter itself adds to its traceback is left out.
     """
     text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]

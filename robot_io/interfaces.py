@@ -88,13 +88,9 @@ class JointTorque(Component, ABC):
 
     @abstractmethod
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """Stage torques for the next flush; never blocks.
+        """Stage torques for the next flush, shape (n,), positive along the joint axis [N m]; never blocks.
 
-        Args:
-            torque_nm: shape (n,), positive along the joint axis [N m].
-
-        Returns:
-            What will really be sent, after the drive's resolution and range, shape (n,) [N m].
+        Returns what will really be sent, after the drive's resolution and range, shape (n,) [N m].
         """
 
 

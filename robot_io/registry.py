@@ -17,11 +17,8 @@ T = TypeVar("T")
 class Registry(Mapping[str, type[T]], Generic[T]):
     """Every concrete subclass of `base` in the modules of `packages`, by its class attribute `name`.
 
-    Args:
-        kind: what to call a member in errors, such as "driver".
-        base: the class that members derive from; each states a `name`.
-        packages: dotted names of the packages (or single modules) that are searched with their
-            subpackages, on first use.
+    `kind` is what to call a member in errors, such as "driver". Packages (or single modules) are dotted
+    names; they are searched with their subpackages, on first use.
     """
 
     def __init__(self, kind: str, base: type[T], *packages: str) -> None:

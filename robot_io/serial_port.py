@@ -24,13 +24,9 @@ def reason_of(error: Exception) -> str:
 def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> serial.Serial:
     """Open a port of 8 data bits, no parity, 1 stop bit; reading never waits.
 
-    Args:
-        path: device file.
-        baud_rate: bits per second.
-        write_timeout_s: how long a write may take [s]; None leaves that to the system.
+    Writing may take `write_timeout_s` [s]; None leaves that to the system.
 
-    Raises:
-        DeviceError: there is no such port, no permission, or another program has it.
+    DeviceError: there is no such port, no permission, or another program has it.
     """
     try:
         port = serial.Serial(path, baud_rate, timeout=0, write_timeout=write_timeout_s, exclusive=True)
@@ -56,19 +52,9 @@ _CHUNK = 4096
 
 
 class SerialPort:
-    """A serial port, 8 data bits, no parity, 1 stop bit.
+    """A serial port, 8 data bits, no parity, 1 stop bit: each byte takes ten bits of the baud rate [bit/s].
 
-    After a failure it is closed; it works again when it is opened again.
-
-    Args:
-        path: device file.
-        baud_rate: bits per second; each byte takes ten of them.
-        clock: what deadlines are on.
-
-    Attributes:
-        path: device file.
-        baud_rate: bits per second.
-        failure: why it was closed, or None.
+    After a failure it is closed, and `failure` says why; it works again when it is opened again.
     """
 
     def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:

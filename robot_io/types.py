@@ -61,15 +61,9 @@ class Command:
 def frozen_array(
     values: ArrayLike, shape: tuple[int, ...] | None = None, *, what: str = "array"
 ) -> FloatArray:
-    """Copy a few `values` into a read-only float array.
+    """Copy a few `values` into a read-only float array of this shape, if one is given.
 
-    Args:
-        values: anything numpy can read.
-        shape: the shape it must have, if any.
-        what: name used in the error.
-
-    Raises:
-        InputError: wrong shape or a value that is not finite.
+    InputError: wrong shape or a value that is not finite; `what` is its name there.
     """
     array = np.array(values, dtype=np.float64)
     if shape is not None and array.shape != shape:

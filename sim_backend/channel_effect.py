@@ -9,13 +9,7 @@ Transducer = Callable[[float, float], float]
 
 
 class ChannelEffect(SensorEffect):
-    """Lets one value of a sample pass through a transducer.
-
-    Args:
-        index: of the value in the sample, from 0.
-        transducer: what the value passes through.
-        ahead_of_noise: see `SensorEffect`.
-    """
+    """Lets one value of a sample, by its index from 0, pass through a transducer; see `SensorEffect`."""
 
     def __init__(self, index: int, transducer: Transducer, ahead_of_noise: bool) -> None:
         self._index = index
@@ -29,11 +23,9 @@ class ChannelEffect(SensorEffect):
 
 
 class JointTorque(JointEffect):
-    """A torque that comes on top of the drive's.
+    """A torque that comes on top of the drive's, in the joint of an index from 0.
 
-    Args:
-        index: of the joint, from 0.
-        torque_nm: gives it [N m] from position [rad] and the drive's torque [N m].
+    `torque_nm` gives it [N m] from position [rad] and the drive's torque [N m].
     """
 
     def __init__(self, index: int, torque_nm: Callable[[float, float], float]) -> None:
@@ -47,12 +39,10 @@ class JointTorque(JointEffect):
 
 
 class JointFriction(FrictionEffect):
-    """A resistance against the motion.
+    """A resistance against the motion, in the joint of an index from 0.
 
-    Args:
-        index: of the joint, from 0.
-        resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
-            along the motion [N m], negative where the drive holds back.
+    `resistance_nm` gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
+    along the motion [N m], negative where the drive holds back.
     """
 
     def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:

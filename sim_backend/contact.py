@@ -12,16 +12,8 @@ from sim_backend.object_answer import ObjectAnswer
 class ComplianceObject:
     """A horizontal surface, frictionless, that answers depth and rate with an upward force.
 
-    Args:
-        engine: of the world it is in.
-        law: its contact law.
-        surface_height_m: world height of the undeformed surface [m].
-
-    Raises:
-        InputError: the law is an engine's own contact, and this engine has none.
-
-    Attributes:
-        is_engine_contact: whether the engine itself exerts the force.
+    Its world height is that of the undeformed surface [m]. `is_engine_contact` is whether the engine itself
+    exerts the force. InputError: the law is an engine's own contact, and this engine has none.
     """
 
     def __init__(self, engine: Engine, law: ContactLaw, surface_height_m: float) -> None:
@@ -61,13 +53,7 @@ class Contact:
     velocity belongs to the middle of the last step, half a step before its position. The law is given the
     rate at the time of the depth, (3 v(n) - v(n-1)) / 2. That makes contact accurate to the second order in
     h (leapfrog for the spring, Adams-Bashforth for the damper), and depth, rate and force of one state belong
-    together.
-
-    Args:
-        engine: it moves the arm.
-        target: the object.
-        step_s: length h of a physics step [s].
-        effects: what is hidden; those of contact and tool act here.
+    together. Of the effects those of contact and tool act here.
 
     Attributes:
         depth_m: how far the tip is below the undeformed surface [m]; negative above it.
@@ -106,10 +92,8 @@ class Contact:
     def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
         """The part of the force that lies along the sensor axis, positive in compression [N].
 
-        A uniaxial sensor sees the force times the cosine of the tool's tilt.
-
-        Args:
-            sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
+        A uniaxial sensor sees the force times the cosine of the tool's tilt. Its axis is a unit vector in the
+        tip frame, along which the tool pushes.
         """
         x, y, z, w = self._quaternion
         a, b, c = sensor_axis_tip

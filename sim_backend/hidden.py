@@ -19,12 +19,8 @@ _STREAM = crc32(b"hidden")  # apart from the sensors' noise, which comes from th
 def hidden_effects(imperfections: Sequence[Imperfection], joint_count: int) -> Effects:
     """Everything that these do to one world, with memories of its own.
 
-    Args:
-        imperfections: from the drives to the links, and from the object to the tip.
-        joint_count: of the arm.
-
-    Raises:
-        InputError: one is in a joint that the arm does not have.
+    They come from the drives to the links, and from the object to the tip. InputError: one is in a joint that
+    the arm does not have.
     """
     return sum((entry.effects(joint_count) for entry in imperfections), Effects())
 
@@ -39,18 +35,13 @@ def draw_hidden(
 ) -> list[Imperfection]:
     """One effect at random, 5 to 50 times the noise floor of a probing run with the default plan.
 
-    Args:
-        seed: equal seeds draw the same.
-        channel: where it is to show, such as "contact" or "joint_2"; None draws that too, and every second
-            one is in the contact.
-        effect: which effect; None draws that too.
-        scenario: world that it will be hidden in; None is the default one.
+    What is None is drawn too: the channel where it is to show, such as "contact" or "joint_2" (every second
+    one is in the contact), and which effect it is. The world that it will be hidden in is that of the
+    scenario, or the default one. Equal seeds draw the same.
 
-    Returns:
-        the entries for the scenario's section `hidden`.
+    Returns the entries for the scenario's section `hidden`.
 
-    Raises:
-        InputError: no such channel or effect, or no probing run shows the one in the other.
+    InputError: no such channel or effect, or no probing run shows the one in the other.
     """
     scenario = Scenario() if scenario is None else scenario
     scale, generator = noise_scale(scenario), np.random.default_rng([seed, _STREAM])

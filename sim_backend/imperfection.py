@@ -30,13 +30,9 @@ class Parameter:
 
 
 def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa: ANN401, as pydantic's Field
-    """A field that is a parameter of a hidden effect.
+    """A field that is a parameter of a hidden effect, see `Parameter`.
 
-    Args:
-        unit: of its value; see `Parameter`.
-        low: least typical value.
-        high: largest typical value.
-        limits: what pydantic's `Field` takes, such as `ge`, `le` and `default`.
+    The limits are what pydantic's `Field` takes, such as `ge`, `le` and `default`.
     """
     return Field(json_schema_extra={"parameter": [unit, low, high]}, **limits)
 
@@ -69,13 +65,8 @@ class Imperfection(FileModel, ABC):
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         """One that changes the channel's signal by about `strength` times its noise floor (rms).
 
-        Of a change that stiffness, damping and surface could take over, the part counts that they cannot.
-
-        Args:
-            strength: zero leaves everything as it is.
-            channel: where it is to show.
-            scale: how the arm moves and how noisy it is.
-            generator: for what the strength leaves open, such as a sign.
+        Of a change that stiffness, damping and surface could take over, the part counts that they cannot. A
+        strength of zero leaves everything as it is. The generator is for what it leaves open, such as a sign.
         """
 
     def values(self) -> dict[str, tuple[float, str]]:

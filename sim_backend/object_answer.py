@@ -19,11 +19,7 @@ class ObjectAnswer:
     def force_n(self, law: ContactLaw, state: ContactState, by_engine_n: float | None = None) -> float:
         """The force that holds at this state [N]; the memories take it in.
 
-        Args:
-            law: of the object.
-            state: of the tip.
-            by_engine_n: what the engine exerts, which then stands for the law: it answers to the tip's own
-                motion only [N].
+        What the engine exerts [N], if it does, stands for the law: it answers to the tip's own motion only.
         """
         if not self._memories:
             return law.force_n(state.depth_m, state.rate_m_s) if by_engine_n is None else by_engine_n

@@ -108,12 +108,9 @@ def shipped_scenarios() -> list[str]:
 def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
     """Make a scenario from the name of a shipped one, the path of a YAML file, or a mapping.
 
-    Args:
-        source: "stiff", "my_object.yaml" or `{object: {...}}`; a scenario is returned as it is.
-        base_dir: what a relative path starts from.
+    Such as "stiff", "my_object.yaml" (from `base_dir`) or `{object: {...}}`; a scenario is returned as it is.
 
-    Raises:
-        InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    InputError: the first thing that is wrong, with file, line, key and the valid choices.
     """
     if isinstance(source, Scenario):
         return source

@@ -36,11 +36,7 @@ def sealed_path(session: str | Path) -> Path:
 def seal(session: str | Path, answer: Answer) -> Path:
     """Write the sealed answer beside a session file, whole or not at all; nothing is replaced.
 
-    Returns:
-        the sealed file.
-
-    Raises:
-        InputError: a file of that name is there already, or it cannot be written.
+    Returns the sealed file. InputError: a file of that name is there already, or it cannot be written.
     """
     path = sealed_path(session)
     data = {

@@ -54,15 +54,8 @@ class Truth:
 class World:
     """A world of its own under one scenario; other worlds in the process do not disturb it.
 
-    Args:
-        arm: the robot.
-        scenario: everything else, and what is hidden.
-        effects: what is hidden in plant and sensors beside what the scenario hides.
-        start_s: time of the initial state on the robot's clock [s].
-
-    Raises:
-        InputError: the physics engine is not installed or cannot load the robot, or its parts or what is
-            hidden do not fit each other.
+    Beside what the scenario hides, `effects` are hidden in plant and sensors. `start_s` is the time of the
+    initial state on the robot's clock [s].
 
     Attributes:
         object: what is probed; its law and height may be changed at any time.
@@ -72,6 +65,10 @@ class World:
         sensor_load_n: what presses on the force sensor beside the object, such as a weight put on it by hand
             [N]; the arm stands on its rest meanwhile and does not feel it.
         held: while True the arm stands still, whatever pulls at it; time and sensors go on.
+
+    Raises:
+        InputError: the physics engine is not installed or cannot load the robot, or its parts or what is
+            hidden do not fit each other.
     """
 
     def __init__(
@@ -251,13 +248,7 @@ class World:
     ) -> FloatArray:
         """Torques (n) [N m] for a motion in free air, by the engine's own recursive Newton-Euler.
 
-        Args:
-            position_rad: (n) [rad].
-            velocity_rad_s: (n) [rad/s].
-            acceleration_rad_s2: (n) [rad/s^2].
-
-        Raises:
-            InputError: wrong number of joints.
+        The motion is that of all joints (n), [rad], [rad/s] and [rad/s^2]. InputError: wrong number of them.
         """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         shape = (self.joint_count,)
@@ -274,8 +265,7 @@ def world_of(
 ) -> World:
     """The world of the arm that a robot file describes; see `World`.
 
-    Raises:
-        InputError: as `World`, or the URDF cannot be read; it names both files.
+    InputError: as `World`, or the URDF cannot be read; it names both files.
     """
     try:
         arm = ArmDescription(

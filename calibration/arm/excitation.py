@@ -105,8 +105,7 @@ def choose_path(
     friction and tilt. Nothing goes lower than where the arm stands, `start_rad` (n,); equal seeds choose
     the same path.
 
-    Raises:
-        InputError: no motion is clear of the ground and inside the limits, or all are too slow to tell.
+    InputError: no motion is clear of the ground and inside the limits, or all are too slow to tell.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     low, high = room(limits, _LIMIT_MARGIN_RAD)

@@ -90,8 +90,7 @@ def motion_of(ticks: Samples) -> ArmMotion:
 def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     """Fit the model to a motion.
 
-    Raises:
-        InputError: a joint hardly moved, or its load does not change, so that its gain is not determined.
+    InputError: a joint hardly moved, or its load does not change, so that its gain is not determined.
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
     moving = _means(_well_moving(motion.velocity_rad_s).astype(np.float64)) == 1.0

@@ -45,8 +45,7 @@ class FreeMotion:
     def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
         """Joint torques (n,) [N m] that follow `motion`.
 
-        Raises:
-            SafetyTripError: the force sensor feels something.
+        SafetyTripError: the force sensor feels something.
         """
         away_n = measurement.force_n - self._air_n
         self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0

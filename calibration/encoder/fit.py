@@ -27,8 +27,7 @@ class EncoderFit:
 def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
     """Zeros from touches of hard stops, known to a standard uncertainty, as `StopTask` logs them.
 
-    Raises:
-        InputError: a joint's stop was not touched at least twice.
+    InputError: a joint's stop was not touched at least twice.
     """
     ticks = _fresh(session.samples("tick"))
     position = ticks.vector("joint_position_rad")
@@ -55,8 +54,7 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
 def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
     """Zeros from a pose (n,) [rad] that the arm was held in, known to a standard uncertainty for each joint.
 
-    Raises:
-        InputError: the session holds no samples, or the arm moved.
+    InputError: the session holds no samples, or the arm moved.
     """
     position = _fresh(session.samples("tick")).vector("joint_position_rad")
     if not len(position):

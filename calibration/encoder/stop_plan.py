@@ -50,8 +50,7 @@ def plan_stops(
     torque limits carry the arm. Nothing goes lower than where the arm stands, `start_rad` (n,). Stops are
     lower and upper ones, (n,) each, NaN where there is none; a joint may seem to go `reach_rad` beyond.
 
-    Raises:
-        InputError: a joint has no stop that can be reached clear of the ground.
+    InputError: a joint has no stop that can be reached clear of the ground.
     """
     floor_m = float(body.heights_m(start_rad)[1:].min())
     low, high = room(limits, _LIMIT_MARGIN_RAD)

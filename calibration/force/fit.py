@@ -59,8 +59,7 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 
     `reference_rel_std` is the standard uncertainty of all references together, as a share of them [-].
 
-    Raises:
-        InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
+    InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """
     check_references(plateaus.reference_n)
     if np.ptp(plateaus.reading) == 0.0:

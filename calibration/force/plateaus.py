@@ -40,8 +40,7 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
 
     Samples that are not settled do not count; without that mark the first quarter of each plateau does not.
 
-    Raises:
-        InputError: fewer than three samples are left of every plateau.
+    InputError: fewer than three samples are left of every plateau.
     """
     steps = np.concatenate([[0], np.cumsum(np.diff(reference_n) != 0.0)])
     pieces = [_settled(reading[rows], None if settled is None else settled[rows]) for rows in blocks(steps)]
@@ -94,8 +93,7 @@ def read_reference_file(
     there is a column `settled`, only rows count in which it is not 0. Gravity makes a mass a weight
     [m/s^2].
 
-    Raises:
-        InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
+    InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
     """
     wrong = [role for role in columns if role not in _ROLES]
     if wrong:

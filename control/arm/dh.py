@@ -94,8 +94,7 @@ class DhTable(FileModel):
     def tip_frame(self, position_rad: FloatArray) -> FloatArray:
         """Forward kinematics: the last frame in the world, (4, 4), at joint positions (n,) [rad or m].
 
-        Raises:
-            InputError: wrong number of positions.
+        InputError: wrong number of positions.
         """
         positions = iter(frozen_array(position_rad, (self.joint_count,), what="joint positions"))
         frame = pin.SE3.Identity()
@@ -113,8 +112,7 @@ def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
 def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
     """Compare where a robot file's DH table, if it names one, and its URDF put the tip.
 
-    Raises:
-        InputError: the table is not valid, or is that of another arm.
+    InputError: the table is not valid, or is that of another arm.
     """
     if robot_file.dh is None:
         return

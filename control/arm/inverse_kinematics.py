@@ -49,9 +49,8 @@ class IkSolution:
 class PlanarArm:
     """Geometry of the arm, and its inverse kinematics for tip position and tool direction.
 
-    Raises:
-        InputError: the arm is not of three revolute joints with parallel axes, or the tool's direction in the
-            tip frame, shape (3,), does not lie in its plane.
+    InputError: the arm is not of three revolute joints with parallel axes, or the tool's direction in the tip
+    frame, shape (3,), does not lie in its plane.
     """
 
     def __init__(self, body: RigidBody, tool_axis_tip: FloatArray) -> None:
@@ -84,8 +83,7 @@ class PlanarArm:
     ) -> IkSolution:
         """Joint positions with the tip at a point (3,) [m] and the tool in a direction (3,) of any length.
 
-        Raises:
-            InputError: the point cannot be reached, or point or direction lie out of the plane.
+        InputError: the point cannot be reached, or point or direction lie out of the plane.
         """
         tip = frozen_array(tip_position_world_m, (3,), what="tip position")
         offset_m = float(tip @ self._normal) - self._out_of_plane_m
@@ -107,8 +105,7 @@ class PlanarArm:
     ) -> tuple[float, float, float]:
         """Angles a1, a2, a3 [rad] of the links for a tip at (u, w) [m] and a tool angle [rad].
 
-        Raises:
-            InputError: the wrist cannot be put where the tool needs it.
+        InputError: the wrist cannot be put where the tool needs it.
         """
         first_m, second_m, third_m = self.lengths_m
         third = self._rest[2] + tool_rad - self._tool_rest

@@ -58,8 +58,7 @@ class RigidBody:
 
     The tip is the frame whose motion counts; `place` says in errors where the model comes from.
 
-    Raises:
-        InputError: the frame is unknown, or a joint has more than one coordinate.
+    InputError: the frame is unknown, or a joint has more than one coordinate.
     """
 
     def __init__(self, model: "pin.Model", tip_frame: str, place: str = "URDF") -> None:
@@ -82,8 +81,7 @@ class RigidBody:
 
         Without `calibrations` those that the robot file names are applied, if they are valid today.
 
-        Raises:
-            InputError: as `from_urdf`, or a calibration must not be used.
+        InputError: as `from_urdf`, or a calibration must not be used.
         """
         if calibrations is None:
             calibrations = load_calibrations(robot_file)
@@ -109,8 +107,7 @@ class RigidBody:
         Gravity is the fall acceleration in the axes of the root link, shape (3,) [m/s^2]; rotors add their
         inertia to the joints, shape (n,) or empty for none [kg m^2].
 
-        Raises:
-            InputError: it cannot be read, is too large, is not a URDF, has no such frame or other joints.
+        InputError: it cannot be read, is too large, is not a URDF, has no such frame or other joints.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
         place = origin if is_text else str(urdf)
@@ -244,8 +241,7 @@ class RigidBody:
     def joint_axes(self) -> tuple[JointAxis, ...]:
         """Origin and axis of every joint at zero position, for closed-form kinematics.
 
-        Raises:
-            InputError: the joints are not a single chain from base to tip.
+        InputError: the joints are not a single chain from base to tip.
         """
         model, data = self._model, self._data
         if list(model.parents[1:]) != list(range(model.nv)):

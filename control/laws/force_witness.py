@@ -54,8 +54,7 @@ class ForceWitness:
     ) -> None:
         """Judge one tick; in free air nothing but the arm itself can be what is not explained.
 
-        Raises:
-            SafetyTripError: for several ticks the joint torques have said something else than the sensor.
+        SafetyTripError: for several ticks the joint torques have said something else than the sensor.
         """
         if self._ticks % _MASS_TICKS == 0:
             self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)

@@ -135,8 +135,7 @@ class HybridController:
     def step(self, measurement: Measurement, reference: HybridReference, dt_s: float) -> ControlOutput:
         """Follow the press line as `reference` says.
 
-        Raises:
-            InputError: no line is set, or the reference left the arm's reach.
+        InputError: no line is set, or the reference left the arm's reach.
         """
         if self._line is None:
             raise InputError("hybrid controller: set_line comes before step")

@@ -80,8 +80,7 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
 
     What has waited in a line since the devices were opened is old, and some speak only when they are asked.
 
-    Raises:
-        DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
+    DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
     """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:

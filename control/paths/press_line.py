@@ -64,8 +64,7 @@ class PressLine:
     def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
         """Joint motion that gives this motion along the line, in turns nearest to `near_rad`, shape (3,).
 
-        Raises:
-            InputError: out of reach, or singular.
+        InputError: out of reach, or singular.
         """
         angles = a1, a2, _ = self._angles(state.travel_m)
         first_m, second_m, _ = self._arm.lengths_m

@@ -46,8 +46,7 @@ def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
 class JointMove:
     """All joints (n,) from rest to rest along quintics of one duration, none faster than the limits.
 
-    Raises:
-        InputError: a limit is not positive.
+    InputError: a limit is not positive.
     """
 
     def __init__(

@@ -22,8 +22,7 @@ _SETTLE_S = 0.3  # standing there, and at the end
 class References:
     """What an arm of j joints was to do, over n ticks.
 
-    Raises:
-        InputError: times do not increase, a number is not finite, or a phase is unknown.
+    InputError: times do not increase, a number is not finite, or a phase is unknown.
     """
 
     time_s: FloatArray  # from 0 on, increasing, shape (n,) [s]

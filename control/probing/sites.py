@@ -61,8 +61,7 @@ def probing_sites(
 
     Without targets in the plan the only approach starts at the tip's position, shape (3,) [m].
 
-    Raises:
-        InputError: an approach cannot be started, or there is no room behind its start to search.
+    InputError: an approach cannot be started, or there is no room behind its start to search.
     """
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]

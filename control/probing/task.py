@@ -49,8 +49,7 @@ class ProbingTask:
     guard trips and the largest torques (default: none). `estimated` is what the plan's hold law goes by, see
     `HybridController`.
 
-    Raises:
-        InputError: the arm is not planar, or the tool does not lie in its plane.
+    InputError: the arm is not planar, or the tool does not lie in its plane.
     """
 
     def __init__(
@@ -91,8 +90,7 @@ class ProbingTask:
     ) -> "ProbingTask":
         """The task for the arm of a robot file; `calibrations` as for `RigidBody.of_robot`, or its `body`.
 
-        Raises:
-            InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
+        InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
         body = body or RigidBody.of_robot(robot_file, calibrations)
@@ -111,9 +109,8 @@ class ProbingTask:
     def start(self, measurement: Measurement) -> None:
         """Begin from the measured posture, at rest and clear of everything.
 
-        Raises:
-            InputError: a target cannot be probed from here, or not at the speeds of the plan; or the force is
-                more already than can be the sensor's own.
+        InputError: a target cannot be probed from here, or not at the speeds of the plan; or the force is
+        more already than can be the sensor's own.
         """
         touch = self._gains.touch
         if problem := free_air_problem(
@@ -142,9 +139,8 @@ class ProbingTask:
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """See `control.loop.task.Task.step`.
 
-        Raises:
-            SafetyTripError: force sensor and joint torques contradict each other, something is in the way
-                back, or the arm does not come to rest there.
+        SafetyTripError: force sensor and joint torques contradict each other, something is in the way back,
+        or the arm does not come to rest there.
         """
         self._events = []
         run = self._run

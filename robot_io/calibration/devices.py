@@ -79,13 +79,8 @@ class CalibratedEncoder(_Calibrated, JointEncoder):
 class CalibratedTorque(_Calibrated, JointTorque):
     """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
 
-    A drive is never told more than the limit, whatever the calibration makes of a torque within it. Where no
-    torque is wanted, it is told what gives none by the calibration.
-
-    Args:
-        driver: the drives.
-        calibration: of them.
-        limit_nm: largest torque that a drive may be told, shape (n,) [N m].
+    A drive is never told more than `limit_nm`, shape (n,) [N m], whatever the calibration makes of a torque
+    within it. Where no torque is wanted, it is told what gives none by the calibration.
     """
 
     def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:

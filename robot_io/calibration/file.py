@@ -140,14 +140,12 @@ class ForceValues(FileModel):
 class ForceCalibration(Calibration):
     """Of the force sensor.
 
-    Attributes:
-        reading_unit: of what was read; a robot's driver reads N.
-        values: see `ForceValues`; a scale that turns the sign round is refused, and for readings in N one
-            that is off by more than a factor of two: the sensor's own setting is wrong then.
+    A scale that turns the sign round is refused, and for readings in N one that is off by more than a factor
+    of two: the sensor's own setting is wrong then.
     """
 
     kind: Literal["force"]
-    reading_unit: _Unit = "N"
+    reading_unit: _Unit = "N"  # of what was read; a robot's driver reads N
     values: ForceValues
 
     @model_validator(mode="after")

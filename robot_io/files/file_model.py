@@ -102,16 +102,11 @@ def _unknown_key(key: str, valid: list[str]) -> PydanticCustomError:
 def validate(
     model: type[Model], data: object, document: YamlDocument | None = None, at: KeyPath = ()
 ) -> Model:
-    """Make a `model` from `data`.
+    """Make a `model` from `data`, which stands in the document under the path `at`.
 
-    Args:
-        model: the pydantic model.
-        data: what was read, usually a mapping.
-        document: where `data` comes from, for file and line; None for data made by a program.
-        at: path of `data` in the document.
+    Errors name file and line; there is no document of data that a program has made.
 
-    Raises:
-        InputError: the first thing that is wrong, and how many more there are.
+    InputError: the first thing that is wrong, and how many more there are.
     """
     try:
         return model.model_validate(data)

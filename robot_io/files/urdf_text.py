@@ -45,11 +45,7 @@ def parse_urdf(text: str) -> Element:
 
 
 def last_link(robot: Element) -> str:
-    """The link at the end of the longest chain of joints; of several, that which is named last.
-
-    Args:
-        robot: as `parse_urdf` gives it.
-    """
+    """The link at the end of the longest chain of joints; of several, that which is named last."""
     parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
     names = [link.get("name", "") for link in robot.findall("link")]
     return max(reversed(names), key=lambda name: _depth(name, parents), default="")

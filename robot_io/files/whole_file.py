@@ -10,9 +10,7 @@ from pathlib import Path
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """A name to write under; when all is written, the file gets its own name.
 
-    Args:
-        path: the file.
-        replace: what was there; else a file that is there stays, whoever made it and when.
+    What was there is replaced; or else a file that is there stays, whoever made it and when.
 
     Raises:
         FileExistsError: a file is there, and is not to be replaced.

@@ -103,8 +103,7 @@ class _Drive:
 class DeafDrives:
     """Remembers for each drive what was sent to it, and since when it shows something else.
 
-    Args:
-        limits: of the arm; `deaf_drive_s` is the time, shares of its torques are thresholds.
+    `limits.deaf_drive_s` is the time, shares of the arm's torques are thresholds.
     """
 
     def __init__(self, limits: Limits) -> None:

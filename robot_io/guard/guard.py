@@ -106,12 +106,8 @@ class Guard:
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
         """Look at one tick's measurement; trips on whatever is wrong with it.
 
-        The same measurement can be watched again, for instance once its reference is known.
-
-        Args:
-            measurement: this tick's measurement.
-            reference_position_rad: where the joints should be, shape (n,) [rad]: to check as well whether
-                they follow it, and whether their encoders do.
+        The same measurement can be watched again, for instance once its reference is known: where the joints
+        should be, shape (n,) [rad], shows as well whether they follow it, and whether their encoders do.
         """
         problem = self._time_problem(measurement)
         if measurement is not self._watched:
@@ -141,12 +137,8 @@ class Guard:
     def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
         """What may be sent: the command within torque and rate limits, or the safe state's once tripped.
 
-        Trips on a command that is not finite. A measurement that was not watched yet is watched first.
-
-        Args:
-            command: what the controller wants.
-            measurement: this tick's measurement.
-            dt_s: time since the previous tick [s].
+        Trips on a command that is not finite. A measurement that was not watched yet is watched first. `dt_s`
+        is the time since the previous tick [s].
         """
         if measurement is not self._watched:
             self.watch(measurement)

@@ -18,11 +18,7 @@ _TOO_STRONG = "press less or more slowly; if arm and sensor bear it, raise limit
 
 
 class LimitChecks:
-    """The limits of one arm, ready to be held against measurements.
-
-    Args:
-        limits: the limits; SI units.
-    """
+    """The limits of one arm, ready to be held against measurements."""
 
     def __init__(self, limits: Limits) -> None:
         joints = range(1, limits.joint_count + 1)

@@ -24,15 +24,7 @@ class SafeStop:
     Without a gravity model, or from a value on that is none, s is 0.
 
     Braking is at most as strong as at the velocity limit, so that a wrong velocity cannot kick, and it is not
-    rate-limited, so that a bad torque ends at once.
-
-    Args:
-        limits: for torque and velocity.
-        safe_state: damping, times, speed of sinking.
-        gravity_nm: model of the arm's weight, or None.
-
-    Attributes:
-        duration_s: after this the torque is to go off [s].
+    rate-limited, so that a bad torque ends at once. After `duration_s` the torque is to go off [s].
     """
 
     def __init__(self, limits: Limits, safe_state: SafeState, gravity_nm: GravityModel | None) -> None:

@@ -91,9 +91,8 @@ class _Joint:
 class StuckEncoders:
     """Remembers for each joint since when its reading has stood still, and what has happened since.
 
-    Args:
-        limits: of the arm; `stuck_encoder_s` is how long a joint must stand still, in which a sound one has
-            answered its reference; shares of the others are the thresholds.
+    `limits.stuck_encoder_s` is how long a joint must stand still, in which a sound one has answered its
+    reference; shares of the other limits are the thresholds.
 
     Attributes:
         suspicion: which encoder is suspect and why; None if none is.
@@ -125,11 +124,9 @@ class StuckEncoders:
         return [not joint.suspect for joint in self._joints]
 
     def look(self, measurement: Measurement, reference_position_rad: FloatArray) -> None:
-        """Judge one tick.
+        """Judge one tick, whose joints should be at a reference, shape (n,) [rad].
 
-        Args:
-            measurement: this tick's; one without a new sample of the encoders says nothing.
-            reference_position_rad: where the joints should be, shape (n,) [rad].
+        Without a new sample of the encoders it says nothing.
         """
         if not measurement.encoder_at_s > self._sampled_at_s:
             return

@@ -32,11 +32,7 @@ _REMEDY = (
 
 
 class StuckForce:
-    """Remembers how often the force repeats itself, and how long it has now.
-
-    Args:
-        time_s: how long a row must last to count [s].
-    """
+    """Remembers how often the force repeats itself, and how long it has now; a row of `time_s` counts [s]."""
 
     def __init__(self, time_s: float) -> None:
         self._time_s = time_s

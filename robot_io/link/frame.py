@@ -84,8 +84,7 @@ def encode(  # noqa: PLR0917 (what a frame is made of)
 def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
     """The frame; its message is decoded when it is asked for.
 
-    Raises:
-        FrameError: the bytes are too many, of another version, damaged, or not of whoever has the key.
+    FrameError: the bytes are too many, of another version, damaged, or not of whoever has the key.
     """
     begin = seal.size + _HEADER.size
     if not begin <= len(data) <= MOST_BYTES:

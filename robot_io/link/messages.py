@@ -21,12 +21,8 @@ _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 def target_number(leader: int, count: int) -> int:
     """The number of a leader's target, which no other leader gives.
 
-    Args:
-        leader: random number of the leading program; 31 bits of it count.
-        count: of its targets so far.
-
-    Raises:
-        InputError: there are too many of them.
+    It is made of the random number of the leading program, of which 31 bits count, and of how many targets it
+    has given so far. InputError: there are too many of them.
     """
     if not 0 <= count < _NUMBERS:
         raise InputError(f"target {count}: a leader may choose {_NUMBERS}")

@@ -45,8 +45,7 @@ def load_seal(path: Path, topic: str) -> Seal:
 
     Each topic has a key of its own: no frame of another pair, or of the other direction, passes for one.
 
-    Raises:
-        InputError: it cannot be read, or it is too short to be a secret or too long to be a key.
+    InputError: it cannot be read, or it is too short to be a secret or too long to be a key.
     """
     try:
         with path.open("rb") as file:

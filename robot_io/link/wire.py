@@ -45,8 +45,7 @@ class WireType(Generic[T]):
     def decode(self, data: bytes) -> T:
         """Read back what `encode` made.
 
-        Raises:
-            ProtocolError: the bytes are no such message, or a value is not valid.
+        ProtocolError: the bytes are no such message, or a value is not valid.
         """
         try:
             value: T = self._codec.read(self._codec.message.FromString(data))

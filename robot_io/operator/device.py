@@ -27,10 +27,7 @@ class OperatorDevice(Opened):
     """A device of an operator, found by its `name`. As a context manager it opens on entry, closes on exit.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
-
-    Args:
-        settings: of the device's own `Settings`.
-        clock: what samples are stamped with.
+    Its settings are of its own `Settings`.
     """
 
     name: ClassVar[str]  # how files and options call it

@@ -13,14 +13,9 @@ _MOST_BYTES = 65_536  # in one reading
 
 
 class RecordFile:
-    """An open device file.
+    """An open device file, such as /dev/input/js0, of records of `size` bytes.
 
-    Args:
-        path: such as /dev/input/js0.
-        size: bytes of a record.
-
-    Raises:
-        DeviceError: it cannot be opened.
+    DeviceError: it cannot be opened.
     """
 
     def __init__(self, path: str | Path, size: int) -> None:

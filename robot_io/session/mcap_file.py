@@ -27,12 +27,7 @@ _MESSAGE_HEADER_BYTES = 31
 
 
 class McapFile:
-    """A session being written.
-
-    Args:
-        file: binary, at its start, writable and able to tell its position; the caller closes it.
-        streams: the streams that will come.
-        metadata: where the session comes from.
+    """A session being written to a binary file at its start, which the caller closes.
 
     Every method may raise OSError if the file cannot be written; what is in it up to then can be read.
     """

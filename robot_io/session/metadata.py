@@ -11,8 +11,7 @@ from robot_io.errors import InputError, SessionError
 class SessionMetadata:
     """Where a session comes from. Texts are whole files, not paths; what there is none of stays empty.
 
-    Raises:
-        InputError: a value of the wrong type, or a date that is none.
+    InputError: a value of the wrong type, or a date that is none.
     """
 
     robot_file: str = ""  # text of the robot file

@@ -89,10 +89,7 @@ class Session:
 class Follower:
     """One stream of a session that is still being written; each time only what came new is read.
 
-    Args:
-        path: the session file.
-        stream_name: of the stream.
-        last: records that are kept, so that a long session does not fill the memory.
+    The `last` records are kept, so that a long session does not fill the memory.
     """
 
     def __init__(self, path: Path, stream_name: str, last: int) -> None:

@@ -19,12 +19,8 @@ class RingBuffer:
     is in place, and the consumer alone moves the tail, after it has copied. A record that finds the ring full
     is counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
 
-    Each side has an object of its own on the same memory, and uses it from one thread at a time.
-
-    Args:
-        memory: writable shared memory of `size_bytes(dtype, slots)`, zero at first.
-        dtype: type of a record.
-        slots: how many records fit.
+    Each side has an object of its own on the same memory, and uses it from one thread at a time. The memory
+    is shared, of `size_bytes(dtype, slots)`, and zero at first.
     """
 
     def __init__(self, memory: memoryview, dtype: np.dtype[np.void], slots: int) -> None:
@@ -76,10 +72,9 @@ class RingBuffer:
         self._counters[_HEAD] = head + 1
 
     def pop(self, at_most: int) -> tuple[np.ndarray[Any, np.dtype[np.uint64]], RecordArray]:
-        """Consumer: take out the oldest records.
+        """Consumer: take out the oldest records, from 0 to `at_most` of them.
 
-        Returns:
-            Copies of the sequence numbers, shape (n,), and of the records, shape (n,); n from 0 to `at_most`.
+        Returns copies of the sequence numbers, shape (n,), and of the records, shape (n,).
         """
         tail = self._counters[_TAIL]
         available = self._counters[_HEAD] - tail

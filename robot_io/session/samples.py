@@ -60,11 +60,7 @@ class Samples:
         return array[:, np.newaxis] if array.ndim == 1 else array
 
     def select(self, chosen: ArrayLike) -> "Samples":
-        """Some of the samples.
-
-        Args:
-            chosen: a mask of shape (n,), or the samples' indices.
-        """
+        """Some of the samples, by a mask of shape (n,) or by their indices."""
         index = np.asarray(chosen)
         return Samples(self.stream, _read_only({name: array[index] for name, array in self.columns.items()}))
 

@@ -32,10 +32,7 @@ _BLOCK = _WORDS + _FAILURE_BYTES
 class SharedLog:
     """Rings and state at the same places for both sides, which know the streams and the number of slots.
 
-    Args:
-        memory: file descriptor of `open_memory`.
-        streams: what is logged.
-        ring_slots: records that each ring holds.
+    The memory is a file descriptor of `open_memory`.
     """
 
     def __init__(self, memory: int, streams: Sequence[Stream], ring_slots: int) -> None:

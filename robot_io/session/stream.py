@@ -63,8 +63,7 @@ class Column:
 class Stream:
     """A named sequence of records that all have the same columns.
 
-    Raises:
-        InputError: a name twice, no time, or a message of more than `MAX_RECORD_BYTES`.
+    InputError: a name twice, no time, or a message of more than `MAX_RECORD_BYTES`.
     """
 
     name: str  # letters, digits and underscores
@@ -97,16 +96,11 @@ class Stream:
         return np.dtype([(c.name, c.scalar_dtype, c.shape) for c in self.columns])
 
     def records(self, columns: Mapping[str, ArrayLike]) -> RecordArray:
-        """Put whole columns together into records.
+        """Put whole columns together into records: a structured array of `dtype`, shape (n,).
 
-        Args:
-            columns: one array for each column, shape (n,) or (n, width), all of the same length n.
+        Each column is an array of shape (n,) or (n, width), all of the same length n.
 
-        Returns:
-            Structured array of `dtype`, shape (n,).
-
-        Raises:
-            InputError: a column is missing, unknown, of another length or shape, or not a number.
+        InputError: a column is missing, unknown, of another length or shape, or not a number.
         """
         arrays = self.arrays(columns)
         records = np.zeros(len(arrays[TIME_COLUMN]), self.dtype)

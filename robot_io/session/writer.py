@@ -86,11 +86,8 @@ class SessionWriter:
     def append(self, stream_name: str, record: Record) -> None:
         """Log one record; microseconds, whatever the disk does.
 
-        If the ring is full the record is dropped and counted.
-
-        Args:
-            stream_name: one of the streams.
-            record: a tuple with one value for each column, or an np.void of the stream's dtype.
+        If the ring is full it is dropped and counted. A record is a tuple with one value for each column, or
+        an np.void of the stream's dtype.
 
         Raises:
             InputError: there is no such stream, or the session is closed.
@@ -104,16 +101,9 @@ class SessionWriter:
         ring.push(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, Any] | None = None) -> None:
-        """Log one event; does not wait either.
+        """Log one event; see `Event`. Does not wait either.
 
-        Args:
-            time_s: when, on the clock of the streams [s].
-            kind: a short word to filter by.
-            text: one line for people; with the data at most 4000 bytes, else cut.
-            data: values for programs, as JSON can hold them.
-
-        Raises:
-            InputError: the session is closed.
+        With its data an event is at most 4000 bytes, else cut. InputError: the session is closed.
         """
         message = encode_event(Event(time_s, kind, text, data))
         self.append(EVENT_STREAM, (time_s, len(message), message))
@@ -232,15 +222,8 @@ def write_session(
 ) -> Path:
     """Write a whole session at once; the file appears under its name only when it is complete.
 
-    Args:
-        path: the new session file; folders above it are made.
-        streams: each stream with its columns, shape (n,) or (n, width).
-        metadata: where the session comes from.
-        events: in the order in which they happened.
-        progress: told the share of the records that is written.
-
-    Returns:
-        The path.
+    Folders above it are made. Columns have shape (n,) or (n, width), and events are in the order in which
+    they happened. `progress` is told the share of the records that is written. Returns the path.
 
     Raises:
         InputError: the arrays do not fit their streams.

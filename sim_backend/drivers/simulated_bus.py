@@ -31,13 +31,6 @@ class SimulatedBus(Bus):
     flush. Until it is activated for the first time the arm stands on its rest instead of falling, and again
     when it is deactivated there.
 
-    Args:
-        settings: as `SimulatedBusSettings`.
-        context: clock and robot file.
-
-    Raises:
-        InputError: settings or scenario are not valid.
-
     Attributes:
         scenario: what the world will be; `use_scenario` changes it until the robot is configured.
         encoder_sample: positions and velocities (2n) of the last poll, or None before the first has arrived.

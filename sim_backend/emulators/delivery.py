@@ -13,8 +13,7 @@ Device = str | int
 class FrameWire(EmulatedWire, Generic[Frame]):
     """A wire whose frames go wrong one by one; a kind of wire says how they are sent and damaged.
 
-    Attributes:
-        faults: may be added to at any time; the default is none.
+    Faults may be added at any time.
     """
 
     def __init__(self, faults: Faults | None) -> None:

@@ -55,13 +55,8 @@ class Fault(FileModel):
 class Faults:
     """Says at each opportunity whether something goes wrong now. Equal seeds give equal misfortunes.
 
-    Args:
-        faults: what is planned.
-        seed: of the draws for faults that strike by chance.
-        start_s: when the emulator started, on its own clock [s].
-
-    Attributes:
-        generator: random numbers for the details, such as which bit is flipped.
+    The emulator started at `start_s` on its own clock [s]. `generator` is for the details, such as which bit
+    is flipped.
     """
 
     def __init__(self, faults: Iterable[Fault] = (), *, seed: int = 0, start_s: float = 0.0) -> None:

@@ -24,16 +24,8 @@ class Plant:
     """An arm in a simulated world, as its motors and its force sensor see it.
 
     It stands on its rest, and rubs there, until a motor first exerts 4 % of its limit in the robot file: what
-    a driver tries out at activation moves nothing. Not safe for threads: one bench owns it.
-
-    Args:
-        robot_file: the arm.
-        scenario: object and quality of the sensors, which are those of the direct simulation.
-        start_s: time of the initial state on the bench's clock [s].
-        effects: what is hidden in plant and sensors.
-
-    Attributes:
-        world: the world, for its truth and its object.
+    a driver tries out at activation moves nothing. Its sensors are as good as those of the direct simulation.
+    It begins at `start_s` on the bench's clock [s]. Not safe for threads: one bench owns it.
     """
 
     def __init__(

@@ -104,17 +104,10 @@ class Frame:
 
 
 class ServoWire(EmulatedWire):
-    """Servos on one line. `path` is the port for the driver.
+    """Servos, by id, on one line; `path` is its device file for the driver.
 
-    Args:
-        servos: by id.
-        faults: what goes wrong; devices are called by their ids.
-        baud_rate: for the time on the wire [bit/s]; None: bytes take no time.
-        start_s: when the servos get power [s].
-
-    Attributes:
-        path: device file of the port.
-        faults: may be added to at any time.
+    The baud rate is for the time on the wire [bit/s]; with None bytes take no time. The servos get power at
+    `start_s` [s]. Faults may be added at any time; devices are called by their ids.
     """
 
     def __init__(

@@ -6,11 +6,7 @@ from sim_backend.emulators.plant import JointState, Plant
 
 
 class Shaft:
-    """What a motor does to its joint, and what its own sensors see of it.
-
-    Args:
-        plant: the arm.
-        joint: which joint, from 0.
+    """What a motor does to its joint, from 0, and what its own sensors see of it.
 
     Attributes:
         beside: the other motor's end, where two turn the joint.

@@ -66,17 +66,11 @@ def wire_up(
     faults: Mapping[str, Faults] | None = None,
     effects: Effects = NO_EFFECTS,
 ) -> WiredArm:
-    """Emulate every bus of a robot.
+    """Emulate every bus of a robot; on a simulated clock devices run in lock-step with it.
 
-    Args:
-        robot_file: a robot of hardware drivers.
-        scenario: the world.
-        clock: the robot's clock; on a simulated one devices run in lock-step with it.
-        faults: what goes wrong, by bus name.
-        effects: what is hidden in plant and sensors.
+    Faults are given by bus name, and effects are what is hidden in plant and sensors.
 
-    Raises:
-        InputError: a bus has no emulator, or its settings are not valid.
+    InputError: a bus has no emulator, or its settings are not valid.
     """
     makers = wire_makers()
     unknown = [section.driver for section in robot_file.buses.values() if section.driver not in makers]

@@ -47,10 +47,7 @@ class Rotors(JointEffect):
     What the arm's weight, contact and friction do, r, is what the last step's motion leaves of the equation;
     the acceleration without the rotors is a0 = a_last + M^-1 (tau - tau_last), and with them it is
     a = (1 + M^-1 J)^-1 a0. Taking J a_last instead, the obvious way, diverges as soon as a rotor is heavier
-    than what its joint feels of the arm.
-
-    Args:
-        inertia_kg_m2: of all joints, shape (n,) [kg m^2].
+    than what its joint feels of the arm. The inertia is that of all joints, shape (n,) [kg m^2].
     """
 
     def __init__(self, inertia_kg_m2: Sequence[float]) -> None:

@@ -14,12 +14,7 @@ _SAME_TIME_S = 1e-9  # physics times are multiples of the step; closer than this
 
 
 class LowPass:
-    """dy/dt = 2 pi f (u - y), for several signals at once.
-
-    Args:
-        bandwidth_hz: corner frequency f [Hz], where the gain is 1/sqrt(2).
-        step_s: time between two calls [s].
-    """
+    """dy/dt = 2 pi f (u - y), for several signals at once; the bandwidth is the corner frequency f [Hz]."""
 
     def __init__(self, bandwidth_hz: float, step_s: float) -> None:
         self._gain = 1.0 - exp(-2.0 * pi * bandwidth_hz * step_s)
@@ -50,15 +45,9 @@ class SampledSensor(ABC):
     of its sampling instants, so `sampled_at_s` is always the time of a state that existed. Above the physics
     rate, every step is a sample.
 
-    Args:
-        rate_hz: sampling rate [Hz].
-        delay_s: from the sampling instant until the sample can be read [s].
-        start_s: start of the first sampling period; what is seen then is sampled whatever the phase [s].
-        phase: where in the period the sampling instants are, from 0 to 1.
-        low_pass: analogue filter ahead of the sampling, or None.
-
-    Attributes:
-        look_s: before this time `observe` does nothing and need not be called [s].
+    The first sampling period begins at `start_s` [s]; what is seen then is sampled whatever the phase, which
+    is where in the period the sampling instants are, from 0 to 1. A low-pass is an analogue filter ahead of
+    the sampling. Before the time `look_s` `observe` does nothing and need not be called [s].
     """
 
     def __init__(
@@ -96,11 +85,7 @@ class SampledSensor(ABC):
         self._samples.append(self._measure(time_s, signal))
 
     def read(self, time_s: float) -> Sample | None:
-        """The newest sample that has arrived by `time_s`; it is stale if it was read before.
-
-        Returns:
-            the sample, or None before the first one has arrived.
-        """
+        """The newest sample that has arrived by `time_s`, None before the first; stale if shown before."""
         arrived_s = time_s - self._delay_s + _SAME_TIME_S
         for sample in reversed(self._samples):
             if sample.sampled_at_s <= arrived_s:
@@ -117,12 +102,7 @@ _BLOCK = 1024
 
 
 class GaussianNoise:
-    """An endless row of independent N(0, std^2) numbers.
-
-    Args:
-        std: standard deviation, in the unit of the signal; zero gives zeros.
-        generator: its own source of random numbers.
-    """
+    """An endless row of independent N(0, std^2) numbers, in the unit of the signal."""
 
     def __init__(self, std: float, generator: np.random.Generator) -> None:
         self._std = std

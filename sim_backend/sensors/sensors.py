@@ -13,16 +13,10 @@ from sim_backend.sensors.settings import EncoderSettings, ForceSettings, TorqueS
 
 
 class SimulatedEncoder(SampledSensor):
-    """Samples positions and velocities of all joints.
+    """Samples positions and velocities of all joints; see `SampledSensor`.
 
-    The true signal is the n positions [rad] followed by the n velocities [rad/s], and so is a sample.
-
-    Args:
-        settings: the encoders.
-        generator: random numbers for the tachometer's noise.
-        start_s: time of the first sample [s].
-        step_s: length of a physics step [s]; sampling is not faster than that.
-        effects: what is hidden in them; the velocity by difference inherits it.
+    The true signal is the n positions [rad] followed by the n velocities [rad/s], and so is a sample. Noise
+    is a tachometer's; a velocity by difference inherits the effects that are hidden in the positions.
     """
 
     def __init__(
@@ -78,14 +72,7 @@ class _Amplifier:
 
 
 class SimulatedTorqueSensor(SampledSensor):
-    """Samples the torques of all drives, positive along the joint axes (n) [N m].
-
-    Args:
-        settings: the sensors.
-        generator: random numbers for their noise.
-        start_s: start of the first sampling period [s].
-        effects: what is hidden in them.
-    """
+    """Samples the torques of all drives, positive along the joint axes (n) [N m]; see `SampledSensor`."""
 
     def __init__(
         self,
@@ -103,15 +90,7 @@ class SimulatedTorqueSensor(SampledSensor):
 
 
 class SimulatedForceSensor(SampledSensor):
-    """Samples the force along the sensor axis (1,), positive in compression [N].
-
-    Args:
-        settings: the sensor.
-        generator: random numbers for its noise.
-        start_s: time of its first sample [s].
-        step_s: length of a physics step [s].
-        effects: what is hidden in it.
-    """
+    """Samples the force along the sensor axis (1,), positive in compression [N]; see `SampledSensor`."""
 
     def __init__(
         self,

@@ -99,18 +99,11 @@ class _Frames(PacketStream[Sample]):
 
 
 class BotaStream:
-    """Forces of one axis from frames; see `Stream`.
+    """Forces of one axis ("x", "y" or "z") from frames; see `Stream`.
 
     The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
     damaged frame in 65 536 through; another time, such as the first, counts once the next goes on with it.
-
-    Args:
-        axis: "x", "y" or "z".
-        capacity_n: what is shown at least where the sensor says that its range is exceeded [N].
-
-    Attributes:
-        complaint: see `Stream`.
-        own_time: the sensor's.
+    Where the sensor says that its range is exceeded, `capacity_n` [N] is shown at least.
     """
 
     def __init__(self, axis: str, capacity_n: float) -> None:

@@ -18,15 +18,7 @@ _LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
 
 
 class AskedMotorBus(MotorBus):
-    """Motors that answer each frame with their state.
-
-    Args:
-        line: settings of the adapter.
-        mountings: one per joint.
-        context: clock and robot file.
-        motor_ids: one per joint.
-        watchdog_s: after how long without a command a motor lets go [s].
-    """
+    """Motors that answer each frame with their state, and let go `watchdog_s` after the last command [s]."""
 
     def __init__(
         self,

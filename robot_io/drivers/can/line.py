@@ -269,11 +269,9 @@ class CanLine:
 class PortLock:
     """An exclusive lock on a serial port, as pyserial and others ask for it; held until `release`.
 
-    Args:
-        channel: what python-can is given, such as /dev/ttyACM0@115200. What is no port needs no lock.
+    The channel is what python-can is given, such as /dev/ttyACM0@115200. What is no port needs no lock.
 
-    Raises:
-        DeviceError: another program, or another part of this one, has the port.
+    DeviceError: another program, or another part of this one, has the port.
     """
 
     def __init__(self, channel: str | int) -> None:

@@ -47,11 +47,6 @@ class MotorBus(Bus, Examinable):
 
     A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
 
-    Args:
-        line: settings of the adapter.
-        mountings: one per joint.
-        context: clock and robot file.
-
     Attributes:
         line: the adapter.
         position: newest positions of all joints [rad], as of the last poll.
@@ -230,11 +225,8 @@ class MotorBus(Bus, Examinable):
         """How long each motor's answers take, so that samples can be dated by it.
 
         CAN frames carry no time: answers that are always late by the same would pass as fresh. It is measured
-        while nothing else is under way; a motor that does not answer is taken to be prompt.
-
-        Args:
-            ask: asks for one answer of every motor.
-            answered_at_s: where `_take` keeps when each motor's answer came [s].
+        while nothing else is under way; a motor that does not answer is taken to be prompt. `ask` wants one
+        answer of every motor, and `_take` keeps in `answered_at_s` when each came [s].
         """
         self._latency_s = [0.0] * self.joint_count
         rounds = []

@@ -57,10 +57,8 @@ def decode_line(line: bytes) -> can.Message:
 class SlcanBus:
     """One adapter, with the part of python-can's bus that is used here.
 
-    Args:
-        channel: its port, and its baud rate if need be: /dev/ttyACM0@3000000.
-        bitrate: of the bus [bit/s]; None leaves the adapter as it is set up.
-        clock: the robot's clock.
+    The channel is its port, with its baud rate if need be: /dev/ttyACM0@3000000. A bit rate of None leaves
+    the adapter as it is set up.
 
     Raises:
         ValueError: slcan has no such bit rate, or that is no baud rate.

@@ -17,15 +17,9 @@ _PING_ALL_S = 0.3  # all 253 ids have answered by then
 
 
 def examine_servos(settings: DynamixelSettings, port: SerialPort, clock: Clock) -> list[Finding]:
-    """What every servo of the robot file says of itself, and who else is there.
+    """What every servo of the robot file says of itself, and who else is there, on a port that stays open.
 
-    Args:
-        settings: the bus.
-        port: its port, open; it is open at the end, too.
-        clock: for how long to wait.
-
-    Raises:
-        DeviceError: the port failed.
+    DeviceError: the port failed.
     """
     there = _ids_on_line(port, clock)
     wanted = settings.ids

@@ -81,12 +81,7 @@ def feedback_reader(
 ) -> FeedbackReader[Feedback]:
     """What reads the block of all servos.
 
-    Args:
-        port: an open port.
-        clock: what deadlines are on.
-        servo_ids: in the order of the joints.
-        indirect_data: address where the padding starts.
-        fast: whether the servos know the fast sync read.
+    The padding starts at the address `indirect_data`; `fast` is whether the servos know the fast sync read.
     """
     ids = tuple(servo_ids)
     ask = protocol.fast_sync_read if fast else protocol.sync_read
@@ -155,11 +150,7 @@ def feedback_problem(
 ) -> str | None:
     """Why some of the feedback of all servos cannot be trusted, or None.
 
-    Args:
-        feedback: of all servos.
-        labels: what to call them.
-        watchdog: the value to which the bus watchdog was set.
-        powered: whether the torque was switched on.
+    `watchdog` is what the bus watchdog was set to, and `powered` whether the torque was switched on.
     """
     for where, servo in zip(labels, feedback, strict=True):
         fired = servo.watchdog == WATCHDOG_FIRED

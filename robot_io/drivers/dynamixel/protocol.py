@@ -187,11 +187,7 @@ _AROUND_DATA = 4  # error, id and checksum of a part
 
 
 class FastReply:
-    """How the answer to one fast sync read must look.
-
-    Args:
-        servo_ids: the servos in the order in which they were asked.
-        data_size: bytes asked of each.
+    """How the answer to one fast sync read of so many bytes of each servo must look, in the order of the ids.
 
     Attributes:
         size: bytes of the whole answer.

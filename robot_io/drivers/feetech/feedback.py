@@ -100,10 +100,8 @@ def feedback_reader(
 class Plausibility:
     """Refuses feedback that cannot be what a servo of this bus says now.
 
-    Args:
-        clock: for how far a joint can have come.
-        settings: what each servo was told, as in `Feedback.settings`, by its id.
-        fastest_counts_s: no joint is faster [counts/s].
+    `settings` are what each servo was told, as in `Feedback.settings`, by its id; no joint is faster than
+    `fastest_counts_s` [counts/s].
     """
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:

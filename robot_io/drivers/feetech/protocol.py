@@ -93,9 +93,7 @@ def decode_status(packet: bytes) -> StatusPacket:
 class StatusReader(PacketStream[StatusPacket]):
     """Finds status packets in a stream; see `PacketStream`.
 
-    Args:
-        echo: an instruction that may come back on the one wire, and is no answer.
-        largest: no expected packet has more bytes; a damaged length is not waited for.
+    `echo` is an instruction that may come back on the one wire, and is no answer.
     """
 
     header = HEADER

@@ -49,14 +49,8 @@ class ServoIdentity:
 class FeetechLine(ServoLine):
     """See `ServoLine`.
 
-    Args:
-        settings: the bus.
-        torque_limits: largest duty cycle of each servo, in its unit, by id.
-        port: its port.
-        clock: for how long to wait.
-
     Attributes:
-        torque_limits: as above.
+        torque_limits: largest duty cycle of each servo, in its unit, by id.
         identities: one per servo that turns a joint, once they have been looked at.
     """
 

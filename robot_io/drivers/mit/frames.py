@@ -22,9 +22,7 @@ class Order(StrEnum):
 class MitFrames:
     """Frames of the Mini Cheetah's firmware, as CubeMars' motors and others have it.
 
-    Args:
-        host_id: who asks, for motors that answer to it.
-        answer_ids: under which arbitration ids each motor's answers are taken, by its id.
+    Some motors answer to `host_id`; `answer_ids` are the arbitration ids of each motor's answers, by its id.
     """
 
     _ORDERS: ClassVar = {Order.ENTER: mit.ENTER_MOTOR_MODE, Order.LEAVE: mit.EXIT_MOTOR_MODE}

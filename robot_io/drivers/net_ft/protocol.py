@@ -68,17 +68,9 @@ def status_problem(status: int) -> str:
 
 
 class NetFtStream:
-    """Forces of one axis from datagrams; see `Stream`.
+    """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz]; see `Stream`.
 
-    Args:
-        newtons_per_count: what one count is [N].
-        axis: "x", "y" or "z".
-        rate_hz: records a second [Hz].
-
-    Attributes:
-        complaint: see `Stream`.
-        own_time: the sensor's, by the records that it has sent.
-        rejected: datagrams that were no records, and records that were not new.
+    What counts as rejected are datagrams that were no records, and records that were not new.
     """
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:

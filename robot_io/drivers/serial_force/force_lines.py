@@ -33,13 +33,9 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
 
 
 def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: float) -> LineStream:
-    """Readings from lines that match `pattern`.
+    """Readings from lines that match `pattern`, see `compile_pattern`; a value is multiplied with `scale`.
 
-    Args:
-        pattern: see `compile_pattern`.
-        unit: unit of lines that name none, or None: such lines are rejected.
-        scale: what a value is multiplied with before its unit.
-        largest_n: see `LineStream`.
+    Lines that name no unit are in `unit`; where that is None, they are rejected.
     """
     compiled = compile_pattern(pattern)
     stated = None if unit is None else newtons_per(unit)

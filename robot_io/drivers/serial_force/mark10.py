@@ -35,11 +35,9 @@ def reading_of(line: str) -> tuple[str, str]:
 
 
 class Mark10Stream(LineStream):
-    """Readings in one unit; a gauge that has gone over to another one complains.
+    """Readings in one unit, as the gauge writes it; a gauge that has gone over to another one complains.
 
-    Args:
-        unit: as the gauge writes it. ProtocolError: it is none of force.
-        capacity_n: of the gauge [N]; twice that is not accepted as a reading.
+    Twice the gauge's capacity [N] is not accepted as a reading. ProtocolError: the unit is none of force.
     """
 
     def __init__(self, unit: str, capacity_n: float) -> None:

@@ -65,13 +65,7 @@ def fault_of(line: bytes) -> str:
 class CellStream:
     """Forces from the lines; one whose counter stands still or goes back is an old one, and left out.
 
-    Args:
-        newtons_per_count: what one count is [N].
-        zero_counts: what it counts without a load.
-        capacity_n: what a converter at the end of its range shows at least [N].
-
-    Attributes:
-        complaint: see `Stream`.
+    A converter at the end of its range shows `capacity_n` [N] at least.
     """
 
     def __init__(self, newtons_per_count: float, zero_counts: float, capacity_n: float) -> None:

@@ -23,9 +23,7 @@ class OwnTime:
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
         """When the newest reading was sampled at the latest, on the host's clock [s].
 
-        Args:
-            arrived_at_s: when it arrived [s].
-            prompt: whether it was just then, and not perhaps later.
+        It arrived at `arrived_at_s`; `prompt` is whether it was just then, and not perhaps later.
         """
         if prompt:
             grown_s = self._delay_s + _CLOCKS_DIFFER * (self._now_s - self._looked_s)

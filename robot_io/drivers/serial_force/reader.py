@@ -40,15 +40,9 @@ class SerialReader:
     reading only, if that stays there or goes on the same way: a lost byte or a flipped bit shows once. Where
     each reading has a checksum, none of this is needed.
 
-    Args:
-        file_descriptor: of the port, not blocking.
-        stream: makes readings of bytes.
-        clock: the robot's clock.
-        capacity_n: of the sensor [N].
-        held_back_s: for how long the stream waits for what confirms a reading [s].
-        has_checksums: whether the stream knows by itself what is damaged.
-        own_time: the sensor's, which the stream keeps: a reading that is late by it is dated back.
-        poll: asks a sensor that speaks only when it is asked; a reading is then as old as its question.
+    The port must not block. The stream waits `held_back_s` for what confirms a reading [s]. A reading that is
+    late by the sensor's `own_time`, which the stream keeps, is dated back; one that a `poll` has asked for is
+    as old as its question.
 
     Attributes:
         newest: the newest reading, None before the first.

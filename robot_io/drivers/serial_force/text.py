@@ -89,15 +89,14 @@ class LineSplitter:
 
 
 class LineStream:
-    """Readings from lines of text.
+    """Readings from lines of text, none beyond `largest_n` [N].
 
     Where all lines have had the same number of decimals, one with another number is rejected: a byte is
-    missing ("0.65" without its point is 65).
+    missing ("0.65" without its point is 65). A first line may have lost its beginning, and is left out unless
+    `from_beginning`.
 
-    Args:
-        parse: the number as it is written, and newtons per unit, of a line; ProtocolError: it is no reading.
-        largest_n: no reading beyond it is accepted [N].
-        from_beginning: whether the first line cannot have lost its beginning.
+    `parse` makes of a line the number as it is written, and newtons per unit.
+    ProtocolError: it is no reading.
     """
 
     complaint = ""  # such devices do not complain

@@ -28,14 +28,11 @@ class ServoJoints:
     """Converts what servos say.
 
     A servo may count over several turns, but starts within one after power-up. `choose_turns` settles which
-    turn of the joint that is; from then on the angle is continuous.
+    turn of the joint that is; from then on the angle is continuous. Positions more than half a turn away from
+    the middle of a joint's range, `middle_rad` (n) [rad], are not told apart.
 
-    Args:
-        mountings: all servos that turn joints (m).
-        pairs: which of them share a joint.
-        middle_rad: of each joint's range (n) [rad]; positions more than half a turn away are not told apart.
-        steps: what one count is, along the joint axes, shape (3, m): of position [rad], velocity [rad/s] and
-            torque [N m].
+    `steps` is what one count of all servos that turn joints is along the joint axes, shape (3, m): position
+    [rad], velocity [rad/s] and torque [N m].
     """
 
     def __init__(

@@ -14,11 +14,7 @@ _SWITCH_OFF_ATTEMPTS = 3
 
 
 class ServoLine(ABC):
-    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
-
-    Attributes:
-        registers: as above.
-    """
+    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own."""
 
     dialect: ClassVar[Dialect]
     torque_enable: ClassVar[Register]  # 0 is off

@@ -22,12 +22,7 @@ _SAMPLES = 5  # in a row before it counts, however slowly they come
 
 
 class ServoPairs:
-    """Makes joints of servos, and servos of joints; servos are in the order of `ServoBusSettings.turning`.
-
-    Args:
-        settings: of the bus.
-        limits: of the arm.
-    """
+    """Makes joints of servos, and servos of joints; servos are in the order of `ServoBusSettings.turning`."""
 
     def __init__(self, settings: ServoBusSettings[Any], limits: Limits) -> None:
         self.joint_count = len(settings.servos)
@@ -111,11 +106,9 @@ class ServoPairs:
         return None
 
     def strife(self, torque_nm: FloatArray, time_s: float) -> str | None:
-        """Which pair has not pulled alike for so long, by the torques of all servos (m) [N m], or None.
+        """Which pair has not pulled alike for so long, or None.
 
-        Args:
-            torque_nm: as measured.
-            time_s: when [s].
+        By the torques of all servos (m) [N m] as they were measured at `time_s` [s].
         """
         for k, joint in enumerate(self._joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])

@@ -30,11 +30,7 @@ LIMITS = {
 
 
 class EmulatedDamiao(EmulatedMitMotor):
-    """One motor; arguments as for `EmulatedMitMotor`.
-
-    Attributes:
-        registers: what it keeps, by number.
-    """
+    """One motor, see `EmulatedMitMotor`; `registers` is what it keeps, by number."""
 
     registers: dict[int, float]
 

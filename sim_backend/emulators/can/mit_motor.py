@@ -28,13 +28,11 @@ def _to_float(number: int, low: float, high: float, bits: int) -> float:
 
 
 class EmulatedMitMotor(EmulatedMotor):
-    """One motor; `EmulatedMotor` has the other arguments.
+    """One motor, see `EmulatedMotor`.
 
-    Args:
-        limits: ends of the ranges of position [rad], velocity [rad/s] and torque [N m].
-        host_id: arbitration id of its answers.
-        timeout_s: CAN timeout [s]; None is none.
-        deaf_when_off: out of motor mode it answers nothing but the special codes.
+    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m], `host_id` the
+    arbitration id of its answers, and a `timeout_s` of None no CAN timeout [s]. Out of motor mode one that is
+    `deaf_when_off` answers nothing but the special codes.
     """
 
     def __init__(

@@ -37,13 +37,9 @@ _DEFAULTS = {0x20: 0.0, 0x21: 0.0, 0x22: 0.0, 0x23: 1.0, 0x24: 1.0, 0x27: 0.0, 0
 
 
 class EmulatedMoteus(EmulatedMotor):
-    """One controller; `EmulatedMotor` has the other arguments.
+    """One controller, see `EmulatedMotor`; its current limit allows `max_torque_nm` at the output [N m].
 
-    Args:
-        max_torque_nm: what its current limit allows at the output [N m].
-
-    Attributes:
-        known: whether it knows its position.
+    `known` is whether it knows its position.
     """
 
     known = True

@@ -30,14 +30,10 @@ class MotorPlace(FileModel, extra="ignore"):
 
 
 class EmulatedMotor(CanNode):
-    """One motor.
+    """One motor, by its id; it moves a joint of the plant, from 0.
 
-    Args:
-        number: its id.
-        joint: which joint of the plant it moves, from 0.
-        plant: the arm.
-        gear_ratio: turns of its shaft for one turn of the joint, negative if it is reversed.
-        zero_rad: joint angle where its shaft is at zero [rad].
+    Its shaft turns `gear_ratio` times for one turn of the joint, negative if it is reversed, and is at zero
+    where the joint is at `zero_rad` [rad].
     """
 
     def __init__(

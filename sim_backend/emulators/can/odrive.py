@@ -25,15 +25,10 @@ ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
 
 
 class EmulatedOdrive(EmulatedMotor):
-    """One axis; `EmulatedMotor` has the other arguments.
+    """One axis, see `EmulatedMotor`, of firmware "0.5" or "0.6".
 
-    Args:
-        firmware: "0.5" or "0.6".
-        max_torque_nm: what its current limit allows [N m].
-        torque_constant_nm_a: motor torque per ampere [N m/A].
-        heartbeat_s: period of heartbeats [s].
-        cyclic_s: period of encoder estimates and torques [s].
-        watchdog_s: None is a watchdog that is not enabled [s].
+    Its current limit allows `max_torque_nm` [N m]; it sends estimates and torques every `cyclic_s` [s]. A
+    `watchdog_s` of None is not enabled [s].
 
     Attributes:
         velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.

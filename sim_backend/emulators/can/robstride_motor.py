@@ -29,11 +29,7 @@ LIMITS = {
 
 
 class EmulatedRobstride(EmulatedMitMotor):
-    """One motor; arguments as for `EmulatedMitMotor`.
-
-    Attributes:
-        parameters: what can be written, by index.
-    """
+    """One motor, see `EmulatedMitMotor`; `parameters` is what can be written, by index."""
 
     parameters: dict[int, float]
     _news: list[can.Message]  # to be told unasked

@@ -35,16 +35,11 @@ class CanNode(ABC):
 
 
 class CanWire(FrameWire[can.Message]):
-    """Nodes on a python-can bus.
+    """Nodes on a python-can bus, which is opened by the caller and closed by the wire.
 
     Faults: a node's frames are dropped, delayed, corrupted, duplicated, reordered or sent under a foreign id;
-    unplug takes the whole bus off (an error frame says bus-off, then nothing more).
-
-    Args:
-        bus: opened by the caller, closed by the wire; its frames carry the bench's time where it preserves
-            stamps.
-        nodes: what is connected.
-        faults: what goes wrong.
+    unplug takes the whole bus off (an error frame says bus-off, then nothing more). Where the bus preserves
+    stamps, its frames carry the bench's time.
     """
 
     def __init__(self, bus: can.BusABC, nodes: Sequence[CanNode], faults: Faults | None = None) -> None:

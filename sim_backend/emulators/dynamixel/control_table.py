@@ -122,12 +122,7 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
 
 
 class Memory:
-    """One servo's memory.
-
-    Args:
-        items: rows of its control table by address.
-        model: where its indirect data is.
-    """
+    """One servo's memory, from the rows of its control table by address."""
 
     def __init__(self, items: dict[int, Item], model: Model) -> None:
         self._items = items
@@ -162,12 +157,9 @@ class Memory:
         return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
 
     def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
-        """What an instruction writes: whole items in a row.
+        """What an instruction writes at an address: whole items in a row.
 
-        Args:
-            address: of the first byte.
-            data: bytes.
-            allowed: says for an item and its new value whether the servo takes it now.
+        `allowed` says for an item and its new value whether the servo takes it now.
         """
         place, end = address, address + len(data)
         while place < end:

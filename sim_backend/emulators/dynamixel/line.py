@@ -28,11 +28,9 @@ class _Answer:
 
 
 class DynamixelLine(ServoWire):
-    """Servos of one line; further arguments as for `ServoWire`.
+    """Servos of one line, see `ServoWire`.
 
-    Args:
-        mountings: the servos; each turns the joint at its place in the list, with its second one.
-        plant: the arm.
+    Each turns the joint at its place in the list, with its second one.
     """
 
     def __init__(

@@ -128,9 +128,8 @@ def status(servo_id: int, error: int, parameters: bytes = b"") -> bytes:
 def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
     """What servos make together of a fast sync read.
 
-    Args:
-        parts: id, error and data of those that answer; the chain ends where one is silent.
-        asked: how many were asked; the head promises the answer of all.
+    The parts are id, error and data of those that answer; the chain ends where one is silent, but the head
+    promises the answer of all that were asked.
     """
     each = len(parts[0][2]) + 4
     length = 1 + asked * each

@@ -17,15 +17,10 @@ _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
 class FeetechLine(ServoWire):
-    """Servos of one line; further arguments as for `ServoWire`.
+    """Servos of one line, see `ServoWire`.
 
-    Args:
-        mountings: the servos; each turns the joint at its place in the list, with its second one.
-        plant: the arm.
-        hold: ids of servos that turn nothing.
-
-    Attributes:
-        echoes: whether the adapter hears what it says, as some do.
+    Each turns the joint at its place in the list, with its second one; those of the ids `hold` turn nothing.
+    `echoes` is whether the adapter hears what it says, as some do.
     """
 
     def __init__(

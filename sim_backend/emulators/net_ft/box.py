@@ -28,13 +28,7 @@ def record(sequence: int, measurement: int, status: int, counts: list[int]) -> b
 
 
 class EmulatedNetFt(SerialSensor):
-    """One sensor.
-
-    Args:
-        axis: which of its axes is pressed, from 0.
-        capacity_n: where its range ends [N].
-        counts_per_force: counts of one `unit`.
-        unit: of its forces.
+    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
 
     Attributes:
         enabled: whether RDT is switched on.
@@ -92,13 +86,10 @@ class EmulatedNetFt(SerialSensor):
 
 
 class NetFtLine(SensorWire):
-    """The network between a sensor and its host, here this machine's own; arguments as for `SensorWire`.
+    """The network between a sensor and its host, here this machine's own; see `SensorWire`.
 
-    A datagram that is corrupt on its way is cut: none with a flipped bit gets past UDP's checksum.
-
-    Attributes:
-        rdt_port: where it hears requests.
-        http_port: where its page is.
+    It hears requests at `rdt_port`, and its page is at `http_port`. A datagram that is corrupt on its way is
+    cut: none with a flipped bit gets past UDP's checksum.
     """
 
     _sensor: EmulatedNetFt

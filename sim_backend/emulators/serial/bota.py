@@ -27,12 +27,9 @@ def frame(status: int, values: list[float], time_us: int, temperature_c: float =
 
 
 class EmulatedBota(SerialSensor):
-    """One sensor.
+    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
 
-    Args:
-        axis: which of its axes is pressed, from 0.
-        capacity_n: where its range ends [N].
-        length: of its filter, which makes its rate, as it was saved in it.
+    The length of its filter, which makes its rate, is as it was saved in it.
 
     Attributes:
         status: status bits beside those of its reading.

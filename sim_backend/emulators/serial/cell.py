@@ -23,13 +23,7 @@ def line(text: str) -> bytes:
 
 
 class EmulatedCell(SerialSensor):
-    """One cell.
-
-    Args:
-        newtons_per_count: what a count is [N].
-        zero_counts: without a load.
-        rate_hz: samples a second [Hz].
-    """
+    """One cell, with so many newtons in a count, and so many samples a second [Hz]."""
 
     def __init__(self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320) -> None:
         self.range_n = math.inf

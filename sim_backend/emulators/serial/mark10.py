@@ -16,11 +16,7 @@ _SILENT = ("AOUT", "AOFF", "IPOL", "OPOL", "FULL", "NUM", "CUR")  # settings tha
 
 
 class EmulatedMark10(SerialSensor):
-    """One gauge.
-
-    Args:
-        capacity_n: capacity [N]; it reads a tenth beyond.
-        answer_s: how long it takes to answer [s].
+    """One gauge; it reads a tenth beyond its capacity [N], and takes `answer_s` to answer [s].
 
     Attributes:
         unit: command of the unit that it reads in.

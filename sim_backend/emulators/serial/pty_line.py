@@ -23,13 +23,8 @@ _RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range
 class StreamTimer:
     """Counts the readings of a stream out at a steady rate; those that were missed are not made up for.
 
-    The first one comes a period after the start.
-
-    Args:
-        rate_hz: readings a second [Hz].
-
-    Attributes:
-        passed: periods between the last two readings that were due; more than one where some were missed.
+    The first one comes a period after the start. Between the last two readings that were due, so many periods
+    have `passed`; more than one where some were missed.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -60,12 +55,7 @@ class StreamTimer:
 
 
 class SerialSensor(ABC):
-    """What speaks at the end of the line.
-
-    Attributes:
-        name: what faults name it by.
-        sign: -1 if it counts tension as positive.
-    """
+    """What speaks at the end of the line."""
 
     name = "force"
     sign = 1.0
@@ -95,11 +85,6 @@ class SensorWire(FrameWire[bytes]):
 
     Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
     number; saturated; reversed.
-
-    Args:
-        sensor: what is connected.
-        plant: where its force comes from.
-        faults: what goes wrong.
     """
 
     def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
@@ -147,14 +132,10 @@ class SensorWire(FrameWire[bytes]):
 
 
 class PtyLine(SensorWire):
-    """A pseudo terminal and its sensor; further arguments as for `SensorWire`.
+    """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
 
-    Args:
-        in_lock_step: whether what is sent is there for the driver before time goes on.
-        baud_rate: of the sensor [bit/s]; None understands any.
-
-    Attributes:
-        path: device file for the driver.
+    In lock-step what is sent is there for the driver before time goes on. A sensor without a baud rate
+    understands any [bit/s].
     """
 
     def __init__(

@@ -11,12 +11,7 @@ from sim_backend.emulators.serial.pty_line import SerialSensor, StreamTimer
 
 
 class EmulatedGauge(SerialSensor):
-    """One gauge; it writes "-12.34 N".
-
-    Args:
-        capacity_n: end of its range [N].
-        rate_hz: lines a second [Hz].
-    """
+    """One gauge, up to a capacity [N]; it writes "-12.34 N", so many lines a second [Hz]."""
 
     def __init__(self, capacity_n: float, rate_hz: float = 500.0) -> None:
         self.range_n = capacity_n
@@ -35,12 +30,7 @@ LBF_N = 4.4482216152605
 
 
 class EmulatedLoadstar(SerialSensor):
-    """One interface with its load cell.
-
-    Args:
-        capacity_n: capacity [N]; readings go a fifth beyond.
-        unit: "lb" or "N", the unit that it is calibrated in.
-        rate_hz: readings a second [Hz].
+    """One interface with its load cell; readings go a fifth beyond its capacity [N].
 
     Attributes:
         width: characters of a reading; 0 pads none, as some interfaces do.
@@ -117,14 +107,7 @@ def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRE
 
 
 class EmulatedLorenz(SerialSensor):
-    """One sensor.
-
-    Args:
-        nominal_n: nominal load [N].
-        counts_at_nominal: counts at nominal load.
-        dimension_code: code of its unit.
-        load_code: code of its nominal load.
-    """
+    """One sensor, with so many counts at its nominal load [N], and the codes of its unit and of that load."""
 
     def __init__(
         self,
