@@ -7,8 +7,8 @@ import numpy as np
 from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel import protocol
 from robot_io.drivers.dynamixel.examination import examine_servos
-from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem, hardware_problem
-from robot_io.drivers.dynamixel.servos import DynamixelLine, ServoIdentity
+from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem
+from robot_io.drivers.dynamixel.servos import DynamixelLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.drivers.servo.bus import ServoBus
@@ -39,11 +39,6 @@ class DynamixelBus(ServoBus):
         self._line: DynamixelLine = DynamixelLine(own, self._port, context.clock)
         self._largest_current = [servo.servo_model.largest_current for servo in own.turning]
 
-    @property
-    def identities(self) -> tuple[ServoIdentity, ...]:
-        """Who answered when the bus was configured."""
-        return self._line.identities
-
     def _examine_servos(self) -> list[Finding]:
         """Also finds servos under other ids and at another baud rate."""
         return examine_servos(self._settings, self._port, self._clock)
@@ -56,14 +51,10 @@ class DynamixelBus(ServoBus):
     def _prepare_feedback(self) -> FeedbackReader[Feedback]:
         self._line.identify()
         self._line.prepare_feedback()
-        limits = np.array([identity.current_limit for identity in self.identities])
+        limits = np.array(self._line.current_limits)
         steps_nm = np.abs(self._joints.steps[2])
         self._largest_current = (self._pairs.weaker(limits * steps_nm) / steps_nm + 1e-9).astype(int).tolist()
         return self._line.feedback_reader()
-
-    def _prepare_torque(self) -> None:
-        """Set current control, return delay and watchdog, and read them back."""
-        self._line.prepare_torque()
 
     def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
         _, _, _, current, velocity, position, _ = zip(*feedback, strict=True)
@@ -71,9 +62,6 @@ class DynamixelBus(ServoBus):
 
     def _problem(self, feedback: Sequence[Feedback]) -> str | None:
         return feedback_problem(feedback, self._labels, self._settings.watchdog, powered=self._powered)
-
-    def _hardware_problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return hardware_problem(feedback, self._labels)
 
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
         counts = [
@@ -88,11 +76,6 @@ class DynamixelBus(ServoBus):
         goals = zip(self._ids, map(GOAL_CURRENT.encode, counts), strict=True)
         sent_nm = self._pairs.summed(counts * self._joints.steps[2])
         return protocol.sync_write(GOAL_CURRENT.address, dict(goals)), sent_nm
-
-    @property
-    def _goals_size(self) -> int:
-        goals = dict.fromkeys(self._ids, bytes(GOAL_CURRENT.size))
-        return len(protocol.sync_write(GOAL_CURRENT.address, goals))
 
 
 class DynamixelEncoder(ServoEncoder):

@@ -55,6 +55,12 @@ class Feedback(NamedTuple):
     position: int  # over several turns
     alert: bool  # whether its answer carried the alert bit
 
+    @property
+    def complaint(self) -> str:
+        """Its hardware errors by name, or nothing."""
+        is_well = not (self.alert or self.hardware_error)
+        return "" if is_well else f"hardware error: {hardware_error_names(self.hardware_error)}"
+
 
 def block_addresses() -> tuple[int, ...]:
     """The addresses that the indirect data must stand for, in order.
@@ -162,13 +168,3 @@ def feedback_problem(
             names = hardware_error_names(servo.hardware_error)
             return f"{where}: has switched its torque off (hardware error: {names})"
     return None
-
-
-def hardware_problem(feedback: Sequence[Feedback], labels: Sequence[str]) -> str | None:
-    """The hardware errors of all servos, by name, or None."""
-    problems = [
-        f"{label}: hardware error: {hardware_error_names(servo.hardware_error)}"
-        for label, servo in zip(labels, feedback, strict=True)
-        if servo.alert or servo.hardware_error
-    ]
-    return "; ".join(problems) or None

@@ -1,7 +1,6 @@
 """Setting up the servos of one bus, from the first ping to torque on and off; may take milliseconds."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 from robot_io.clock import Clock
@@ -52,37 +51,25 @@ class DynamixelAccess(RegisterAccess):
         return f" (hardware error: {names}; it must be rebooted)"
 
 
-@dataclass(frozen=True, slots=True)
-class ServoIdentity:
-    """What a servo said of itself when it was looked at."""
-
-    id: int  # its id
-    model: str  # name of its model
-    firmware: int  # firmware version
-    voltage_v: float  # input voltage [V]
-    temperature_c: float  # inside it [degrees Celsius]
-    homing_offset: int  # what is added to its position [counts]
-    current_limit: int  # largest current it takes, in its unit
-    hardware_error: str  # names of its hardware errors, or "none"
-
-
 class DynamixelLine(ServoLine):
     """See `ServoLine`.
 
     Attributes:
-        identities: one per servo, once they have been looked at.
+        current_limits: largest current that each servo takes, in its unit, once they have been looked at.
     """
 
     dialect: ClassVar[Dialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
+    goal = tables.GOAL_CURRENT
     ping_size = protocol.PING_SIZE
     registers: DynamixelAccess
 
     def __init__(self, settings: DynamixelSettings, port: SerialPort, clock: Clock) -> None:
         super().__init__(port, DynamixelAccess(port, clock), settings.ids)
         self._settings, self._clock = settings, clock
-        self.identities: tuple[ServoIdentity, ...] = ()
+        self.current_limits: list[int] = []
+        self._fast = False  # whether all servos know the fast sync read, and may use it
 
     def identify(self) -> None:
         """Look who is there, and compare with the settings.
@@ -90,9 +77,14 @@ class DynamixelLine(ServoLine):
         DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
         """
         self._check_all_there(self._settings.baud_rate)
-        self.identities = tuple(self._identify(servo) for servo in self._settings.turning)
+        servos = [(servo, servo.servo_model) for servo in self._settings.turning]
+        know_fast = [self._identify(servo) >= model.fast_sync_read_firmware for servo, model in servos]
+        self._fast = self._settings.fast_sync_read and all(know_fast)
+        read, limit = self.registers.read, tables.CURRENT_LIMIT
+        self.current_limits = [min(read(servo.id, limit), model.largest_current) for servo, model in servos]
 
-    def _identify(self, servo: ServoSettings) -> ServoIdentity:
+    def _identify(self, servo: ServoSettings) -> int:
+        """The firmware of a servo that is as the settings say."""
         number, firmware = self.registers.who(servo.id)
         if number != servo.servo_model.number:
             raise DeviceError(
@@ -104,29 +96,14 @@ class DynamixelLine(ServoLine):
                 f"{WATCHDOG_FIRMWARE}"
             )
         self.registers.settle_unanswered(servo.id, tables.STATUS_RETURN_LEVEL, tables.ANSWER_EVERYTHING)
-        read = self.registers.read
         for trouble, remedy in self.registers.setup_troubles(servo):
             raise DeviceError(f"servo {servo.id}: {trouble}; {remedy}")
-        errors = tables.hardware_error_names(read(servo.id, tables.HARDWARE_ERROR_STATUS))
-        return ServoIdentity(
-            id=servo.id,
-            model=servo.model,
-            firmware=firmware,
-            voltage_v=0.1 * read(servo.id, tables.PRESENT_INPUT_VOLTAGE),
-            temperature_c=float(read(servo.id, tables.PRESENT_TEMPERATURE)),
-            homing_offset=read(servo.id, tables.HOMING_OFFSET),
-            current_limit=min(read(servo.id, tables.CURRENT_LIMIT), servo.servo_model.largest_current),
-            hardware_error=errors,
-        )
+        return firmware
 
     def feedback_reader(self) -> FeedbackReader[Feedback]:
         """What reads the servos in each tick, by the fastest way that all of them know."""
-        fast = self._settings.fast_sync_read and all(
-            identity.firmware >= servo.servo_model.fast_sync_read_firmware
-            for identity, servo in zip(self.identities, self._settings.turning, strict=True)
-        )
         indirect_data = self._settings.servos[0].servo_model.indirect_data
-        return feedback_reader(self._port, self._clock, self._ids, indirect_data, fast=fast)
+        return feedback_reader(self._port, self._clock, self._ids, indirect_data, fast=self._fast)
 
     def prepare_feedback(self) -> None:
         """Gather what is read in each tick, set return delay and watchdog; the torque is off from here on.
@@ -143,11 +120,8 @@ class DynamixelLine(ServoLine):
             settle(servo_id, tables.BUS_WATCHDOG, 0)  # forgets that it has fired
             settle(servo_id, tables.BUS_WATCHDOG, self._settings.watchdog)
 
-    def prepare_torque(self) -> None:
-        """Everything that a servo must do in a run, each setting read back.
-
-        DeviceError: a servo did not do what it was told.
-        """
+    def prepare(self) -> None:
+        """See `ServoLine.prepare`; current control as well."""
         self.prepare_feedback()
         for servo_id in self._ids:
             mode = tables.CURRENT_CONTROL

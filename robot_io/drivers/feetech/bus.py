@@ -18,7 +18,6 @@ from robot_io.drivers.feetech.feedback import (
     Plausibility,
     feedback_problem,
     feedback_reader,
-    hardware_problem,
 )
 from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
@@ -85,9 +84,6 @@ class FeetechBus(ServoBus):
         self._plausibility.restart()
         return feedback_reader(self._port, self._clock, self._settings.ids, self._plausibility.decode)
 
-    def _prepare_torque(self) -> None:
-        self._line.prepare()
-
     def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
         _, _, _, position, speed, load, _, _, _ = zip(*feedback, strict=True)
         return position, speed, load
@@ -101,9 +97,6 @@ class FeetechBus(ServoBus):
 
     def _problem(self, feedback: Sequence[Feedback]) -> str | None:
         return feedback_problem(feedback, self._labels, powered=self._powered)
-
-    def _hardware_problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return hardware_problem(feedback, self._labels)
 
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
         """See `ServoBus._goals`: by the servos' law, from where each is during the next tick."""
@@ -130,11 +123,6 @@ class FeetechBus(ServoBus):
                 "the servos have not been read yet: a torque is commanded from where they are"
             )
         return self.sample
-
-    @property
-    def _goals_size(self) -> int:
-        goals = dict.fromkeys(self._ids, bytes(tables.GOAL_POSITION.size))
-        return len(protocol.sync_write(tables.GOAL_POSITION.address, goals))
 
     def _switch_on(self) -> None:
         self._plausibility.restart()

@@ -47,6 +47,11 @@ class Feedback(NamedTuple):
     temperature: int
     errors: int  # bits, see `error_names`
 
+    @property
+    def complaint(self) -> str:
+        """Its errors by name, or nothing."""
+        return f"error: {error_names(self.errors)}" if self.errors else ""
+
 
 def decode_feedback(packet: Packet) -> Feedback:
     """The block at the end of an answer. ProtocolError: the answer is too short."""
@@ -150,13 +155,3 @@ def feedback_problem(feedback: Sequence[Feedback], labels: Sequence[str], *, pow
             why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
             return f"{label}: has switched its torque off (error: {why})"
     return None
-
-
-def hardware_problem(feedback: Sequence[Feedback], labels: Sequence[str]) -> str | None:
-    """The errors of all servos, by name, or None."""
-    problems = [
-        f"{label}: error: {error_names(servo.errors)}"
-        for label, servo in zip(labels, feedback, strict=True)
-        if servo.errors
-    ]
-    return "; ".join(problems) or None

@@ -51,12 +51,12 @@ class FeetechLine(ServoLine):
 
     Attributes:
         torque_limits: largest duty cycle of each servo, in its unit, by id.
-        identities: one per servo that turns a joint, once they have been looked at.
     """
 
     dialect: ClassVar[Dialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
+    goal = tables.GOAL_POSITION
     ping_size = protocol.ID_SIZE
     last_resort = "it has no watchdog and holds its last goal: switch its supply off"
 
@@ -65,7 +65,6 @@ class FeetechLine(ServoLine):
     ) -> None:
         super().__init__(port, RegisterAccess(protocol, port, clock), settings.ids)
         self._settings, self.torque_limits = settings, torque_limits
-        self.identities: tuple[ServoIdentity, ...] = ()
 
     def identify(self) -> None:
         """Look who is there, and compare with the settings.
@@ -77,8 +76,8 @@ class FeetechLine(ServoLine):
             self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
             self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
-        self.identities = tuple(self.identify_one(servo) for servo in self._settings.turning)
-        for servo, found in zip(self._settings.turning, self.identities, strict=True):
+        looked_at = [(servo, self.identify_one(servo)) for servo in self._settings.turning]
+        for servo, found in looked_at:
             trouble = identity_trouble(servo, found)
             if trouble:
                 raise DeviceError(f"servo {servo.id}: {trouble}")
@@ -105,10 +104,7 @@ class FeetechLine(ServoLine):
         )
 
     def prepare(self) -> None:
-        """Make every servo follow its goal by the plain law; the torque is off from here on.
-
-        DeviceError: a servo did not do what it was told.
-        """
+        """See `ServoLine.prepare`; every servo is to follow its goal by the plain law."""
         settle, own = self.registers.settle, self._settings
         for servo_id in own.ids:
             settle(servo_id, tables.TORQUE_ENABLE, 0)

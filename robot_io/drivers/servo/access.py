@@ -90,7 +90,8 @@ class RegisterAccess:
         wire_s = self._port.duration_s(len(request) + _PACKET + size)
         deadline_s = self._clock.now_s() + wire_s + _PATIENCE_S
         while True:
-            for packet in reader.feed(self._port.wait(deadline_s)):
+            packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
+            for packet in packets:
                 if packet.servo_id == servo_id and (packet.refusal or len(packet.data) == size):
                     return packet
             if self._clock.now_s() >= deadline_s:

@@ -53,10 +53,6 @@ class ServoBus(Bus, Examinable):
         """See that the servos are those of the robot file, and make ready to read; their torque is off."""
 
     @abstractmethod
-    def _prepare_torque(self) -> None:
-        """Set what a run needs, and read it back. DeviceError: a servo did not do what it was told."""
-
-    @abstractmethod
     def _counts(self, feedback: Sequence[Any]) -> Sequence[Sequence[int]]:
         """Position, velocity and torque of all servos that turn joints, shape (3, m)."""
 
@@ -65,17 +61,8 @@ class ServoBus(Bus, Examinable):
         """Why some of the feedback cannot be trusted at all, or None."""
 
     @abstractmethod
-    def _hardware_problem(self, feedback: Sequence[Any]) -> str | None:
-        """Which servos say that something is wrong with them, or None; their positions are sound."""
-
-    @abstractmethod
     def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
         """The sync write for joint torques (n) [N m], and what they become (n) [N m]."""
-
-    @property
-    @abstractmethod
-    def _goals_size(self) -> int:
-        """Bytes of such a sync write."""
 
     # What is common.
 
@@ -91,7 +78,7 @@ class ServoBus(Bus, Examinable):
 
     def activate(self) -> None:
         """Set what a run needs, and read it back."""
-        self._prepare_torque()
+        self._line.prepare()
         self._turns_known = False
 
     def close(self) -> None:
@@ -117,7 +104,9 @@ class ServoBus(Bus, Examinable):
         """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
         if self._reader is None:
             return None
-        return self._port.duration_s(self._reader.byte_count + self._goals_size)
+        goal = self._line.goal
+        goals = self._line.dialect.sync_write(goal.address, dict.fromkeys(self._ids, bytes(goal.size)))
+        return self._port.duration_s(self._reader.byte_count + len(goals))
 
     def poll(self, deadline_s: float) -> None:
         """See `Bus.poll`; the samples are of all servos or of none.
@@ -142,6 +131,11 @@ class ServoBus(Bus, Examinable):
         self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status, motion)
         if hardware:
             raise DeviceError(hardware)
+
+    def _hardware_problem(self, feedback: Sequence[Any]) -> str:
+        """Which servos say that something is wrong with them, or nothing; their positions are sound."""
+        said = zip(self._labels, feedback, strict=True)
+        return "; ".join(f"{label}: {servo.complaint}" for label, servo in said if servo.complaint)
 
     def _motion(self, feedback: Sequence[Any]) -> FloatArray:
         """Positions [rad], velocities [rad/s] and torques [N m] of the servos along the joint axes (3, m)."""

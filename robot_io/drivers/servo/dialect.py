@@ -1,7 +1,9 @@
 """What a servo protocol must offer for the rest to be the same; the module of its codec is one."""
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from robot_io.drivers.servo.stream import PacketStream
 
 
 class Packet(Protocol):
@@ -24,17 +26,6 @@ class Packet(Protocol):
         """Why the instruction was refused, or None if it was not."""
 
 
-class PacketReader(Protocol):
-    """Finds answers in a stream of bytes that comes in pieces and may be damaged anywhere."""
-
-    @property
-    def rejected(self) -> int:
-        """How many things looked like an answer and were none."""
-
-    def feed(self, data: bytes) -> Sequence[Packet]:
-        """Take more bytes; return the answers that are complete now."""
-
-
 class Dialect(Protocol):
     """Instructions as bytes, and what finds the answers to them."""
 
@@ -50,5 +41,5 @@ class Dialect(Protocol):
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
         """Write at the same address of several servos; nobody answers."""
 
-    def packet_reader(self, request: bytes) -> PacketReader:
+    def packet_reader(self, request: bytes) -> PacketStream[Any]:
         """What finds the answers to a request, and not its echo."""

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from robot_io.clock import Clock
-from robot_io.drivers.servo.dialect import Packet, PacketReader
+from robot_io.drivers.servo.dialect import Packet
+from robot_io.drivers.servo.stream import PacketStream
 from robot_io.errors import DeviceTimeoutError, ProtocolError
 from robot_io.serial_port import SerialPort
 
@@ -50,7 +51,7 @@ class FeedbackReader(Generic[FeedbackType]):
         servo_ids: Sequence[int],
         *,
         asking: Mapping[int, bytes],
-        packets: PacketReader,
+        packets: PacketStream[Any],
         decode: Callable[[Packet], FeedbackType],
         around: int,
     ) -> None:

@@ -19,6 +19,7 @@ class ServoLine(ABC):
     dialect: ClassVar[Dialect]
     torque_enable: ClassVar[Register]  # 0 is off
     present_position: ClassVar[Register]
+    goal: ClassVar[Register]  # what is written in each tick
     ping_size: ClassVar[int]  # bytes of what a servo says to a ping
 
     def __init__(self, port: SerialPort, registers: RegisterAccess, servo_ids: Sequence[int]) -> None:
@@ -28,6 +29,13 @@ class ServoLine(ABC):
     @abstractmethod
     def last_resort(self) -> str:
         """What happens where a servo cannot be told anything."""
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Set what a run needs, and read it back; the torque is off from here on.
+
+        DeviceError: a servo did not do what it was told.
+        """
 
     @abstractmethod
     def switch_on(self) -> object:
