@@ -4,14 +4,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from robot_io.clip import clip
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import JointBus
 from robot_io.errors import LifecycleError
 from robot_io.files.file_model import FileModel, input_error
-from robot_io.interfaces import Bus
-from robot_io.types import FloatArray
+from robot_io.types import FloatArray, Reading, Status
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.sensors import Sample
+from sim_backend.sensors.sampling import quantise
 from sim_backend.world import World, world_of
 
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
@@ -24,7 +26,7 @@ class SimulatedBusSettings(FileModel):
     scenario: str | dict[str, object] = "default"
 
 
-class SimulatedBus(Bus):
+class SimulatedBus(JointBus):
     """A simulated world in place of a wire.
 
     On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
@@ -33,9 +35,7 @@ class SimulatedBus(Bus):
 
     Attributes:
         scenario: what the world will be; `use_scenario` changes it until the robot is configured.
-        encoder_sample: positions and velocities (2n) of the last poll, or None before the first has arrived.
-        torque_sample: torques (n) of the last poll, or None.
-        force_sample: force (1) of the last poll, or None.
+        force: newest force, shape (1,) [N].
     """
 
     name = "pybullet"
@@ -50,12 +50,16 @@ class SimulatedBus(Bus):
         self._world: World | None = None
         self._staged_torque_nm: FloatArray | None = None
         self._rest_rad: FloatArray | None = None
-        self.encoder_sample: Sample | None = None
-        self.torque_sample: Sample | None = None
-        self.force_sample: Sample | None = None
+        self._powered = False
+        self.position = self.velocity = self.torque = _reading(None, self.joint_count)
+        self.force = _reading(None, 1)
         self.scenario = load_scenario(own.scenario, context.robot_file.path.parent)
         if isinstance(self._clock, SimulatedClock):
             self._clock.subscribe(self._advance_to)
+
+    @property
+    def joint_count(self) -> int:
+        return self._robot_file.joint_count
 
     def use_scenario(self, scenario: Scenario) -> None:
         """Take this scenario instead of the robot file's. LifecycleError: the world exists already."""
@@ -85,8 +89,8 @@ class SimulatedBus(Bus):
         self.world.held = False
 
     def deactivate(self) -> None:
-        """See `torque_off`; where its rest is, the arm stands on it again."""
-        self.torque_off()
+        """Torque off; where its rest is, the arm stands on it again."""
+        self.power_off()
         if self._world is not None and self._rest_rad is not None:
             truth = self._world.truth()
             is_there = np.abs(truth.joint_position_rad - self._rest_rad).max() < _REST_RAD
@@ -103,16 +107,24 @@ class SimulatedBus(Bus):
         """See `Bus.poll`; a simulated world is never late."""
         world, now_s = self.world, self._clock.now_s()
         world.advance_to(now_s)
-        self.encoder_sample = world.encoder.read(now_s)
-        self.torque_sample = world.torque_sensor.read(now_s)
-        self.force_sample = world.force_sensor.read(now_s)
+        n, motion = self.joint_count, world.encoder.read(now_s)
+        self.position, self.velocity = _reading(motion, n), _reading(motion, n, first=n)
+        self.torque = _reading(world.torque_sensor.read(now_s), n)
+        self.force = _reading(world.force_sensor.read(now_s), 1)
 
-    def stage(self, torque_nm: FloatArray) -> None:
-        """Keep torques (n) [N m] for the next flush."""
-        self._staged_torque_nm = torque_nm
+    def stage(self, torque_nm: FloatArray) -> FloatArray:
+        if not self._powered:
+            raise LifecycleError("the drives are off: activate them before the first command")
+        step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
+        wanted = zip(quantise(torque_nm.tolist(), step_nm), limits_nm, strict=True)
+        self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in wanted])
+        return self._staged_torque_nm
 
-    def torque_off(self) -> None:
-        """Take the torque off all drives at once, and drop a command that is staged."""
+    def power_on(self) -> None:
+        self._powered = True
+
+    def power_off(self) -> None:
+        self._powered = False
         self._staged_torque_nm = None
         if self._world is not None:
             self._world.advance_to(self._clock.now_s())
@@ -127,3 +139,10 @@ class SimulatedBus(Bus):
     def _advance_to(self, time_s: float) -> None:
         if self._world is not None:
             self._world.advance_to(time_s)
+
+
+def _reading(sample: Sample | None, size: int, first: int = 0) -> Reading:
+    """So many values of a sample, or NaN from minus infinity where none has arrived yet."""
+    if sample is None:
+        return Reading(np.full(size, np.nan), -np.inf, Status.STALE)
+    return Reading(np.array(sample.value[first : first + size]), sample.sampled_at_s, sample.status)

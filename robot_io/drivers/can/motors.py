@@ -1,19 +1,19 @@
 """Joints driven by motors on a CAN bus: the part that all motor protocols share."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from math import inf
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import StrictBool
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import JointBus
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
 from robot_io.examination import Examinable, Finding, fail, warn
 from robot_io.files.file_model import FileModel, Number, ZeroAngle, between, input_error
-from robot_io.interfaces import Bus, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
@@ -42,16 +42,13 @@ class MotorMounting(FileModel):
         return self.zero_rad + shaft_rad / self.signed_ratio
 
 
-class MotorBus(Bus, Examinable):
+class MotorBus(JointBus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.
 
     A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
 
     Attributes:
         line: the adapter.
-        position: newest positions of all joints [rad], as of the last poll.
-        velocity: newest velocities [rad/s].
-        torque: newest measured torques [N m].
     """
 
     def __init__(
@@ -88,15 +85,8 @@ class MotorBus(Bus, Examinable):
         """What to call the motor of `joint` (from 0) in messages."""
 
     @abstractmethod
-    def power_on(self) -> None:
-        """Make all motors obey torque commands, at zero torque. DeviceError: a motor refused."""
-
-    @abstractmethod
-    def power_off(self) -> None:
-        """Take the torque off all motors, whatever state they are in.
-
-        DeviceError: a motor did not confirm; all were told.
-        """
+    def _switch_off(self) -> None:
+        """Take the torque off all motors, on a line that is open. DeviceError: one did not confirm."""
 
     @abstractmethod
     def _take(self, frame: CanFrame, at_s: float) -> bool:
@@ -167,10 +157,18 @@ class MotorBus(Bus, Examinable):
             raise kind(f"{self.line.label}: {'; '.join(problems)}")
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """Stage torques (n) [N m] for the next flush; returns what will really be sent (n) [N m]."""
+        """See `JointBus.stage`."""
+        if not self._powered:
+            raise LifecycleError("the motors are off: activate them before the first command")
         pairs = [self._encode_torque(joint, torque) for joint, torque in enumerate(torque_nm.tolist())]
         self._staged = [frame for frame, _ in pairs]
         return np.array([sent for _, sent in pairs])
+
+    def power_off(self) -> None:
+        self._powered = False
+        self._staged = []
+        if self.line.is_open:
+            self._switch_off()
 
     def flush(self, deadline_s: float) -> None:
         staged, self._staged = self._staged, []
@@ -250,55 +248,3 @@ class MotorBus(Bus, Examinable):
             if self._clock.now_s() >= end_s:
                 return False
             self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
-
-
-class MotorEncoder(JointEncoder):
-    """Positions and velocities that motors on a CAN bus report."""
-
-    bus_type: ClassVar[type[MotorBus]]
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(self.bus_type)
-
-    @property
-    def joint_count(self) -> int:
-        return self._bus.joint_count
-
-    def read_position(self) -> Reading:
-        return self._bus.position
-
-    def read_velocity(self) -> Reading:
-        return self._bus.velocity
-
-
-class MotorTorque(JointTorque):
-    """Motors on a CAN bus in torque mode."""
-
-    bus_type: ClassVar[type[MotorBus]]
-
-    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        context.settings_as(FileModel, settings)
-        self._bus = context.bus_as(self.bus_type)
-        self._active = False
-
-    @property
-    def joint_count(self) -> int:
-        return self._bus.joint_count
-
-    def activate(self) -> None:
-        self._bus.power_on()
-        self._active = True
-
-    def deactivate(self) -> None:
-        self._active = False
-        self._bus.power_off()
-
-    def read_torque(self) -> Reading:
-        return self._bus.torque
-
-    def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`. LifecycleError: the motors are off."""
-        if not self._active:
-            raise LifecycleError("the motors are off: activate them before the first command")
-        return self._bus.stage(torque_nm)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import BusTorque
 from robot_io.drivers.dynamixel import protocol
 from robot_io.drivers.dynamixel.examination import examine_servos
 from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem
@@ -12,7 +13,7 @@ from robot_io.drivers.dynamixel.servos import DynamixelLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.drivers.servo.bus import ServoBus
-from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
+from robot_io.drivers.servo.devices import ServoEncoder
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.examination import Finding
 from robot_io.types import FloatArray
@@ -85,7 +86,7 @@ class DynamixelEncoder(ServoEncoder):
     bus_type = DynamixelBus
 
 
-class DynamixelTorque(ServoTorque):
+class DynamixelTorque(BusTorque):
     """The drives of a `dynamixel_bus`.
 
     Both command and measurement are of the motor current; what the gears' friction takes is in neither.

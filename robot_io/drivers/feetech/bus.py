@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import BusTorque
 from robot_io.drivers.feetech import protocol, tables
 from robot_io.drivers.feetech.examination import examine_servos
 from robot_io.drivers.feetech.feedback import (
@@ -22,7 +23,7 @@ from robot_io.drivers.feetech.feedback import (
 from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.servo.bus import ServoBus
-from robot_io.drivers.servo.devices import ServoEncoder, ServoTorque
+from robot_io.drivers.servo.devices import ServoEncoder
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoSample
 from robot_io.errors import LifecycleError
@@ -136,7 +137,7 @@ class FeetechEncoder(ServoEncoder):
     bus_type = FeetechBus
 
 
-class FeetechTorque(ServoTorque):
+class FeetechTorque(BusTorque):
     """Torques of a `feetech_bus`, commanded and measured as duty cycles of the motors; see there."""
 
     name = "feetech_torque"

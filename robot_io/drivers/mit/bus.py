@@ -2,9 +2,9 @@
 
 from math import inf
 
+from robot_io.drivers.bus_devices import BusEncoder, BusTorque
 from robot_io.drivers.can.asked import ANSWER_S
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import MotorEncoder, MotorTorque
 from robot_io.drivers.mit.exchange import MitExchange
 from robot_io.drivers.mit.frames import Order
 from robot_io.drivers.mit.registers import TIMEOUT_STEP_S, MotorRegister
@@ -114,7 +114,7 @@ class MitBus(MitExchange):
                 found = self._register(joint, register, wanted)
                 if found != wanted:
                     raise self._about(joint, f"its {register.name} is {found:g} after it was set to {wanted}")
-        self._leave_motor_mode()
+        self._switch_off()
         fired = dialect.timeout_error
         self._refuse_errors(but=fired)
         has_fired = (
@@ -162,15 +162,8 @@ class MitBus(MitExchange):
         self._answered(frames)
         return [torque >= 0.5 * trial for torque, trial in zip(self._torque_nm, trial_nm, strict=True)]
 
-    def power_off(self) -> None:
-        """See `MotorBus.power_off`; each motor must answer, be it on or off already and deaf to commands."""
-        self._powered = False
-        self._staged = []
-        if not self.line.is_open:
-            return
-        self._leave_motor_mode()
-
-    def _leave_motor_mode(self) -> None:
+    def _switch_off(self) -> None:
+        """See `MotorBus._switch_off`; each motor must answer, also one that is off already and deaf."""
         leave = self._to_every_motor(Order.LEAVE)
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
@@ -184,14 +177,14 @@ class MitBus(MitExchange):
             self._send_all([*enter, *self._zero_torque(), *leave])
 
 
-class MitEncoder(MotorEncoder):
+class MitEncoder(BusEncoder):
     """Positions and velocities that MIT-mode motors report; the settings are the bus's."""
 
     name = "mit_encoder"
     bus_type = MitBus
 
 
-class MitTorque(MotorTorque):
+class MitTorque(BusTorque):
     """Torques to and from MIT-mode motors; the settings are the bus's."""
 
     name = "mit_torque"

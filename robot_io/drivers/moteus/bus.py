@@ -5,9 +5,9 @@ from math import tau
 
 from robot_io.clip import clip
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import BusEncoder, BusTorque
 from robot_io.drivers.can.asked import ANSWER_S, AskedMotorBus
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import MotorEncoder, MotorTorque
 from robot_io.drivers.moteus import protocol as moteus
 from robot_io.drivers.moteus.protocol import MoteusState
 from robot_io.drivers.moteus.settings import MoteusBusSettings
@@ -85,11 +85,8 @@ class MoteusBus(AskedMotorBus):
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
 
-    def power_off(self) -> None:
-        self._powered = False
-        self._staged = []
-        if self.line.is_open:
-            self._bring_to(self._stops, "torque off is not confirmed by", enabled=False)
+    def _switch_off(self) -> None:
+        self._bring_to(self._stops, "torque off is not confirmed by", enabled=False)
 
     def _arm(self) -> None:
         """Forget faults, and go to position mode at zero torque. DeviceError: a controller did not."""
@@ -158,14 +155,14 @@ class MoteusBus(AskedMotorBus):
         return f"its torque is limited by {moteus.LIMITS.get(state.fault, f'code {state.fault}')}"
 
 
-class MoteusEncoder(MotorEncoder):
+class MoteusEncoder(BusEncoder):
     """Positions and velocities that moteus controllers report; the settings are the bus's."""
 
     name = "moteus_encoder"
     bus_type = MoteusBus
 
 
-class MoteusTorque(MotorTorque):
+class MoteusTorque(BusTorque):
     """Torques to and from moteus controllers; the settings are the bus's."""
 
     name = "moteus_torque"

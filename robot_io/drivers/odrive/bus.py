@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from math import inf, tau
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import BusEncoder, BusTorque
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import MotorBus, MotorEncoder, MotorTorque
+from robot_io.drivers.can.motors import MotorBus
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.odrive.protocol import (
     CURRENT_LIMIT,
@@ -122,18 +123,14 @@ class OdriveBus(MotorBus):
         return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4))
 
     def power_on(self) -> None:
-        """See `MotorBus.power_on`; checks the watchdogs first."""
+        """See `JointBus.power_on`; checks the watchdogs first."""
         self._arm()
         self._check_watchdogs()
         self._arm()
         self._powered = True
 
-    def power_off(self) -> None:
-        """See `MotorBus.power_off`; each axis must confirm by a heartbeat."""
-        self._powered = False
-        self._staged = []
-        if not self.line.is_open:
-            return
+    def _switch_off(self) -> None:
+        """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
         told_s = self._clock.now_s()
         self._send_all(
             [
@@ -355,14 +352,14 @@ class OdriveBus(MotorBus):
         return self._describe(beat) if self._powered else ""
 
 
-class OdriveEncoder(MotorEncoder):
+class OdriveEncoder(BusEncoder):
     """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
 
     name = "odrive_encoder"
     bus_type = OdriveBus
 
 
-class OdriveTorque(MotorTorque):
+class OdriveTorque(BusTorque):
     """Torques to and from ODrive axes; the settings are the bus's."""
 
     name = "odrive_torque"

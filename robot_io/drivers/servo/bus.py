@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from robot_io.driver import DriverContext
+from robot_io.drivers.bus_devices import JointBus
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoJoints, ServoSample, middle_of
 from robot_io.drivers.servo.line import ServoLine
@@ -14,12 +15,11 @@ from robot_io.drivers.servo.pairs import ServoPairs
 from robot_io.drivers.servo.settings import ServoBusSettings
 from robot_io.errors import DeviceError, InputError, LifecycleError
 from robot_io.examination import Examinable, Finding
-from robot_io.interfaces import Bus
 from robot_io.serial_port import SerialPort
-from robot_io.types import FloatArray, Status
+from robot_io.types import FloatArray, Reading, Status
 
 
-class ServoBus(Bus, Examinable):
+class ServoBus(JointBus, Examinable):
     """Servos on one half-duplex line, one or two per joint; a maker's bus adds what is its own.
 
     Attributes:
@@ -39,6 +39,8 @@ class ServoBus(Bus, Examinable):
         self._powered = False
         self._staged: bytes | None = None
         self.sample: ServoSample | None = None
+        unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
+        self.position = self.velocity = self.torque = unknown
 
     # What a maker adds.
 
@@ -126,9 +128,11 @@ class ServoBus(Bus, Examinable):
             raise DeviceError(problem)
         strife = self._pairs.strife(motion[2], asked_at_s)
         hardware = self._hardware_problem(feedback) or strife
-        torque_status = Status.FAULT if hardware else Status.OK
         position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
-        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, torque_status, motion)
+        self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
+        self.position = Reading(position_rad, asked_at_s)
+        self.velocity = Reading(velocity_rad_s, asked_at_s)
+        self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if hardware else Status.OK)
         if hardware:
             raise DeviceError(hardware)
 
@@ -146,10 +150,7 @@ class ServoBus(Bus, Examinable):
         return self._joints.motion(counts)
 
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """Keep torques (n) [N m] for the next flush; returns what the servos' range and step make of them.
-
-        LifecycleError: the torque is off; InputError: a torque is not a number.
-        """
+        """See `JointBus.stage`. InputError: a torque is not a number."""
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         if np.isnan(torque_nm).any():
@@ -163,8 +164,7 @@ class ServoBus(Bus, Examinable):
             staged, self._staged = self._staged, None
             self._port.write(staged)
 
-    def torque_on(self) -> None:
-        """Torque on, at zero. DeviceError: a servo refused."""
+    def power_on(self) -> None:
         self._switch_on()
         self._pairs.restart()
         self._powered = True
@@ -172,11 +172,8 @@ class ServoBus(Bus, Examinable):
     def _switch_on(self) -> None:
         self._line.switch_on()
 
-    def torque_off(self) -> None:
-        """Torque off, and a staged command is dropped; does nothing on a port that was never opened.
-
-        DeviceError: some servos did not confirm it.
-        """
+    def power_off(self) -> None:
+        """See `JointBus.power_off`; does nothing on a port that was never opened."""
         self._staged = None
         powered, self._powered = self._powered, False
         if self._port.is_open:

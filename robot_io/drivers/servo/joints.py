@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_io.drivers.servo.pairs import ServoPairs
 from robot_io.drivers.servo.settings import ServoMounting
-from robot_io.types import FloatArray, Status
+from robot_io.types import FloatArray
 
 _TURN_RAD = 2.0 * np.pi
 
@@ -19,7 +19,6 @@ class ServoSample(NamedTuple):
     position_rad: FloatArray  # shape (n,) [rad]
     velocity_rad_s: FloatArray  # as the servos derive it, shape (n,) [rad/s]
     torque_nm: FloatArray  # as the servos show it, shape (n,) [N m]
-    torque_status: Status  # FAULT if a servo has a hardware error
     # Position, velocity and torque of every servo, in the order of `ServoBusSettings.turning`; shape (3, m).
     of_servos: FloatArray
 
