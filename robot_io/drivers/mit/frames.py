@@ -1,14 +1,15 @@
 """How each maker's motors are spoken to: the frames for what a bus of MIT-mode motors has to say."""
 
+import struct
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import ClassVar
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit import registers
 from robot_io.drivers.mit.protocol import MitRanges, MitState
-from robot_io.drivers.mit.registers import MotorRegister
+from robot_io.drivers.mit.registers import READ, REGISTERS_ID, WRITE, MotorRegister
+from robot_io.errors import ProtocolError
 
 
 class Order(StrEnum):
@@ -38,7 +39,7 @@ class MitFrames:
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
         """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m]."""
-        return mit.encode_torque(motor_id, torque_nm, ranges), mit.as_sent(torque_nm, ranges)
+        return mit.encode_torque(motor_id, torque_nm, ranges)
 
     def sender(self, frame: CanFrame) -> int | None:
         """Which motor a frame comes from; None if it is no answer of one of ours."""
@@ -61,15 +62,23 @@ class MitFrames:
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
         """Ask for a register's value."""
-        return registers.read_register(motor_id, register)
+        return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
-        """Set a register."""
-        return registers.write_register(motor_id, register, value)
+        """Set a register; what is set is lost without power."""
+        number = int(value) if register.format == "<I" else value
+        data = bytes((WRITE, register.number)) + struct.pack(register.format, number)
+        return _registers(motor_id, data)
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
         """The value in an answer. ProtocolError: it is about another register, or says that there is none."""
-        return registers.decode_register(frame, motor_id, register)
+        data = frame.data
+        if not _is_about_register(frame, motor_id) or data[2] != READ:
+            raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")
+        if data[3] != register.number:
+            raise ProtocolError(f"register {data[3]} in place of {register.number}")
+        (value,) = struct.unpack(register.format, data[4:])
+        return float(value)
 
 
 class DamiaoFrames(MitFrames):
@@ -79,4 +88,14 @@ class DamiaoFrames(MitFrames):
     _ID_BITS, _STATUS_BESIDE_ID = 0xF, True
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        return registers.is_about_register(frame, motor_id)
+        """See `MitFrames`; a state that looks so would be near the range's end."""
+        return _is_about_register(frame, motor_id)
+
+
+def _registers(motor_id: int, data: bytes) -> CanFrame:
+    return CanFrame(REGISTERS_ID, motor_id.to_bytes(2, "little") + data)
+
+
+def _is_about_register(frame: CanFrame, motor_id: int) -> bool:
+    head = motor_id.to_bytes(2, "little")
+    return len(frame.data) == 8 and frame.data[:2] == head and frame.data[2] in (READ, WRITE)

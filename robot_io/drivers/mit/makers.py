@@ -147,8 +147,3 @@ DIALECTS = {
         set_up=((robstride.RUN_MODE, robstride.OPERATION_CONTROL), (robstride.CAN_TIMEOUT, None)),
     ),
 }
-
-
-def error_name(maker: Maker, code: int) -> str:
-    """What an error of a maker's motors means."""
-    return DIALECTS[maker].error_names(code)

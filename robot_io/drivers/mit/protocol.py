@@ -24,15 +24,13 @@ class MitRanges:
     torque_nm: float  # at the output shaft [N m]
 
 
-MAX_STIFFNESS = 500.0  # KP [N m/rad]
-MAX_DAMPING = 5.0  # KD [N m s/rad]
-
 ENTER_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 EXIT_MOTOR_MODE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
 CLEAR_ERROR = b"\xff\xff\xff\xff\xff\xff\xff\xfb"  # Damiao
 
 MAX_16 = (1 << 16) - 1
 _MAX_12 = (1 << 12) - 1
+_ONLY_TORQUE = 0x8000 << 48 | 0x800 << 36  # position and velocity about zero, and both gains zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,40 +48,14 @@ class MitState:
     enabled: bool | None
 
 
-def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> CanFrame:
-    """Command a torque at the output shaft [N m], with zero gains; cut at the range.
+def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
+    """The frame for a torque at the output shaft, cut at the range, and what it says, after rounding [N m].
 
-    InputError: the torque is not a number.
-    """
-    return encode_command(motor_id, 0.0, 0.0, 0.0, 0.0, torque_nm, ranges)
-
-
-def encode_command(  # noqa: PLR0917 (the order of the frame)
-    motor_id: int,
-    position_rad: float,
-    velocity_rad_s: float,
-    stiffness_nm_rad: float,
-    damping_nms_rad: float,
-    torque_nm: float,
-    ranges: MitRanges,
-) -> CanFrame:
-    """Command all five values; each is cut at its range. InputError: a value is not a number."""
-    position = to_bits(position_rad, -ranges.position_rad, ranges.position_rad, MAX_16)
-    velocity = to_bits(velocity_rad_s, -ranges.velocity_rad_s, ranges.velocity_rad_s, _MAX_12)
-    stiffness = to_bits(stiffness_nm_rad, 0.0, MAX_STIFFNESS, _MAX_12)
-    damping = to_bits(damping_nms_rad, 0.0, MAX_DAMPING, _MAX_12)
-    torque = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
-    bits = position << 48 | velocity << 36 | stiffness << 24 | damping << 12 | torque
-    return CanFrame(motor_id, bits.to_bytes(8, "big"))
-
-
-def as_sent(torque_nm: float, ranges: MitRanges) -> float:
-    """A torque as the 12 bit number that travels [N m]; zero is half a step off, for 4095 is odd.
-
-    InputError: the torque is not a number.
+    Zero torque is half a step off, for 4095 is odd. InputError: the torque is not a number.
     """
     bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
-    return from_bits(bits, ranges.torque_nm, _MAX_12)
+    frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
+    return frame, from_bits(bits, ranges.torque_nm, _MAX_12)
 
 
 def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool = False) -> MitState:

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
 from robot_io.drivers.mit import registers
-from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
+from robot_io.drivers.mit.frames import DamiaoFrames
+from robot_io.drivers.mit.makers import DIALECTS, Maker
 from robot_io.errors import InputError, ProtocolError
 from sim_backend.emulators.can import damiao_motor, mit_motor, robstride_motor
 
@@ -64,16 +65,6 @@ def test_the_end_of_a_range_is_known_on_either_side(position, velocity, at_end):
     assert mit.decode_state(CanFrame(0, data), AK80_9).at_range_end == at_end
 
 
-@given(*(st.floats(-1, 1) for _ in range(3)), st.floats(0, 500), st.floats(0, 5))
-def test_a_command_against_a_bit_packer(position, velocity, torque, stiffness, damping):
-    frame = mit.encode_command(7, 12.5 * position, 50 * velocity, stiffness, damping, 18 * torque, AK80_9)
-    assert frame.can_id == 7
-    numbers = bitstruct.unpack("u16u12u12u12u12", frame.data)
-    shares = (position / 2 + 0.5, velocity / 2 + 0.5, stiffness / 500, damping / 5, torque / 2 + 0.5)
-    for number, share, largest in zip(numbers, shares, (65535, 4095, 4095, 4095, 4095), strict=True):
-        assert abs(number - share * largest) <= 0.5 + 1e-9
-
-
 @given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 255))
 def test_a_state_against_a_bit_packer(position, velocity, torque, error):
     data = bitstruct.pack("u8u16u12u12u8u8", 3, position, velocity, torque, 25, error)
@@ -87,15 +78,16 @@ def test_a_state_against_a_bit_packer(position, velocity, torque, error):
 
 @given(st.floats(-30, 30))
 def test_what_is_sent_is_what_the_motor_will_read(torque_nm):
-    frame = mit.encode_torque(1, torque_nm, AK80_9)
-    _, _, stiffness, damping, torque = bitstruct.unpack("u16u12u12u12u12", frame.data)
-    assert (stiffness, damping) == (0, 0)
-    assert mit.as_sent(torque_nm, AK80_9) == pytest.approx(-18 + 36 * torque / 4095)
-    assert abs(mit.as_sent(torque_nm, AK80_9) - min(max(torque_nm, -18), 18)) <= 18 / 4095 + 1e-9
+    frame, sent_nm = mit.encode_torque(7, torque_nm, AK80_9)
+    position, velocity, stiffness, damping, torque = bitstruct.unpack("u16u12u12u12u12", frame.data)
+    assert (frame.can_id, stiffness, damping) == (7, 0, 0)
+    assert (abs(position - 65535 / 2), abs(velocity - 4095 / 2)) == (0.5, 0.5)  # zero, but for rounding
+    assert sent_nm == pytest.approx(-18 + 36 * torque / 4095)
+    assert abs(sent_nm - min(max(torque_nm, -18), 18)) <= 18 / 4095 + 1e-9
 
 
 def test_zero_torque_is_half_a_step_off_zero():
-    assert abs(mit.as_sent(0.0, AK80_9)) == pytest.approx(18 / 4095)
+    assert abs(mit.encode_torque(7, 0.0, AK80_9)[1]) == pytest.approx(18 / 4095)
 
 
 @pytest.mark.parametrize("length", [0, 5, 7])
@@ -127,17 +119,18 @@ def test_damiao_s_status_stands_above_the_id(first, motor_id, error, enabled):
 
 
 def test_registers_of_the_manual():
-    assert registers.read_register(1, registers.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
-    written = registers.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
+    frames = DamiaoFrames(0, {})
+    assert frames.read_register(1, registers.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
+    written = frames.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
     assert (written.can_id, written.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
     frame = CanFrame(0x11, bytes.fromhex("0201331700002041"))
-    assert registers.decode_register(frame, 0x0102, registers.TORQUE_RANGE) == 10.0
+    assert frames.register_value(frame, 0x0102, registers.TORQUE_RANGE) == 10.0
     wrong = ((frame, 1, registers.TORQUE_RANGE), (frame, 0x0102, registers.CAN_TIMEOUT))
     for answer, motor_id, register in (*wrong, (written, 0x0102, registers.TORQUE_RANGE)):
         with pytest.raises(ProtocolError):
-            registers.decode_register(answer, motor_id, register)
+            frames.register_value(answer, motor_id, register)
 
 
 def test_errors_have_names():
-    assert error_name(Maker.CUBEMARS, 4) == "under voltage"
-    assert error_name(Maker.CUBEMARS, 99) == "unknown error 99"
+    assert DIALECTS[Maker.CUBEMARS].error_names(4) == "under voltage"
+    assert DIALECTS[Maker.CUBEMARS].error_names(99) == "unknown error 99"

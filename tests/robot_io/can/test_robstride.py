@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit.frames import Order
-from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
+from robot_io.drivers.mit.makers import DIALECTS, Maker
 from robot_io.drivers.mit.registers import MotorRegister
 from robot_io.drivers.mit.robstride import CAN_TIMEOUT, RUN_MODE, RobstrideFrames
 from robot_io.errors import ProtocolError
@@ -70,9 +70,9 @@ def test_a_parameter_that_could_not_be_read_is_no_zero():
 def test_faults_have_the_manual_s_names():
     """4.1.2, bits 16 to 21 of a state's id; 4.1.8, of a fault frame's first four bytes."""
     state = "under voltage, over current, over temperature, encoder fault, overload, stalled, "
-    assert error_name(Maker.ROBSTRIDE, 0x3F) == state + "encoder not calibrated"
+    assert DIALECTS[Maker.ROBSTRIDE].error_names(0x3F) == state + "encoder not calibrated"
     alarm = FRAMES.alarm(CanFrame(0x150001FD, bytes.fromhex("0a40010000000000"), extended=True))
-    assert error_name(Maker.ROBSTRIDE, alarm) == (
+    assert DIALECTS[Maker.ROBSTRIDE].error_names(alarm) == (
         "driver chip, over voltage, overload, stalled, over current in phase A"
     )
-    assert error_name(Maker.ROBSTRIDE, 1 << 40) == f"unknown error {1 << 40}"
+    assert DIALECTS[Maker.ROBSTRIDE].error_names(1 << 40) == f"unknown error {1 << 40}"

@@ -5,7 +5,7 @@ import pytest
 from robot_io.drivers.dynamixel import tables as dynamixel
 from robot_io.drivers.feetech import tables as feetech
 from robot_io.drivers.feetech.protocol import error_names
-from robot_io.drivers.mit.makers import DIALECTS, Maker, error_name
+from robot_io.drivers.mit.makers import DIALECTS, Maker
 from robot_io.drivers.odrive.protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
 from robot_io.drivers.servo.register import Register
 from sim_backend.emulators.dynamixel.control_table import MODELS, items_of
@@ -125,8 +125,8 @@ def test_an_odrive_s_states_are_numbered_as_in_its_manual():
 def test_an_mit_motor_s_errors_are_numbered_as_in_its_manual(maker, first, names, encoder, timeout):
     dialect = DIALECTS[maker]
     assert dialect.errors == dict(enumerate(names.split(", "), first))
-    assert encoder == (dialect.encoder_fault and error_name(maker, dialect.encoder_fault))
-    assert timeout == (dialect.timeout_error and error_name(maker, dialect.timeout_error))
+    assert encoder == (dialect.encoder_fault and dialect.error_names(dialect.encoder_fault))
+    assert timeout == (dialect.timeout_error and dialect.error_names(dialect.timeout_error))
 
 
 @pytest.mark.parametrize(
