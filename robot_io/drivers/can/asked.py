@@ -150,6 +150,3 @@ class AskedMotorBus(MotorBus):
                 f"{self.line.label}: {alive} {how} after {_LATEST_WATCHDOG * self._watchdog_s:.2g} s without "
                 f"commands; set its timeout to {self._watchdog_s:g} s"
             )
-
-    def _about(self, joint: int, problem: str) -> DeviceError:
-        return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")

@@ -175,6 +175,9 @@ class MotorBus(JointBus, Examinable):
         for frame in staged:
             self.line.send(frame, deadline_s)
 
+    def _about(self, joint: int, problem: str) -> DeviceError:
+        return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")
+
     def _drain(self, deadline_s: float) -> None:
         for frame, at_s in self.line.drain(deadline_s):
             try:

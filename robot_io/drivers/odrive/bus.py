@@ -13,23 +13,7 @@ from robot_io.drivers.bus_devices import BusEncoder, BusTorque
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.can.motors import MotorBus
 from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.odrive.protocol import (
-    CURRENT_LIMIT,
-    CYCLIC_RATES,
-    ENABLE_WATCHDOG,
-    LIMITER,
-    PASSTHROUGH,
-    TORQUE_CONTROL,
-    UNDERVOLTAGE_V,
-    VELOCITY_LIMIT,
-    WATCHDOG_EXPIRED,
-    WATCHDOG_TIMEOUT,
-    AxisState,
-    Firmware,
-    Heartbeat,
-    OdriveCommand,
-    axis_error_names,
-)
+from robot_io.drivers.odrive.protocol import AxisState, Firmware, Heartbeat, OdriveCommand
 from robot_io.drivers.odrive.settings import OdriveAxis, OdriveBusSettings
 from robot_io.errors import DeviceError
 from robot_io.examination import Finding, fail, ok, warn
@@ -112,7 +96,7 @@ class OdriveBus(MotorBus):
         firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
         supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
         value = f"{firmware}, {supply}, {self._describe(beat)}"
-        if supply_v is not None and supply_v < UNDERVOLTAGE_V:
+        if supply_v is not None and supply_v < odrive.UNDERVOLTAGE_V:
             return fail(label, value, "switch its power supply on")
         if beat.axis_error or beat.component_errors:
             return warn(label, value, "errors are cleared at activation; see what caused them")
@@ -165,22 +149,22 @@ class OdriveBus(MotorBus):
     def _rate_commands(self) -> tuple[str, ...]:
         """What makes an axis send heartbeats, encoder estimates and torques as often as is needed."""
         heartbeat_ms = round(1e3 * self._own.heartbeat_s)
-        names = CYCLIC_RATES[self._own.firmware]
+        names = odrive.CYCLIC_RATES[self._own.firmware]
         return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
 
     @property
     def _setup_commands(self) -> tuple[str, ...]:
         """Everything that an axis must be told over USB, as typed into odrivetool."""
         limits = (
-            f"{VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
-            f"{CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
+            f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
+            f"{odrive.CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
         )
         are_written = all(axis.current_limit_a for axis in self._axes)
         return (
             *self._rate_commands,
-            f"{WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
-            f"{ENABLE_WATCHDOG} = True",
-            f"{LIMITER} = False",
+            f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
+            f"{odrive.ENABLE_WATCHDOG} = True",
+            f"{odrive.LIMITER} = False",
             *(() if are_written else limits),
             "odrv0.save_configuration()",
         )
@@ -197,26 +181,23 @@ class OdriveBus(MotorBus):
             at_s[joint] = -inf
             if self._wait_for(lambda: at_s[joint] > -inf, oldest_s):
                 return
-        raise DeviceError(
-            f"{self.line.label}: {self.motor_label(joint)}: does not send its {what} every {oldest_s:g} s; "
-            f"set {self._rate_commands[2 if what == 'torque' else 1]}"
-        )
+        command = self._rate_commands[2 if what == "torque" else 1]
+        raise self._about(joint, f"does not send its {what} every {oldest_s:g} s; set {command}")
 
     def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
-        place = f"{self.line.label}: {self.motor_label(joint)}"
         if self._heartbeats[joint] is None:
-            raise DeviceError(f"{place}: no heartbeat in {self._heartbeat_timeout_s:.2g} s")
+            raise self._about(joint, f"no heartbeat in {self._heartbeat_timeout_s:.2g} s")
         version, stated = self._versions.get(axis.node_id), self._own.firmware
         if version is None and stated is Firmware.V0_6:
-            raise DeviceError(f"{place}: does not answer Get_Version, as firmware 0.6 would")
+            raise self._about(joint, "does not answer Get_Version, as firmware 0.6 would")
         if version is not None and f"{version[0]}.{version[1]}" != stated:
             found = ".".join(map(str, version))
-            raise DeviceError(f"{place}: has firmware {found}, the robot file says {stated}")
+            raise self._about(joint, f"has firmware {found}, the robot file says {stated}")
         _, encoder, torque = self._rate_commands
         if self._motion_at_s[joint] == -inf:
-            raise DeviceError(f"{place}: sends no encoder estimates; set {encoder}")
+            raise self._about(joint, f"sends no encoder estimates; set {encoder}")
         if self._torque_at_s[joint] == -inf:
-            raise DeviceError(f"{place}: sends no torques; set {torque}")
+            raise self._about(joint, f"sends no torques; set {torque}")
 
     def _arm(self) -> None:
         """Clear errors and go to closed-loop torque control at zero torque."""
@@ -232,10 +213,10 @@ class OdriveBus(MotorBus):
                 if axis.current_limit_a is not None
             ]
         )
-        self._send_all([odrive.encode_controller_mode(node, TORQUE_CONTROL, PASSTHROUGH) for node in nodes])
-        self._send_all([odrive.encode_input_torque(node, 0.0) for node in nodes])
-        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
         zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
+        self._send_all([odrive.encode_controller_mode(node) for node in nodes])
+        self._send_all(zero_torque)
+        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
 
         def armed() -> bool:
             self._send_all(zero_torque)  # so that the watchdogs do not expire meanwhile
@@ -251,7 +232,7 @@ class OdriveBus(MotorBus):
             raise DeviceError(f"{self.line.label}: no closed-loop control: {self._states()}")
 
     def _check_watchdogs(self) -> None:
-        bit = WATCHDOG_EXPIRED[self._own.firmware]
+        bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
 
         def expired() -> list[bool]:
             return [beat is not None and bool(beat.axis_error & bit) for beat in self._heartbeats]
@@ -262,7 +243,7 @@ class OdriveBus(MotorBus):
         alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
         raise DeviceError(
             f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
-            f"set {ENABLE_WATCHDOG} = True; {WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
+            f"set {odrive.ENABLE_WATCHDOG} = True; {odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
         )
 
     def _states(self) -> str:
@@ -272,7 +253,7 @@ class OdriveBus(MotorBus):
         )
 
     def _describe(self, beat: Heartbeat) -> str:
-        names = axis_error_names(beat.axis_error, self._own.firmware)
+        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
         parts = tuple(f"{part} error" for part in beat.component_errors)
         return " ".join((beat.state.name, *names, *parts))
 
@@ -321,7 +302,7 @@ class OdriveBus(MotorBus):
 
     def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
         self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
-        names = axis_error_names(beat.axis_error, self._own.firmware)
+        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
         self._motion_is_wrong[joint] = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(
             names
         )
@@ -338,7 +319,8 @@ class OdriveBus(MotorBus):
             return ""
         return (
             f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
-            f"does something on it limit torques? As delivered, its velocity limiter does: {LIMITER} = False"
+            "does something on it limit torques? As delivered, its velocity limiter does: "
+            f"{odrive.LIMITER} = False"
         )
 
     def _fault(self, joint: int, now_s: float) -> str:

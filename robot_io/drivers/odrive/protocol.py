@@ -226,7 +226,9 @@ def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
 
-def encode_controller_mode(node_id: int, control_mode: int, input_mode: int) -> CanFrame:
+def encode_controller_mode(
+    node_id: int, control_mode: int = TORQUE_CONTROL, input_mode: int = PASSTHROUGH
+) -> CanFrame:
     """Choose how an axis controls its motor."""
     data = _TWO_WORDS.pack(control_mode, input_mode)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
