@@ -5,21 +5,22 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, pi
-from typing import Annotated, ClassVar, Self, TypeVar
+from math import inf, isfinite, pi
+from typing import Annotated, ClassVar, NamedTuple, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
 from robot_io.files.file_model import FileModel, Number
 from sim_backend.emulators.bench import EmulatedWire, heard_at
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
-from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.plant import JointState, Plant
 from sim_backend.emulators.shaft import Shaft
 
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
 _SLIP_RAD = 0.1
+_HELD = JointState(0.0, 0.0, 0.0)
 
 
 class ServoMounting(FileModel, extra="ignore"):
@@ -65,21 +66,44 @@ def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[Mou
 
 
 class LineServo(ABC):
-    """One servo of a line."""
+    """One servo of a line, that gets power at a time [s]; without a shaft it turns nothing, and just holds.
 
-    id: int  # its id
-    stuck: bool  # whether its position sensor has frozen
-    deaf: bool = False  # whether it heeds no goals
-    shaft: Shaft | None  # its end of a joint, None for one that just holds
+    Attributes:
+        stuck: whether its position sensor has frozen.
+        deaf: whether it heeds no goals.
+    """
+
+    def __init__(self, mounting: ServoMounting, shaft: Shaft | None, now_s: float) -> None:
+        self.id, self.shaft = mounting.id, shaft
+        self._zero_rad, self._direction = mounting.zero_rad, -1 if mounting.reversed else 1
+        self._awake_s = now_s
+        self.stuck = self.deaf = False
+        self._frozen: JointState | None = None
+
+    def is_awake(self, now_s: float) -> bool:
+        """Whether it has power and has started."""
+        return now_s >= self._awake_s
+
+    def _shown(self) -> JointState | None:
+        """What its own sensors show of its horn, with the joint's torque; None before the plant's first."""
+        state = self.shaft.state() if self.shaft else _HELD
+        if not isfinite(state.position_rad):
+            return None
+        self._frozen = (self._frozen or state) if self.stuck else None
+        seen = self._frozen or state
+        speed_rad_s = 0.0 if self.stuck else seen.velocity_rad_s
+        angle_rad = self._direction * (seen.position_rad - self._zero_rad)
+        return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
+
+    @property
+    @abstractmethod
+    def alert(self) -> int:
+        """The bits of an error of its own that all its answers carry."""
 
     @property
     @abstractmethod
     def return_delay_s(self) -> float:
         """From the end of an instruction to the start of its answer [s]."""
-
-    @abstractmethod
-    def is_awake(self, now_s: float) -> bool:
-        """Whether it has power and has started."""
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
@@ -92,6 +116,14 @@ class LineServo(ABC):
     @abstractmethod
     def reboot(self, now_s: float, away_s: float) -> None:
         """Lose power for `away_s` [s]."""
+
+
+class Answer(NamedTuple):
+    """What one servo wants to say."""
+
+    servo: LineServo
+    data: bytes = b""
+    error: int = 0
 
 
 @dataclass(frozen=True)
@@ -129,6 +161,11 @@ class ServoWire(EmulatedWire):
     @abstractmethod
     def _hear(self, data: bytes, now_s: float) -> None:
         """Act on what has come over the line."""
+
+    @staticmethod
+    @abstractmethod
+    def _status(servo_id: int, error: int, data: bytes) -> bytes:
+        """The packet of an answer."""
 
     def fileno(self) -> int:
         """See `EmulatedWire.fileno`; a port that nobody has opened would always be readable."""
@@ -190,6 +227,15 @@ class ServoWire(EmulatedWire):
             servo.shaft.backwards = strikes(FaultKind.REVERSED, servo.id, now_s) is not None
             slipped = strikes(FaultKind.SLIPPED, servo.id, now_s) is not None
             servo.shaft.slipped_rad = _SLIP_RAD if slipped else 0.0
+
+    def _answer(self, answers: Iterable[Answer], now_s: float) -> None:
+        """One packet each, in turn, as the faults let them."""
+        frames = []
+        for servo, data, error in answers:
+            packet = self._status(self._said_id(servo.id, now_s), error | servo.alert, data)
+            if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
+                frames.append(self._transmit([servo], packet, now_s))
+        self._outgoing += self._misordered(frames, now_s)
 
     def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> Frame:
         """Put what some servos say on the line, after what is on it already."""

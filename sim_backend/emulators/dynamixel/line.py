@@ -1,7 +1,6 @@
 """What servos of a line answer to instructions of Dynamixel Protocol 2.0."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from robot_io.files.file_model import FileModel, validate
@@ -11,20 +10,11 @@ from sim_backend.emulators.dynamixel.control_table import GOALS, Error
 from sim_backend.emulators.dynamixel.servo import EmulatedServo, Mounting
 from sim_backend.emulators.faults import FaultKind, Faults
 from sim_backend.emulators.plant import Plant
-from sim_backend.emulators.servo_wire import REBOOT_S, ServoWire, on_shafts
+from sim_backend.emulators.servo_wire import REBOOT_S, Answer, LineServo, ServoWire, on_shafts
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """What one servo wants to say: its error byte and its data."""
-
-    servo: EmulatedServo
-    error: int
-    data: bytes
 
 
 class DynamixelLine(ServoWire):
@@ -32,6 +22,8 @@ class DynamixelLine(ServoWire):
 
     Each turns the joint at its place in the list, with its second one.
     """
+
+    _status = staticmethod(wire.status)
 
     def __init__(
         self,
@@ -61,7 +53,7 @@ class DynamixelLine(ServoWire):
         if not instruction.intact:
             target = awake.get(instruction.target)
             if target is not None:
-                self._answer([_Answer(target, Error.CRC, b"")], now_s)
+                self._answer([Answer(target, error=Error.CRC)], now_s)
             return
         if instruction.target == wire.BROADCAST:
             self._obey_all(instruction, awake, now_s)
@@ -71,10 +63,10 @@ class DynamixelLine(ServoWire):
             if answer:
                 self._answer([answer], now_s)
 
-    def _obey_one(self, instruction: wire.Instruction, servo: EmulatedServo, now_s: float) -> _Answer | None:
+    def _obey_one(self, instruction: wire.Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
-            return _Answer(servo, Error.NONE, servo.ping())
+            return Answer(servo, servo.ping())
         if code == _READ and len(parameters) == 4:
             return self._read(servo, parameters) if servo.answers_reading else None
         error = Error.INSTRUCTION
@@ -82,21 +74,20 @@ class DynamixelLine(ServoWire):
             error = servo.write(_word(parameters), parameters[2:])
         elif code == _REBOOT:
             error = Error.NONE
-        answer = _Answer(servo, error, b"") if servo.answers_everything else None
+        answer = Answer(servo, error=error) if servo.answers_everything else None
         if code == _REBOOT:
             servo.reboot(now_s, REBOOT_S)
         return answer
 
     @staticmethod
-    def _read(servo: EmulatedServo, parameters: bytes) -> _Answer:
+    def _read(servo: EmulatedServo, parameters: bytes) -> Answer:
         found = servo.read(_word(parameters), _word(parameters[2:]))
-        return _Answer(servo, found, b"") if isinstance(found, Error) else _Answer(servo, Error.NONE, found)
+        return Answer(servo, error=found) if isinstance(found, Error) else Answer(servo, found)
 
     def _obey_all(self, instruction: wire.Instruction, awake: dict[int, EmulatedServo], now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
-            everybody = [_Answer(servo, Error.NONE, servo.ping()) for servo in awake.values()]
-            self._answer(everybody, now_s)
+            self._answer((Answer(servo, servo.ping()) for servo in awake.values()), now_s)
         elif code == _SYNC_WRITE and len(parameters) > 4:
             step = 1 + _word(parameters[2:])
             for start in range(4, len(parameters) - step + 1, step):
@@ -114,21 +105,10 @@ class DynamixelLine(ServoWire):
             for servo in awake.values():
                 servo.reboot(now_s, REBOOT_S)
 
-    def _answer(self, answers: Sequence[_Answer], now_s: float) -> None:
-        """One packet each, in turn, as the faults let them."""
-        frames = []
-        for answer in answers:
-            servo = answer.servo
-            said_id = self._said_id(servo.id, now_s)
-            packet = wire.status(said_id, answer.error | servo.alert, answer.data)
-            if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
-                frames.append(self._transmit([servo], packet, now_s))
-        self._outgoing += self._misordered(frames, now_s)
-
-    def _answer_fast(self, answers: Sequence[_Answer | None], size: int, now_s: float) -> None:
+    def _answer_fast(self, answers: Sequence[Answer | None], size: int, now_s: float) -> None:
         """All in one packet; it ends before the first servo that is silent."""
         parts: list[tuple[int, int, bytes]] = []
-        speaking: list[EmulatedServo] = []
+        speaking: list[LineServo] = []
         for answer in answers:
             if answer is None or self.faults.strikes(FaultKind.DROP, answer.servo.id, now_s):
                 break

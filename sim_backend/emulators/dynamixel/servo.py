@@ -1,13 +1,12 @@
 """Which servos are on an emulated line, and how each sits on its joint."""
 
 from collections.abc import Collection
-from math import floor, isfinite, pi
+from math import floor, pi
 from typing import ClassVar
 
 from robot_io.files.file_model import Positive
 from sim_backend.emulators.dynamixel import control_table as table
 from sim_backend.emulators.dynamixel.control_table import MODELS, Error, Item, Memory
-from sim_backend.emulators.plant import JointState
 from sim_backend.emulators.servo_wire import LineServo, ServoMounting
 from sim_backend.emulators.shaft import Shaft
 
@@ -32,40 +31,19 @@ CURRENT_CONTROL = 0
 
 
 class EmulatedServo(LineServo):
-    """A servo that turns one joint of a plant.
-
-    Args:
-        mounting: which servo, and how it sits on its joint.
-        shaft: its end of that joint.
-        now_s: when it gets power [s].
-
-    Attributes:
-        id: its id.
-        memory: its control table.
-        shaft: as above.
-        stuck: whether its position sensor has frozen.
-    """
+    """A servo that turns one joint of a plant; `memory` is its control table."""
 
     shaft: Shaft
 
     def __init__(self, mounting: Mounting, shaft: Shaft, now_s: float) -> None:
-        self.id = mounting.id
-        self._mounting, self.shaft = mounting, shaft
+        super().__init__(mounting, shaft, now_s)
         self._model = table.MODELS[mounting.model]
         self.memory = Memory(table.items_of(self._model, mounting.id, mounting.firmware), self._model)
         self.memory.put(table.HOMING_OFFSET, mounting.homing_offset or 0)
         per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
-        self._direction = -1 if mounting.reversed else 1
         self._count_nm = self._direction * per_ampere * self._model.current_unit_a
         self._heard_s = now_s
-        self._awake_s = now_s
         self._turn_counts: int | None = None
-        self.stuck = False
-        self._frozen: JointState | None = None
-
-    def is_awake(self, now_s: float) -> bool:
-        """Whether it has power and has started."""
-        return now_s >= self._awake_s
 
     def hear(self, now_s: float) -> None:
         """Any instruction on the line, for whomever, shows that the controller lives."""
@@ -73,7 +51,6 @@ class EmulatedServo(LineServo):
 
     @property
     def alert(self) -> int:
-        """The alert bit of its answers."""
         return ALERT if self.memory.get(table.HARDWARE_ERROR) else 0
 
     @property
@@ -88,7 +65,6 @@ class EmulatedServo(LineServo):
 
     @property
     def return_delay_s(self) -> float:
-        """From the end of an instruction to the start of its answer [s]."""
         return 2e-6 * self.memory.get(table.RETURN_DELAY)
 
     def ping(self) -> bytes:
@@ -129,7 +105,7 @@ class EmulatedServo(LineServo):
         return bool(self.memory.get(table.HARDWARE_ERROR) & self.memory.get(table.SHUTDOWN))
 
     def watch(self, now_s: float) -> None:
-        """Let its bus watchdog look at the time."""
+        """See `LineServo.watch`: its bus watchdog looks at the time."""
         limit = self.memory.get(table.BUS_WATCHDOG)
         on = self.memory.get(table.TORQUE_ENABLE)
         if on and limit > 0 and now_s - self._heard_s > limit * WATCHDOG_UNIT_S:
@@ -138,14 +114,14 @@ class EmulatedServo(LineServo):
             self._exert()
 
     def fail(self) -> None:
-        """Have a hardware error; it lets go if Shutdown names it."""
+        """See `LineServo.fail`; it lets go if Shutdown names the error."""
         self.memory.put(table.HARDWARE_ERROR, self.memory.get(table.HARDWARE_ERROR) | OVERLOAD)
         if self._shut_down:
             self.memory.put(table.TORQUE_ENABLE, 0)
             self._exert()
 
     def reboot(self, now_s: float, away_s: float) -> None:
-        """Lose power for `away_s` [s]: RAM, turns and errors are forgotten."""
+        """See `LineServo.reboot`: RAM, turns and errors are forgotten."""
         self.memory.lose_power()
         self._turn_counts = None
         self._awake_s = now_s + away_s
@@ -159,18 +135,14 @@ class EmulatedServo(LineServo):
 
     def _look(self) -> None:
         """Bring the present values up to date."""
-        state = self.shaft.state()
-        if not isfinite(state.position_rad):
-            return  # the plant has not sampled yet: it still shows what it had
-        self._frozen = (self._frozen or state) if self.stuck else None
-        seen = self._frozen or state
-        shaft_rad = self._direction * (seen.position_rad - self._mounting.zero_rad)
-        counts = round(shaft_rad * COUNTS / (2 * pi))
+        shown = self._shown()
+        if shown is None:
+            return  # it still shows what it had
+        counts = round(shown.position_rad * COUNTS / (2 * pi))
         if self._turn_counts is None:
             self._turn_counts = floor(counts / COUNTS) * COUNTS
         memory = self.memory
         memory.put(table.PRESENT_POSITION, counts - self._turn_counts)
-        speed = 0.0 if self.stuck else seen.velocity_rad_s
-        memory.put(table.PRESENT_VELOCITY, round(self._direction * speed / VELOCITY_UNIT_RAD_S))
-        current = round(state.torque_nm / self._count_nm) if memory.get(table.TORQUE_ENABLE) else 0
+        memory.put(table.PRESENT_VELOCITY, round(shown.velocity_rad_s / VELOCITY_UNIT_RAD_S))
+        current = round(shown.torque_nm / self._count_nm) if memory.get(table.TORQUE_ENABLE) else 0
         memory.put(table.PRESENT_CURRENT, current)

@@ -11,6 +11,7 @@ STATUS_INSTRUCTION = 0x55
 BROADCAST = 0xFE
 _START = bytes((0xFF, 0xFF, 0xFD))
 _STUFFING = 0xFD
+_STUFFED = bytes((*_START, _STUFFING))
 _TOO_LONG = 0x3FF  # no servo takes more
 
 
@@ -29,7 +30,7 @@ def checksum(data: bytes) -> int:
     """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start."""
     remainder = 0
     for byte in data:
-        remainder = _after_byte(remainder, byte)
+        remainder = (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
     return remainder
 
 
@@ -44,10 +45,6 @@ def _divide(byte: int) -> int:
 
 
 _QUOTIENTS = [_divide(byte) for byte in range(256)]
-
-
-def _after_byte(remainder: int, byte: int) -> int:
-    return (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
 
 
 class Receiver:
@@ -85,41 +82,14 @@ class Receiver:
 
 def _understand(packet: bytes) -> Instruction:
     sent = packet[-2] + 256 * packet[-1]
-    body = _unstuff(packet[7:-2])
+    body = packet[7:-2].replace(_STUFFED, _START)
     intact = checksum(packet[:-2]) == sent
-    return Instruction(packet[4], body[0], bytes(body[1:]), intact, len(packet))
+    return Instruction(packet[4], body[0], body[1:], intact, len(packet))
 
 
-def _unstuff(data: bytes) -> bytearray:
-    """Drop the FD after each FF FF FD."""
-    kept = bytearray()
-    skip = False
-    for byte in data:
-        if not skip:
-            kept.append(byte)
-        skip = not skip and len(kept) >= 3 and kept[-3:] == _START and byte == _STUFFING
-    return kept
-
-
-def _stuff(data: bytes) -> bytearray:
-    """Put an FD after each FF FF FD."""
-    sent = bytearray()
-    run = 0  # how many of FF FF FD have just been seen
-    for byte in data:
-        sent.append(byte)
-        if byte == 0xFF:
-            run = min(run + 1, 2)
-        elif byte == _STUFFING and run == 2:
-            sent.append(_STUFFING)
-            run = 0
-        else:
-            run = 0
-    return sent
-
-
-def status(servo_id: int, error: int, parameters: bytes = b"") -> bytes:
+def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     """A status packet."""
-    body = _stuff(bytes((STATUS_INSTRUCTION, error)) + parameters)
+    body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2
     packet = _START + bytes((0, servo_id, length % 256, length // 256)) + body
     return packet + _little(checksum(packet))

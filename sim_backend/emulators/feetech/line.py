@@ -5,11 +5,11 @@ from typing import Any
 
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.faults import FaultKind, Faults
+from sim_backend.emulators.faults import Faults
 from sim_backend.emulators.feetech import wire
 from sim_backend.emulators.feetech.servo import EmulatedSts, Mounting
 from sim_backend.emulators.plant import Plant
-from sim_backend.emulators.servo_wire import Frame, ServoWire, on_shafts
+from sim_backend.emulators.servo_wire import Answer, Frame, ServoWire, on_shafts
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _GOAL = 42
@@ -22,6 +22,8 @@ class FeetechLine(ServoWire):
     Each turns the joint at its place in the list, with its second one; those of the ids `hold` turn nothing.
     `echoes` is whether the adapter hears what it says, as some do.
     """
+
+    _status = staticmethod(wire.status)
 
     def __init__(
         self,
@@ -56,36 +58,26 @@ class FeetechLine(ServoWire):
     def _obey(self, instruction: wire.Instruction, servo: EmulatedSts, now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _READ and len(parameters) == 2:
-            self._answer([(servo, servo.read(*parameters))], now_s)
+            self._answer([Answer(servo, servo.read(*parameters))], now_s)
         elif code == _PING:
-            self._answer([(servo, b"")], now_s)
+            self._answer([Answer(servo)], now_s)
         elif code == _WRITE and len(parameters) > 1:
             servo.write(parameters[0], parameters[1:])
             if servo.get(8, 1):
-                self._answer([(servo, b"")], now_s)
+                self._answer([Answer(servo)], now_s)
 
     def _obey_all(self, instruction: wire.Instruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters
         if code == _SYNC_READ:
             address, size, *asked = parameters
-            self._answer(
-                [(awake[one], awake[one].read(address, size)) for one in asked if one in awake], now_s
-            )
+            heard = [awake[one] for one in asked if one in awake]
+            self._answer((Answer(servo, servo.read(address, size)) for servo in heard), now_s)
         elif code == _SYNC_WRITE:
             address, size = parameters[:2]
             for start in range(2, len(parameters) - size, size + 1):
                 servo = awake.get(parameters[start])
                 if servo is not None and not (servo.deaf and address == _GOAL):
                     servo.write(address, parameters[start + 1 : start + 1 + size])
-
-    def _answer(self, answers: Sequence[tuple[EmulatedSts, bytes]], now_s: float) -> None:
-        """One packet each, in turn, as the faults let them."""
-        frames = []
-        for servo, data in answers:
-            packet = wire.status(self._said_id(servo.id, now_s), servo.error, data)
-            if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
-                frames.append(self._transmit([servo], packet, now_s))
-        self._outgoing += self._misordered(frames, now_s)
 
 
 class _Settings(FileModel, extra="ignore"):

@@ -9,7 +9,6 @@ from collections.abc import Collection
 from math import isfinite, pi
 from typing import ClassVar
 
-from sim_backend.emulators.plant import JointState
 from sim_backend.emulators.servo_wire import LineServo, ServoMounting
 from sim_backend.emulators.shaft import Shaft
 
@@ -22,7 +21,6 @@ COUNTS = 4096
 EPROM_END = 40
 OVERLOAD = 0x20
 _PROTECTED = 0.2  # of the duty cycle, once it is overloaded
-_HELD = JointState(0.0, 0.0, 0.0)
 
 # Address, size, value as delivered.
 _TABLE = (
@@ -57,25 +55,17 @@ class Mounting(ServoMounting):
 class EmulatedSts(LineServo):
     """A servo that turns one joint of a plant, or one that just holds.
 
-    Args:
-        mounting: which servo, and how it sits on its joint.
-        shaft: its end of a joint; None: it turns nothing here.
-        now_s: when it gets power [s].
-
     Attributes:
         error: its error bits.
         stall_nm: torque of its motor at full duty [N m]; no two are alike.
         no_load_rad_s: speed without a load [rad/s].
         duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
-        return_delay_s: see `LineServo`.
     """
 
     def __init__(self, mounting: Mounting, shaft: Shaft | None, now_s: float) -> None:
-        self.id = mounting.id
-        self._mounting, self.shaft = mounting, shaft
+        super().__init__(mounting, shaft, now_s)
         self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
         self.duty_per_rad = 0.166
-        self._direction = -1 if mounting.reversed else 1
         self._memory = bytearray(90)
         for address, size, value in _TABLE:
             self.put(address, value, size)
@@ -83,9 +73,6 @@ class EmulatedSts(LineServo):
         offset = mounting.homing_offset or 0
         self.put(31, abs(offset) | (0x800 if offset < 0 else 0))
         self._saved = bytes(self._memory[:EPROM_END])
-        self._awake_s = now_s
-        self._frozen: JointState | None = None
-        self.stuck = False
         self.error = 0
         self.supply_v = self._voltage_v
         self._look()
@@ -98,8 +85,9 @@ class EmulatedSts(LineServo):
         """Set a value from inside."""
         self._memory[address : address + size] = value.to_bytes(size, "little")
 
-    def is_awake(self, now_s: float) -> bool:
-        return now_s >= self._awake_s
+    @property
+    def alert(self) -> int:
+        return self.error
 
     @property
     def return_delay_s(self) -> float:
@@ -141,27 +129,19 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def _look(self) -> None:
-        state = self._state()
-        if not isfinite(state.position_rad):
-            return  # the plant has not sampled yet
-        self._frozen = (self._frozen or state) if self.stuck else None
-        seen = self._frozen or state
-        turned_rad = self._direction * (seen.position_rad - self._mounting.zero_rad)
-        self.put(56, round(turned_rad * COUNTS / (2 * pi)) % COUNTS)
-        speed = 0.0 if self.stuck else seen.velocity_rad_s
-        self.put(58, _signed(round(self._direction * speed * COUNTS / (2 * pi)), 15))
+        shown = self._shown()
+        if shown is None:
+            return
+        self.put(56, round(shown.position_rad * COUNTS / (2 * pi)) % COUNTS)
+        self.put(58, _signed(round(shown.velocity_rad_s * COUNTS / (2 * pi)), 15))
         self.put(62, round(10 * self.supply_v), 1)
         self.put(65, self.error, 1)
-
-    def _state(self) -> JointState:
-        return self.shaft.state() if self.shaft else _HELD
 
     def _drive(self) -> None:
         duty = self._duty() if self.get(40, 1) else 0.0
         self.put(60, _signed(round(1000 * duty), 10))
         if self.shaft:
-            state = self._state()
-            drag = self._direction * state.velocity_rad_s / self.no_load_rad_s
+            drag = self._direction * self.shaft.state().velocity_rad_s / self.no_load_rad_s
             effort = duty - drag if self.get(40, 1) and isfinite(drag) else 0.0
             self.shaft.exert(self._direction * effort * self.stall_nm)
 
