@@ -8,9 +8,6 @@ Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, chapters 5 (RNEA)
 World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless a base is said to be tilted.
 """
 
-import os
-import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from robot_io.calibration import Calibrations, load_calibrations
+from robot_io.captured import STDERR, STDOUT, captured
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import read_text
 from robot_io.files.urdf_text import parse_urdf
@@ -258,19 +256,10 @@ class RigidBody:
 
 def _built(text: str) -> "pin.Model":
     """The model of a URDF; what the C++ parser prints of a bad one becomes the reason of the error."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = [os.dup(1), os.dup(2)]
-    with tempfile.TemporaryFile() as printed:
-        try:
-            os.dup2(printed.fileno(), 1)
-            os.dup2(printed.fileno(), 2)
+    said: list[str] = []
+    try:
+        with captured(said, STDOUT, STDERR):
             return pin.buildModelFromXML(text)
-        except (ValueError, RuntimeError) as error:
-            printed.seek(0)
-            said = printed.read().decode(errors="replace").split("\n")[0].removeprefix("Error:").strip()
-            raise ValueError(said or str(error)) from error
-        finally:
-            for number, own in enumerate(kept, 1):
-                os.dup2(own, number)
-                os.close(own)
+    except (ValueError, RuntimeError) as error:
+        first = said[0].removeprefix("Error:").strip() if said else ""
+        raise ValueError(first or str(error)) from error

@@ -8,10 +8,11 @@ from weakref import finalize
 
 import numpy as np
 
+from robot_io.captured import STDOUT, captured
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 from sim_backend.contact_laws import EngineContact
-from sim_backend.engines.bullet import STDOUT, bullet, captured
+from sim_backend.engines.bullet import bullet
 from sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
 
 _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
@@ -165,7 +166,7 @@ def _load(client: int, text: str) -> int:
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
         said: list[str] = []
         try:
-            with captured(STDOUT, said):
+            with captured(said, STDOUT):
                 body: int = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, physicsClientId=client)
         except bullet.error as error:
             reason = " ".join(line for line in said if not line.startswith("b3")) or str(error)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_io.drivers.net_ft.protocol import NetFtStream
-from sim_backend.emulators.net_ft import record
+from sim_backend.emulators.net_ft.box import record
 
 from ..fuzzer import Fuzzer
 

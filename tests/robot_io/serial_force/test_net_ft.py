@@ -19,7 +19,7 @@ from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from sim_backend.emulators.net_ft import EmulatedNetFt, record
+from sim_backend.emulators.net_ft.box import EmulatedNetFt, record
 from tests.wire.parts import NET_FT, ODRIVE, WireBench
 
 COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)

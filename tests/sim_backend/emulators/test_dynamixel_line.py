@@ -12,8 +12,9 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 
 from robot_io.clock import MonotonicClock
 from sim_backend.emulators.bench import Bench
-from sim_backend.emulators.dynamixel import DynamixelLine, Mounting, wire
+from sim_backend.emulators.dynamixel import wire
 from sim_backend.emulators.dynamixel.control_table import MODELS
+from sim_backend.emulators.dynamixel.line import DynamixelLine, Mounting
 from sim_backend.emulators.plant import JointState
 
 BYTE_S = 10 / 4e6

@@ -1,0 +1,39 @@
+"""What C code prints past Python's own streams, kept out of the user's output.
+
+A program whose bad input ends in one clear line, and whose JSON others read, must catch it.
+"""
+
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+STDOUT, STDERR = 1, 2
+
+
+@contextmanager
+def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
+    """Append to `lines` what is written to the file descriptors, in place of writing it."""
+    _flush()
+    kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
+    with tempfile.TemporaryFile() as file:
+        for descriptor in descriptors:
+            os.dup2(file.fileno(), descriptor)
+        try:
+            yield
+        finally:
+            _flush()
+            for descriptor, own in kept:
+                os.dup2(own, descriptor)
+                os.close(own)
+            file.seek(0)
+            lines += file.read().decode("utf-8", "replace").splitlines()
+
+
+def _flush() -> None:
+    """Write out what Python and C still hold back, so that it goes where it was meant to go."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    ctypes.CDLL(None).fflush(None)
