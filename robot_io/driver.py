@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from pydantic import BaseModel
 
@@ -71,7 +71,9 @@ def make_driver(
 
     InputError: no driver has this name, its settings are not valid, or its own code fails.
     """
-    _check_name(registry, driver, context.robot_file, context.section)
+    place = (*context.section, "driver")
+    if driver not in registry:
+        raise input_error(context.robot_file.document, place, registry.unknown(driver))
     make = cast("Callable[[Mapping[str, object], DriverContext], ComponentType]", registry[driver])
     try:
         return make(settings, context)
@@ -79,11 +81,4 @@ def make_driver(
         raise
     except Exception as error:
         problem = f"the driver cannot be made, {in_words(error)}"
-        raise input_error(
-            context.robot_file.document, (*context.section, "driver"), problem, driver
-        ) from error
-
-
-def _check_name(registry: Registry[Any], driver: str, robot_file: RobotFile, section: KeyPath) -> None:
-    if driver not in registry:
-        raise input_error(robot_file.document, (*section, "driver"), registry.unknown(driver))
+        raise input_error(context.robot_file.document, place, problem, driver) from error

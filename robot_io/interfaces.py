@@ -42,14 +42,11 @@ class Bus(Component, ABC):
     def poll(self, deadline_s: float) -> None:
         """Bring in the newest samples of all devices on this bus.
 
-        A device that does not answer keeps its old sample, whose reading then says `Status.STALE`.
+        A device that does not answer keeps its old sample, whose reading then says `Status.STALE`. Waiting
+        is given up at `deadline_s` on the robot's clock [s]; when that has passed already, take what is
+        there.
 
-        Args:
-            deadline_s: time on the robot's clock at which to give up [s]. When it has passed already, take
-                what has arrived and do not wait.
-
-        Raises:
-            DeviceError: the bus itself failed (unplugged, bus-off).
+        DeviceError: the bus itself failed (unplugged, bus-off).
         """
 
     @abstractmethod

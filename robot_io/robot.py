@@ -33,23 +33,14 @@ class Robot(Opened):
 
     `read` never shows an old sample as a new one: what did not arrive in time keeps its value and its time,
     and its status says so. As a context manager it configures on entry and closes on exit, torque off first;
-    activating is always said explicitly.
-
-    Args:
-        encoder: joint encoders.
-        torque: drives.
-        force: force sensor.
-        buses: what the devices hang on, by name; each is polled and flushed once per tick.
-        clock: what samples are stamped with.
-        name: for messages.
+    activating is always said explicitly. Each of the buses, by name, is polled and flushed once per tick.
 
     Attributes:
         bus_errors: why the last `read` could not use a bus, by its name; empty when all is well.
         bus_delays: why the last `read` got nothing new from a bus in time, by its name.
         sample_errors: why the last `read` did not believe a device's sample, by the device.
 
-    Raises:
-        InputError: encoder and drives disagree about the number of joints.
+    InputError: encoder and drives disagree about the number of joints.
     """
 
     def __init__(  # noqa: PLR0917 (the parts of an arm)
@@ -135,9 +126,7 @@ class Robot(Opened):
         A device without a new sample since the last call keeps the old one: `Status.STALE`, or `FAULT` if a
         bus has failed (`bus_errors` says why). A sample from after the poll is a `FAULT` too: some clock is
         wrong. One from after the start of the tick is not: polling takes time, and now and then a lot of it.
-
-        Args:
-            deadline_s: time on the robot's clock at which to give up waiting [s].
+        Waiting is given up at `deadline_s` on the robot's clock [s].
 
         Raises:
             LifecycleError: the robot is not configured.
@@ -166,11 +155,9 @@ class Robot(Opened):
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:
-        """Send a command, and return what was really sent (resolution and range of the drives).
+        """Send joint torques [N m], and return what was really sent (resolution and range of the drives).
 
-        Args:
-            command: joint torques [N m].
-            deadline_s: time on the robot's clock at which to give up [s].
+        Sending is given up at `deadline_s` on the robot's clock [s].
 
         Raises:
             LifecycleError: the robot is not active.
@@ -240,15 +227,10 @@ def build_robot(
 ) -> Robot:
     """Put together the robot that a robot file describes; opens nothing yet.
 
-    Args:
-        robot_file: the description.
-        drivers: where its drivers are found.
-        clock: what samples are stamped with.
-        calibrations: what corrects its devices; None: those that the robot file names, valid today.
+    Without `calibrations` those that the robot file names correct its devices, if they are valid today.
 
-    Raises:
-        InputError: a driver has no such name, its settings are not valid, joint counts differ, or a
-            calibration is not valid, of something else, or expired.
+    InputError: a driver has no such name, its settings are not valid, joint counts differ, or a calibration
+    is not valid, of something else, or expired.
     """
     if calibrations is None:
         calibrations = load_calibrations(robot_file)
@@ -272,7 +254,9 @@ def build_robot(
     sensor = make_driver(drivers.force, force.driver, force.settings, context(force, "force"))
     robot = Robot(
         CalibratedEncoder(encoders, calibrations.encoder) if calibrations.encoder else encoders,
-        _calibrated_drives(drives, calibrations, robot_file),
+        CalibratedTorque(drives, calibrations.torque, robot_file.limits.torque_nm)
+        if calibrations.torque
+        else drives,
         CalibratedForceSensor(sensor, calibrations.force) if calibrations.force else sensor,
         buses,
         clock,
@@ -284,9 +268,3 @@ def build_robot(
             f"home_rad has {robot_file.joint_count}"
         )
     return robot
-
-
-def _calibrated_drives(drives: JointTorque, calibrations: Calibrations, robot_file: RobotFile) -> JointTorque:
-    if calibrations.torque is None:
-        return drives
-    return CalibratedTorque(drives, calibrations.torque, robot_file.limits.torque_nm)

@@ -22,9 +22,8 @@ class ContactLaw(FileModel, ABC):
     def force_n(self, depth_m: float, rate_m_s: float) -> float:
         """Force of the object on the tip along the outward surface normal [N].
 
-        Args:
-            depth_m: how far the tip is below the undeformed surface [m]; zero or less is no contact.
-            rate_m_s: d(depth)/dt, positive while pressing in [m/s].
+        The depth is how far the tip is below the undeformed surface [m]; zero or less is no contact. Its rate
+        is positive while pressing in [m/s].
         """
         force_n = self.material_force_n(depth_m, rate_m_s) if depth_m > 0.0 else 0.0
         return force_n if force_n > 0.0 or self.can_pull else 0.0

@@ -115,11 +115,8 @@ class SensorEffect(ABC):
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
         """The sample after the effect, given the sample before resolution and range are applied.
 
-        Called once at each sample, in the order of the list.
-
-        Args:
-            time_s: when the sample was taken [s].
-            value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
+        Called once at each sample, in the order of the list, with the time when it was taken [s] and its
+        value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
         """
 
 

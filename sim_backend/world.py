@@ -59,16 +59,12 @@ class World:
 
     Attributes:
         object: what is probed; its law and height may be changed at any time.
-        encoder: joint encoders.
-        torque_sensor: the drives' torque sensors.
-        force_sensor: the force sensor.
         sensor_load_n: what presses on the force sensor beside the object, such as a weight put on it by hand
             [N]; the arm stands on its rest meanwhile and does not feel it.
         held: while True the arm stands still, whatever pulls at it; time and sensors go on.
 
-    Raises:
-        InputError: the physics engine is not installed or cannot load the robot, or its parts or what is
-            hidden do not fit each other.
+    InputError: the physics engine is not installed or cannot load the robot, or its parts or what is hidden
+    do not fit each other.
     """
 
     def __init__(

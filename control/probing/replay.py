@@ -56,15 +56,7 @@ class ReplayTask:
     """Moves to where the references begin, follows them, and stays; see `control.loop.task.Task`.
 
     Joints are followed by computed torque, which takes the measured force for a load. No force is controlled:
-    on a stiffer object it grows as far as the guard lets it.
-
-    Args:
-        body: the arm.
-        gains: of its controllers.
-        references: of an arm with as many joints.
-
-    Raises:
-        InputError: the references are of another arm.
+    on a stiffer object it grows as far as the guard lets it. InputError: the references are of another arm.
     """
 
     def __init__(self, body: RigidBody, gains: Gains, references: References) -> None:

@@ -77,6 +77,7 @@ class ProbingTask:
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
         self.failures: tuple[str, ...] = ()  # one line for every run that gave no data
+        self.runs_done = 0  # that gave data
         self.cancelled = False  # whether somebody called it off
 
     @classmethod
@@ -131,7 +132,7 @@ class ProbingTask:
         self._specs = deque(self._plan.runs())
         self._run: ProbingRun | None = None
         self._events: list[TaskEvent] = []
-        self._runs_done = 0
+        self.runs_done = 0
         self.failures, self.cancelled = (), False
         self._obstacle_share = _OBSTACLE_SHARE
         self._begin_way()
@@ -166,11 +167,6 @@ class ProbingTask:
             events=tuple(self._events),
         )
 
-    @property
-    def runs_done(self) -> int:
-        """How many runs gave data so far."""
-        return self._runs_done
-
     def cancel(self, why: str) -> None:
         """Leave out what is left, the present run included, and go back to where the task started."""
         on_the_way_back = self._run is None and not self._specs
@@ -193,7 +189,7 @@ class ProbingTask:
             self.failures += (run.failure,)
             self._leave_out(run.spec.target)
         else:
-            self._runs_done += 1
+            self.runs_done += 1
         self._run = None
         self._here = Place(self._control.reference_rad, self._sites[run.spec.target])
         self._begin_way()
@@ -302,8 +298,8 @@ class ProbingTask:
         fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
         if fastest_rad_s < _REST_RAD_S:
             self._phase = Phase.IDLE
-            text = f"{self._runs_done} runs done, {len(self.failures)} failures"
-            self._events.append(TaskEvent("probing_done", text, {"runs": self._runs_done}))
+            text = f"{self.runs_done} runs done, {len(self.failures)} failures"
+            self._events.append(TaskEvent("probing_done", text, {"runs": self.runs_done}))
         elif self._move_s > self._way.duration_s + self._plan.settle_s + _REST_WAIT_S:
             raise SafetyTripError(
                 f"back where the task started a joint still moves at {fastest_rad_s:.3g} rad/s after "

@@ -36,8 +36,7 @@ class Misfit:
 class Disagreement:
     """Collects pairs of measured and predicted force by place, for one model; pure.
 
-    Args:
-        noise_n: of the follower's force sensor [N].
+    `noise_n` is that of the follower's force sensor [N].
     """
 
     def __init__(self, noise_n: float = 0.0) -> None:

@@ -39,14 +39,9 @@ def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
 class FollowerTask:
     """Works through a `TargetQueue`; see `control.loop.task.Task`. It is done when the leader has ended.
 
-    Args:
-        body: the arm.
-        sensor_axis_tip: direction in which the tool pushes in the tip frame, shape (3,).
-        gains: of the arm.
-        queue: of targets.
-        probing: makes the probing of one target.
-        settled: whether nothing but the queue keeps the arm up, such as an estimate that is still to come.
-        on_silence: what to do with a target under way when the leader is not heard any more.
+    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). `probing` makes the
+    probing of one target. `settled` is whether nothing but the queue keeps the arm up, such as an estimate
+    that is still to come.
     """
 
     def __init__(  # noqa: PLR0917 (what a follower is made of)

@@ -23,17 +23,10 @@ def build_operator_device(
     clock: Clock,
     document: YamlDocument | None = None,
 ) -> OperatorDevice:
-    """Make the device `name`; opens nothing yet.
+    """Make the device `name` with what its `Settings` want; opens nothing yet.
 
-    Args:
-        name: one of `OPERATOR_DEVICES`.
-        settings: as its `Settings` want them.
-        clock: what samples are stamped with.
-        document: where the settings come from, for file and line in errors; None if made by a program.
-
-    Raises:
-        UnknownNameError: no device has this name.
-        InputError: a setting is not valid.
+    UnknownNameError: no device has this name; InputError: a setting is not valid, with file and line if the
+    settings come from a document.
     """
     device = OPERATOR_DEVICES[name]
     return device(validate(device.Settings, settings, document), clock)
@@ -42,12 +35,7 @@ def build_operator_device(
 def build_operator(operator: str, clock: Clock) -> OperatorDevice:
     """Make the device that a name or a YAML file says; opens nothing yet.
 
-    Args:
-        operator: a device's name, or a file.
-        clock: what its samples are stamped with.
-
-    Raises:
-        InputError: there is no such device or file, or a setting is not valid.
+    InputError: there is no such device or file, or a setting is not valid.
     """
     if operator in OPERATOR_DEVICES:
         try:

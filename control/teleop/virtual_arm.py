@@ -13,18 +13,14 @@ from robot_io.types import FloatArray
 class VirtualArm:
     """Kinematics only: what it weighs the operator need not carry.
 
-    Args:
-        body: the arm.
-        tool_axis_tip: direction of the tool in the tip frame, shape (3,).
-        direction_world: where the tool points, shape (3,).
-        home_rad: where it begins, which says how its elbow bends, shape (3,) [rad].
+    The tool's direction is given in the tip frame and in the world, shape (3,) each. Where the arm begins,
+    `home_rad`, shape (3,) [rad], says how its elbow bends.
 
     Attributes:
         position_rad: joint positions, shape (3,) [rad].
         reached: whether the tip is where the hand is, apart from what lies out of the arm's plane.
 
-    Raises:
-        InputError: the arm is not planar, or the direction does not lie in its plane.
+    InputError: the arm is not planar, or the direction does not lie in its plane.
     """
 
     def __init__(

@@ -69,14 +69,11 @@ def load_calibrations(
 ) -> Calibrations:
     """Those that the robot file names, each checked: it is of this robot and device, and has not expired.
 
-    Args:
-        robot_file: the robot; file names in its section `calibration` start from its folder.
-        now_utc: the date to hold them against; None asks the machine's clock.
-        leave_out: kinds to do without, such as the one that is being calibrated.
-        emulated: the devices are emulated ones; else a calibration of such says nothing of this robot.
+    File names in its section `calibration` start from its folder. The date to hold them against is `now_utc`;
+    None asks the machine's clock. Kinds to do without are left out, such as the one that is being calibrated.
+    Where the devices are not emulated ones, a calibration of such says nothing of this robot.
 
-    Raises:
-        InputError: a file is not valid, foreign, expired, of emulated devices, or cannot be true of this arm.
+    InputError: a file is not valid, foreign, expired, of emulated devices, or cannot be true of this arm.
     """
     now_utc = now_utc or datetime.now(UTC)
     found: dict[str, Calibration] = {}

@@ -15,9 +15,8 @@ from robot_io.guard.stuck_encoder import StuckEncoders
 from robot_io.guard.stuck_force import StuckForce
 from robot_io.types import Command, FloatArray, Measurement
 
-PAUSE_S = (
-    0.1  # longer between two commands: the arm was let go, and the torque sent before says nothing any more
-)
+# Longer between two commands: the arm was let go, and the torque sent before says nothing any more.
+PAUSE_S = 0.1
 
 _STUCK_ENCODER = (
     "turn the joint by hand without power: if it turns freely, check encoder and coupling; if friction holds "
@@ -44,18 +43,15 @@ class Guard:
     `gravity_nm` it goes off after braking, and an arm without brakes falls. Where position and velocity
     cannot be trusted there is nothing to brake against: the torque is zero.
 
-    Args:
-        limits: what to hold the arm to.
-        safe_state: how to bring it to rest.
-        joint_count: number of joints n.
-        gravity_nm: torques that hold the arm still at joint positions, both (n,); asked while stopping only.
+    `gravity_nm` gives the torques that hold the arm still at joint positions, both (n,); it is asked while
+    stopping only.
 
     Attributes:
         torque_clips: commands that were reduced to the torque limit.
         rate_clips: commands that were reduced to the torque-rate limit.
+        longest_hold_up_s: a command that comes later than this after its measurement means nothing any more.
 
-    Raises:
-        InputError: the limits are for another number of joints.
+    InputError: the limits are for another number of joints.
     """
 
     def __init__(
@@ -67,7 +63,7 @@ class Guard:
                 f"and its safe state {len(safe_state.damping_nms_rad)}"
             )
         self._checks = LimitChecks(limits)
-        self._longest_hold_up_s = max(PAUSE_S, limits.encoder_age_s)
+        self.longest_hold_up_s = max(PAUSE_S, limits.encoder_age_s)
         self._stuck_encoders = StuckEncoders(limits)
         self._deaf_drives = DeafDrives(limits)
         self._stuck_force = StuckForce(limits.stuck_force_s)
@@ -94,11 +90,6 @@ class Guard:
         """Whether a trip has come to its end: the torque is off."""
         return self._finished
 
-    @property
-    def longest_hold_up_s(self) -> float:
-        """A command that comes later than this after its measurement means nothing any more [s]."""
-        return self._longest_hold_up_s
-
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
         """A line for each device without a sample that is young enough; trips on nothing."""
         return self._checks.too_old(measurement)
@@ -115,7 +106,9 @@ class Guard:
             self._tick += 1
         if self._trip is not None:
             return
-        problem = problem or self._checks.violation(measurement) or self._plausibility_problem(measurement)
+        problem = problem or self._checks.violation(measurement)
+        # What samples that look sound say against each other.
+        problem = problem or self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
         if problem is None and reference_position_rad is not None:
             problem = self._following_problem(measurement, reference_position_rad)
         if problem is not None:
@@ -169,10 +162,6 @@ class Guard:
         self._stopping_s = 0.0
         self._watched = measurement
         self._previous_s = -inf
-
-    def _plausibility_problem(self, measurement: Measurement) -> Problem | None:
-        """What samples that look sound say against each other."""
-        return self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
 
     def _following_problem(
         self, measurement: Measurement, reference_position_rad: FloatArray

@@ -64,9 +64,8 @@ class Touch(OperatorDevice):
         self._handle, self._servo = _INVALID_DEVICE, 0
         self._callback = _Callback(self._servo_step)  # kept: the library holds only its address
         self._state: Hand | None = None  # replaced as a whole, so the threads need no lock
-        self._force: tuple[FloatArray, float] | None = (
-            None  # in device axes (3,) [N], and when it was set [s]
-        )
+        # In device axes (3,) [N], and when it was set [s].
+        self._force: tuple[FloatArray, float] | None = None
         self._problem = ""
         self._first = threading.Event()
 

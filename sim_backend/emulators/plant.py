@@ -36,7 +36,8 @@ class Plant:
         self._torque_nm = [0.0] * self.world.joint_count
         self._rest_nm = [_REST_SHARE * limit for limit in robot_file.limits.torque_nm]
         self._joints = [JointState(angle, 0.0, 0.0) for angle in robot_file.home_rad]
-        self._force: tuple[float, Status] | None = None
+        # The newest, positive in compression [N], and how far to trust it; None before the first.
+        self.force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:
         """What the motor of `joint` (from 0) exerts from now on [N m]."""
@@ -59,16 +60,11 @@ class Plant:
             ]
         force = world.force_sensor.read(time_s)
         if force is not None:
-            self._force = (force.value[0], force.status)
+            self.force = (force.value[0], force.status)
 
     def joint(self, joint: int) -> JointState:
         """The newest sample of `joint` (from 0)."""
         return self._joints[joint]
-
-    @property
-    def force(self) -> tuple[float, Status] | None:
-        """The newest force, positive in compression [N], and how far to trust it; None before the first."""
-        return self._force
 
     def close(self) -> None:
         """End the world. Can be called again."""

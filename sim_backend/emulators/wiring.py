@@ -54,9 +54,8 @@ class WiredArm:
     wires: Mapping[str, EmulatedWire]  # the emulated wires by bus name
 
 
-def wire_makers() -> Registry[WireMaker]:
-    """All wires that can be emulated, by the name of the bus driver."""
-    return Registry("emulated bus", WireMaker, "sim_backend.emulators")  # type: ignore[type-abstract]
+WIRE_MAKERS = Registry("emulated bus", WireMaker, "sim_backend.emulators")  # type: ignore[type-abstract]
+"""All wires that can be emulated, by the name of the bus driver."""
 
 
 def wire_up(
@@ -72,10 +71,9 @@ def wire_up(
 
     InputError: a bus has no emulator, or its settings are not valid.
     """
-    makers = wire_makers()
-    unknown = [section.driver for section in robot_file.buses.values() if section.driver not in makers]
+    unknown = [section.driver for section in robot_file.buses.values() if section.driver not in WIRE_MAKERS]
     if unknown:
-        raise InputError(f"{robot_file.path}: {makers.unknown(unknown[0])}")
+        raise InputError(f"{robot_file.path}: {WIRE_MAKERS.unknown(unknown[0])}")
     start_s = clock.now_s()
     plant = Plant(robot_file, scenario, start_s, effects)
     data = deepcopy(robot_file.document.data)
@@ -91,7 +89,7 @@ def wire_up(
                 isinstance(clock, SimulatedClock),
             )
             try:
-                wires[bus], reach = makers[section.driver]().make(request)
+                wires[bus], reach = WIRE_MAKERS[section.driver]().make(request)
             except InputError as error:
                 raise InputError(f"{robot_file.path}, bus '{bus}': {error}") from error
             data["buses"][bus].update(reach)  # type: ignore[index]

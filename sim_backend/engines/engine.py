@@ -16,16 +16,10 @@ class Engine(ABC):
     """A serial arm of revolute and prismatic joints, its base fixed at the world's origin.
 
     Kinematics and dynamics are the engine's own; every loss that it would add by itself is off. It integrates
-    by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1).
+    by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), with h the step [s]. The URDF is
+    what `dynamics_urdf` makes of the robot's, and gravity is the fall acceleration in the world (3) [m/s^2].
 
-    Args:
-        urdf_text: what `dynamics_urdf` makes of the robot's URDF.
-        tip_frame: link at the contact point.
-        step_s: length h of a step [s].
-        gravity_m_s2: fall acceleration in the world (3) [m/s^2].
-
-    Raises:
-        InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
+    InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
     """
 
     name: ClassVar[str]  # what a scenario calls it

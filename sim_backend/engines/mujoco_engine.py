@@ -126,9 +126,8 @@ class MujocoEngine(Engine):
 def _load(urdf_text: str) -> mujoco.MjModel:
     try:
         specification = mujoco.MjSpec.from_string(urdf_text)
-        specification.compiler.fusestatic = (
-            False  # the tip frame would be merged into the link that carries it
-        )
+        # The tip frame would be merged into the link that carries it.
+        specification.compiler.fusestatic = False
         return specification.compile()
     except ValueError as error:
         raise InputError(f"URDF: MuJoCo cannot load it ({' '.join(str(error).split())})") from error

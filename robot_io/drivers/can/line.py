@@ -115,11 +115,6 @@ class CanLine:
         return f"CAN {self._settings.interface} {self._settings.channel}"
 
     @property
-    def interface(self) -> str:
-        """The python-can interface."""
-        return self._settings.interface
-
-    @property
     def bitrate(self) -> int | None:
         """Bits a second, None where the robot file leaves it to the adapter."""
         return self._settings.bitrate
@@ -230,7 +225,7 @@ class CanLine:
 
     def _clock_minus_stamps_s(self) -> float | None:
         """What to add to a time stamp to get the robot's time [s], or None if that is not known."""
-        match Timestamps.NONE if self.interface == SLCAN else self._settings.timestamps:
+        match Timestamps.NONE if self._settings.interface == SLCAN else self._settings.timestamps:
             case Timestamps.ROBOT:
                 return 0.0
             case Timestamps.WALL:

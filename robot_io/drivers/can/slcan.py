@@ -86,9 +86,8 @@ class SlcanBus:
         ValueError: something came that is no frame; DeviceError: the port has failed.
         """
         if not self._lines:
-            *lines, self._rest = re.split(
-                rb"[\r\a]", self._rest + self._port.wait(0.0)
-            )  # sees a hang-up, too
+            come = self._rest + self._port.wait(0.0)  # sees a hang-up, too
+            *lines, self._rest = re.split(rb"[\r\a]", come)
             self._lines.extend(line for line in lines if line not in _TAKEN)
             if len(self._rest) > _LONGEST:  # noise, up to the next end of a line
                 self._rest = self._rest[-_LONGEST:]

@@ -188,9 +188,8 @@ class ForceLine(Bus):
 class SerialLineSettings(ForceLineSettings):
     """What the robot file says."""
 
-    port: Annotated[
-        str, Field(min_length=1, max_length=300)
-    ]  # better /dev/serial/by-id/... than /dev/ttyUSB0
+    # Better /dev/serial/by-id/... than /dev/ttyUSB0.
+    port: Annotated[str, Field(min_length=1, max_length=300)]
     baud_rate: Annotated[int, Field(gt=0, le=12_000_000, strict=True)]
 
 

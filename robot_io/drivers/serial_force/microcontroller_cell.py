@@ -111,9 +111,8 @@ class MicrocontrollerCellSettings(SerialForceSettings):
     # What one count is; from two known weights, or `palpate calibrate force` [N].
     newtons_per_count: Positive
     zero_counts: Number = 0.0  # what it counts without a load
-    rate_hz: Annotated[
-        int, Field(ge=1, le=1000, strict=True)
-    ]  # samples a second; the firmware must say so too
+    # Samples a second; the firmware must say so too.
+    rate_hz: Annotated[int, Field(ge=1, le=1000, strict=True)]
 
 
 class MicrocontrollerCell(SerialForceSensor, Examinable):

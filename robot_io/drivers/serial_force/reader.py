@@ -68,9 +68,8 @@ class SerialReader:
         self._to_discard, self._discard_next = 0, _DISCARD
         self._good = 0  # readings since the last damaged one
         self._jump_n = _JUMP_SHARE * capacity_n
-        self._last_n = self._held_n = self._step_n = (
-            nan  # accepted; waiting for the next one; last accepted step
-        )
+        # Accepted; waiting for the next one; last accepted step.
+        self._last_n = self._held_n = self._step_n = nan
         self._implausible = 0
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None

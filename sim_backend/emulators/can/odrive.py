@@ -120,9 +120,8 @@ class EmulatedOdrive(EmulatedMotor):
     def _answer(self, command: int) -> list[can.Message]:
         match command:
             case 0x00 if self._firmware == "0.6":
-                return [
-                    self._message(0x00, bytes((2, 4, 4, 58, 0, 6, 10, 0)))
-                ]  # protocol 2, Pro v4.4, fw 0.6.10
+                about = bytes((2, 4, 4, 58, 0, 6, 10, 0))  # protocol 2, Pro v4.4, fw 0.6.10
+                return [self._message(0x00, about)]
             case 0x01 if self._firmware == "0.6":
                 return [self._heartbeat()]
             case 0x09:

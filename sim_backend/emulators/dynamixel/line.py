@@ -68,13 +68,13 @@ class DynamixelLine(ServoWire):
         if code == _PING:
             return Answer(servo, servo.ping())
         if code == _READ and len(parameters) == 4:
-            return self._read(servo, parameters) if servo.answers_reading else None
+            return self._read(servo, parameters) if servo.return_level else None
         error = Error.INSTRUCTION
         if code == _WRITE and len(parameters) > 2:
             error = servo.write(_word(parameters), parameters[2:])
         elif code == _REBOOT:
             error = Error.NONE
-        answer = Answer(servo, error=error) if servo.answers_everything else None
+        answer = Answer(servo, error=error) if servo.return_level == 2 else None
         if code == _REBOOT:
             servo.reboot(now_s, REBOOT_S)
         return answer

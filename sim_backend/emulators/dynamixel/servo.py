@@ -54,14 +54,9 @@ class EmulatedServo(LineServo):
         return ALERT if self.memory.get(table.HARDWARE_ERROR) else 0
 
     @property
-    def answers_reading(self) -> bool:
-        """By its status return level."""
-        return self.memory.get(table.STATUS_RETURN_LEVEL) >= 1
-
-    @property
-    def answers_everything(self) -> bool:
-        """By its status return level."""
-        return self.memory.get(table.STATUS_RETURN_LEVEL) >= 2
+    def return_level(self) -> int:
+        """To what it answers beside a ping: 0 nothing, 1 reading, 2 everything."""
+        return self.memory.get(table.STATUS_RETURN_LEVEL)
 
     @property
     def return_delay_s(self) -> float:
