@@ -4,6 +4,8 @@ The only place where a calibration touches a number on its way between driver an
 Samples keep their time and status; what is not a number stays none.
 """
 
+from typing import Generic, TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,11 +14,13 @@ from robot_io.examination import Examinable, Finding
 from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading, frozen_array
 
+Driver = TypeVar("Driver", bound=Component)
 
-class _Calibrated(Component, Examinable):
+
+class _Calibrated(Component, Examinable, Generic[Driver]):
     """Passes on to the driver the lifecycle, and the question what is connected."""
 
-    def __init__(self, driver: Component) -> None:
+    def __init__(self, driver: Driver) -> None:
         self._driver = driver
 
     def configure(self) -> None:
@@ -39,44 +43,41 @@ class _Calibrated(Component, Examinable):
         return self._driver.tick_wire_s() if isinstance(self._driver, Examinable) else None
 
 
-class CalibratedForceSensor(_Calibrated, ForceSensor):
+class CalibratedForceSensor(_Calibrated[ForceSensor], ForceSensor):
     """force = scale (reading - zero) + curvature (reading - zero)^2."""
 
     def __init__(self, driver: ForceSensor, calibration: ForceCalibration) -> None:
         super().__init__(driver)
-        self._sensor = driver
         values = calibration.values
         self._zero, self._scale = values.zero.value, values.scale.value
         self._curvature = values.curvature.value if values.curvature else 0.0
 
     def read_force(self) -> Reading:
-        reading = self._sensor.read_force()
+        reading = self._driver.read_force()
         above = reading.value - self._zero
         return reading._replace(value=above * (self._scale + self._curvature * above))
 
 
-class CalibratedEncoder(_Calibrated, JointEncoder):
+class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
     """position = reading + offset; the velocity has no zero."""
 
     def __init__(self, driver: JointEncoder, calibration: EncoderCalibration) -> None:
         super().__init__(driver)
-        self._encoder = driver
         self._offset_rad = _values(calibration.values.offset)
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
-        return self._encoder.joint_count
+        return self._driver.joint_count
 
     def read_position(self) -> Reading:
-        reading = self._encoder.read_position()
+        reading = self._driver.read_position()
         return reading._replace(value=reading.value + self._offset_rad)
 
     def read_velocity(self) -> Reading:
-        return self._encoder.read_velocity()
+        return self._driver.read_velocity()
 
 
-class CalibratedTorque(_Calibrated, JointTorque):
+class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
     """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
 
     A drive is never told more than `limit_nm`, shape (n,) [N m], whatever the calibration makes of a torque
@@ -85,7 +86,6 @@ class CalibratedTorque(_Calibrated, JointTorque):
 
     def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:
         super().__init__(driver)
-        self._drives = driver
         values = calibration.values
         self._gain = _values(values.gain)
         self._offset_nm = _values(values.offset)
@@ -94,17 +94,16 @@ class CalibratedTorque(_Calibrated, JointTorque):
 
     @property
     def joint_count(self) -> int:
-        """Number of joints n."""
-        return self._drives.joint_count
+        return self._driver.joint_count
 
     def read_torque(self) -> Reading:
-        reading = self._drives.read_torque()
+        reading = self._driver.read_torque()
         return reading._replace(value=self._gain * reading.value + self._offset_nm)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
         """See `JointTorque.stage_torque`; what is returned is true torque, as what is wanted."""
         wanted = (torque_nm - self._command_offset_nm) / self._gain
-        told = self._drives.stage_torque(np.clip(wanted, -self._limit_nm, self._limit_nm))
+        told = self._driver.stage_torque(np.clip(wanted, -self._limit_nm, self._limit_nm))
         return np.asarray(self._gain * told + self._command_offset_nm)
 
 

@@ -8,12 +8,14 @@ from weakref import finalize
 
 import numpy as np
 
-from robot_io.captured import STDOUT, captured
+from robot_io.captured import STDERR, STDOUT, captured
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 from sim_backend.contact_laws import EngineContact
-from sim_backend.engines.bullet import bullet
 from sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
+
+with captured([], STDERR):  # which it greets on
+    import pybullet as bullet
 
 _NO_SPEED_LIMIT = 1e6  # the engine would cut joint speeds at 100 rad/s
 _RIGID_N_M = 1e18  # the engine puts the stiffness of both bodies in series, and adds their damping

@@ -16,7 +16,6 @@ from robot_io.errors import ProtocolError
 
 CONFIGURE, RUN = b"C", b"R"
 BAUD_RATE_CODES: Final = {9_600: 0, 57_600: 1, 115_200: 2, 230_400: 3, 460_800: 4}
-AXES: Final = {"x": 0, "y": 1, "z": 2}
 _CONVERSIONS_HZ: Final = 51_200  # of which the filter makes one sample of as many as it is long
 
 _HEADER: Final = 0xAA
@@ -107,7 +106,7 @@ class BotaStream:
     """
 
     def __init__(self, axis: str, capacity_n: float) -> None:
-        self._axis, self._capacity_n = AXES[axis], capacity_n
+        self._axis, self._capacity_n = "xyz".index(axis), capacity_n
         self._frames = _Frames(FRAME_SIZE)
         self._time_us: int | None = None  # of the last sample, and of one whose time did not go on
         self._odd_us: int | None = None

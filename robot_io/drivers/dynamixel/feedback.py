@@ -73,11 +73,9 @@ def block_addresses() -> tuple[int, ...]:
 
 
 def decode_feedback(packet: Packet) -> Feedback:
-    """The block at the end of an answer. ProtocolError: the servo refused, or the answer is too short."""
+    """The block at the end of an answer, as long as was asked for. ProtocolError: the servo refused."""
     if packet.refusal:
         raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
-    if len(packet.data) < FEEDBACK_SIZE:
-        raise ProtocolError(f"servo {packet.servo_id} answered {len(packet.data)} bytes, too few")
     values: tuple[int, int, int, int, int, int] = _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
     return Feedback(*values, packet.alert)
 

@@ -54,9 +54,7 @@ class Feedback(NamedTuple):
 
 
 def decode_feedback(packet: Packet) -> Feedback:
-    """The block at the end of an answer. ProtocolError: the answer is too short."""
-    if len(packet.data) < FEEDBACK_SIZE:
-        raise ProtocolError(f"servo {packet.servo_id} answered {len(packet.data)} bytes, too few")
+    """The block at the end of an answer, as long as was asked for."""
     (
         on,
         acceleration,
@@ -126,7 +124,7 @@ class Plausibility:
             self._goals[servo_id].append(goal)
 
     def decode(self, packet: Packet) -> Feedback:
-        """The feedback in an answer. ProtocolError: too short, or not to be believed."""
+        """The feedback in an answer. ProtocolError: it is not to be believed."""
         feedback, who = decode_feedback(packet), f"servo {packet.servo_id}"
         for name, found, told in zip(
             _SETTINGS, feedback.settings, self._settings[packet.servo_id], strict=True

@@ -22,7 +22,6 @@ STOP: Final = _REQUEST.pack(_HEADER, 0, 0)
 START: Final = _REQUEST.pack(_HEADER, 2, 0)  # at once, one record in a datagram, until it is told to stop
 RECORD_SIZE: Final = _RECORD.size
 
-AXES: Final = {"x": 0, "y": 1, "z": 2}
 _LARGEST_COUNTS: Final = (1 << 31) - 1
 _NO_ERROR: Final = 1 << 16 | 1 << 31  # a monitor condition that was latched; any of them
 _STATUS: Final = {
@@ -74,7 +73,7 @@ class NetFtStream:
     """
 
     def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
-        self._scale, self._axis, self._period_s = newtons_per_count, AXES[axis], 1.0 / rate_hz
+        self._scale, self._axis, self._period_s = newtons_per_count, "xyz".index(axis), 1.0 / rate_hz
         self._last: Record | None = None
         self._old = 0  # in a row
         self.complaint, self.own_time = "", OwnTime()

@@ -14,6 +14,7 @@ from sim_backend.emulators.can.motor import EmulatedMotor
 from sim_backend.emulators.plant import Plant
 
 _ALERT = 6  # MOSFET over temperature
+_TEMPERATURE = 25
 Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
 
 
@@ -74,11 +75,9 @@ class EmulatedMitMotor(EmulatedMotor):
         return [self._reply()]
 
     def _unpack(self, data: bytes) -> tuple[float, float, float, float, float]:
-        position = data[0] << 8 | data[1]
-        velocity = data[2] << 4 | data[3] >> 4
-        stiffness = (data[3] & 0xF) << 8 | data[4]
-        damping = data[5] << 4 | data[6] >> 4
-        torque = (data[6] & 0xF) << 8 | data[7]
+        bits = int.from_bytes(data, "big")
+        position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
+        damping, torque = bits >> 12 & 0xFFF, bits & 0xFFF
         return (
             _to_float(position, -self._position_limit, self._position_limit, 16),
             _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
@@ -120,18 +119,8 @@ class EmulatedMitMotor(EmulatedMotor):
         position = to_uint(shown.position_rad, self._position_limit, 16)
         velocity = to_uint(shown.velocity_rad_s, self._velocity_limit, 12)
         torque = to_uint(shown.torque_nm, self._torque_limit, 12)
-        data = bytes(
-            (
-                self.number,
-                position >> 8,
-                position & 0xFF,
-                velocity >> 4,
-                (velocity & 0xF) << 4 | torque >> 8,
-                torque & 0xFF,
-                25,  # temperature
-                self.error,
-            )
-        )
+        bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
+        data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
         return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
 
 
