@@ -49,7 +49,7 @@ class Guard:
     Attributes:
         torque_clips: commands that were reduced to the torque limit.
         rate_clips: commands that were reduced to the torque-rate limit.
-        longest_hold_up_s: a command that comes later than this after its measurement means nothing any more.
+        longest_hold_up_s: later than this after its measurement a command means nothing any more [s].
 
     InputError: the limits are for another number of joints.
     """

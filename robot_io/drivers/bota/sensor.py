@@ -6,7 +6,6 @@ from robot_io.drivers.bota import protocol
 from robot_io.drivers.bota.protocol import BAUD_RATE_CODES, FRAME_SIZE, BotaStream
 from robot_io.drivers.serial_force.line import SerialLine
 from robot_io.drivers.serial_force.sensor import AxisForceSettings, SerialForceSensor
-from robot_io.errors import DeviceError
 from robot_io.examination import Examinable
 
 _ANSWER_S = 0.5
@@ -37,9 +36,8 @@ class Bota(SerialForceSensor, Examinable):
         if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
             needed = own.rate_hz * FRAME_SIZE * _BITS
             valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
-            raise DeviceError(
-                f"{self._bus.label}: {own.rate_hz} samples/s do not go over a line of {baud_rate} bit/s. "
-                f"Valid: {valid}"
+            raise self._error(
+                f"{own.rate_hz} samples/s do not go over a line of {baud_rate} bit/s. Valid: {valid}"
             )
         for command in (
             protocol.CONFIGURE,
@@ -65,9 +63,7 @@ class Bota(SerialForceSensor, Examinable):
         for _ in range(_STARTING if command == protocol.CONFIGURE else _ATTEMPTS):
             code = self._bus.ask(command, understand, _ANSWER_S)
             if code:
-                raise DeviceError(f"{self._bus.label}: the sensor refuses '{command.decode()}', code {code}")
+                raise self._error(f"the sensor refuses '{command.decode()}', code {code}")
             if code == 0:
                 return
-        raise DeviceError(
-            f"{self._bus.label}: no answer to '{command.decode()}'; check port, baud rate and supply"
-        )
+        raise self._error(f"no answer to '{command.decode()}'; check port, baud rate and supply")

@@ -46,9 +46,6 @@ class MotorBus(JointBus, Examinable):
     """Motors on one CAN bus, one per joint from base to tip.
 
     A protocol says how a frame changes a joint (`_take`), how a torque is sent, and how motors are powered.
-
-    Attributes:
-        line: the adapter.
     """
 
     def __init__(

@@ -9,7 +9,7 @@ from robot_io.drivers.net_ft.line import NetFtLine
 from robot_io.drivers.net_ft.protocol import NetFtStream, decode_record
 from robot_io.drivers.serial_force.sensor import AxisForceSettings, SerialForceSensor
 from robot_io.drivers.serial_force.text import known_unit, newtons_per
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.errors import ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Positive
 
@@ -43,12 +43,12 @@ class NetFt(SerialForceSensor, Examinable):
         newtons_per_count = newtons_per(found.unit) / found.counts_per_force
         stated = newtons_per(own.unit) / own.counts_per_force
         if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
-            raise DeviceError(
-                f"{self._bus.label}: counts {found.counts_per_force:.10g} for 1 {found.unit}, the robot file "
+            raise self._error(
+                f"counts {found.counts_per_force:.10g} for 1 {found.unit}, the robot file "
                 f"says {own.counts_per_force:.10g} for 1 {own.unit}: another configuration is active"
             )
         if not found.is_streaming:
-            raise DeviceError(f"{self._bus.label}: RDT is disabled: enable it on its page 'Communications'")
+            raise self._error("RDT is disabled: enable it on its page 'Communications'")
         self._start()
         self._found = f"{found.product}, {found.rate_hz} records/s, {own.axis} axis, {own.capacity_n:.4g} N"
         stream = NetFtStream(newtons_per_count, own.axis, found.rate_hz)
@@ -59,7 +59,7 @@ class NetFt(SerialForceSensor, Examinable):
         for _ in range(_REQUESTS):
             if self._bus.ask(protocol.START, _is_record, _ANSWER_S):
                 return
-        raise DeviceError(f"{self._bus.label}: sends no records; check rdt_port, firewall and other programs")
+        raise self._error("sends no records; check rdt_port, firewall and other programs")
 
 
 def _is_record(datagram: bytes) -> bool | None:

@@ -10,8 +10,8 @@ import re
 from pydantic import StrictBool
 
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.drivers.serial_force.text import LineStream, newtons_per, text_of
+from robot_io.errors import ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Capacity
 
@@ -80,10 +80,10 @@ class Loadstar(SerialForceSensor, Examinable):
             newtons_per_unit = unit_of(unit)
             capacity_n = number_of(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
         except ProtocolError as error:
-            raise DeviceError(f"{self._bus.label}: {error}") from error
+            raise self._error(str(error)) from error
         if abs(capacity_n - self._own.capacity_n) > 0.01 * self._own.capacity_n:
-            raise DeviceError(
-                f"{self._bus.label}: the interface is set for a load cell of {capacity_n:.4g} N, "
+            raise self._error(
+                f"the interface is set for a load cell of {capacity_n:.4g} N, "
                 f"the robot file says {self._own.capacity_n:.4g} N"
             )
         self._found = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
@@ -95,26 +95,20 @@ class Loadstar(SerialForceSensor, Examinable):
     def _wake(self) -> None:
         """End a stream that may still run; then it answers to a ping."""
         for _ in range(_PINGS):
-            lines = LineSplitter()
-
-            def pong(data: bytes, lines: LineSplitter = lines) -> bool | None:
-                return True if YES.encode() in [line.strip() for line in lines.feed(data)] else None
-
-            if self._bus.ask(PING, pong, _ANSWER_S):
+            if self._ask_line(PING, lambda line: line.strip() == YES.encode() or None, _ANSWER_S):
                 return
-        raise DeviceError(f"{self._bus.label}: no DI-100 or DI-1000 answers; check port and baud rate")
+        raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
 
     def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
         """The answer; a yes that nobody asked for is a late one to the ping. DeviceError: none, or a no."""
-        lines = LineSplitter()
 
-        def first_line(data: bytes) -> str | None:
-            complete = [text_of(line) for line in lines.feed(data)]
-            return next((line for line in complete if line and (may_be_yes or line != YES)), None)
+        def take(line: bytes) -> str | None:
+            text = text_of(line)
+            return text if text and (may_be_yes or text != YES) else None
 
-        answer = self._bus.ask(question, first_line, _ANSWER_S)
+        answer = self._ask_line(question, take, _ANSWER_S)
         if answer is None:
-            raise DeviceError(f"{self._bus.label}: no answer to {question.decode().strip()}")
+            raise self._error(f"no answer to {question.decode().strip()}")
         if answer == NO:
-            raise DeviceError(f"{self._bus.label}: the interface does not know {question.decode().strip()}")
+            raise self._error(f"the interface does not know {question.decode().strip()}")
         return answer

@@ -64,10 +64,10 @@ class Lorenz(SerialForceSensor, Examinable):
         try:
             header = lorenz.decode_header_block(answer.parameters)
         except ProtocolError as error:
-            raise DeviceError(f"{self._bus.label}: {error}") from error
+            raise self._error(str(error)) from error
         if (header.dimension_code, header.load_code) != (own.dimension_code, own.load_code):
-            raise DeviceError(
-                f"{self._bus.label}: sensor {header.serial_number} has dimension_code "
+            raise self._error(
+                f"sensor {header.serial_number} has dimension_code "
                 f"{header.dimension_code} and load_code {header.load_code}, the robot file says "
                 f"{own.dimension_code} and {own.load_code}"
             )
@@ -97,11 +97,7 @@ class Lorenz(SerialForceSensor, Examinable):
         telegram = self._bus.ask(data, answer, _ANSWER_S)
         if telegram is None:
             damaged = f" ({reader.rejected} damaged telegrams)" if reader.rejected else ""
-            raise DeviceError(
-                f"{self._bus.label}: no answer to {what}{damaged}; check port, baud rate and address"
-            )
+            raise self._error(f"no answer to {what}{damaged}; check port, baud rate and address")
         if telegram.command != expected:
-            raise DeviceError(
-                f"{self._bus.label}: the sensor refuses {what}, error {list(telegram.parameters)}"
-            )
+            raise self._error(f"the sensor refuses {what}, error {list(telegram.parameters)}")
         return telegram

@@ -9,8 +9,8 @@ import re
 from contextlib import suppress
 
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.text import LineSplitter, LineStream, newtons_per, text_of
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.drivers.serial_force.text import LineStream, newtons_per, text_of
+from robot_io.errors import ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Capacity
 
@@ -87,24 +87,23 @@ class Mark10(SerialForceSensor, Examinable):
             _, unit = reading_of(line)
             stream = Mark10Stream(unit, self._own.capacity_n)
         except ProtocolError as error:
-            raise DeviceError(f"{self._bus.label}: {error}") from error
+            raise self._error(str(error)) from error
         self._found = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
         self._bus.listen(stream, self._own.capacity_n, question=ASK)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
         """The first line of an answer that is none of `but`. DeviceError: none came, or an error."""
-        lines = LineSplitter()
 
-        def first(data: bytes) -> str | None:
-            texts = (_text(line) for line in lines.feed(data))
-            return next((text for text in texts if text and not (but and but.fullmatch(text))), None)
+        def take(line: bytes) -> str | None:
+            text = _text(line)
+            return text if text and not (but and but.fullmatch(text)) else None
 
-        answer = self._bus.ask(commands, first, _ANSWER_S)
+        answer = self._ask_line(commands, take, _ANSWER_S)
         if answer is None:
-            raise DeviceError(f"{self._bus.label}: no gauge says {what}; check port and baud rate")
+            raise self._error(f"no gauge says {what}; check port and baud rate")
         if found := _ERROR.fullmatch(answer):
             said = error_name(int(found[1]))
-            raise DeviceError(f"{self._bus.label}: the gauge says '{said}' when asked for {what}")
+            raise self._error(f"the gauge says '{said}' when asked for {what}")
         return answer
 
 

@@ -21,7 +21,7 @@ from pydantic import Field
 
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, text_of
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.errors import ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Capacity, Number, Positive
 
@@ -127,30 +127,23 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         own = self._own
         chip, rate_hz = self._identify()
         if rate_hz != own.rate_hz:
-            raise DeviceError(
-                f"{self._bus.label}: the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}"
-            )
+            raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
         self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
         stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n)
         self._bus.listen(stream, own.capacity_n, has_checksums=True)
 
     def _identify(self) -> tuple[str, int]:
         for _ in range(_QUESTIONS):
-            lines = LineSplitter()
-
-            def answer(data: bytes, lines: LineSplitter = lines) -> list[str] | None:
-                return next((words for line in lines.feed(data) if (words := _identity(line))), None)
-
-            words = self._bus.ask(WHO, answer, _ANSWER_S)
+            words = self._ask_line(WHO, _identity, _ANSWER_S)
             if words is not None:
                 break
         else:
-            raise DeviceError(f"{self._bus.label}: no cell answers; check port, baud rate and firmware")
+            raise self._error("no cell answers; check port, baud rate and firmware")
         version, chip, rate = words
         if version != VERSION:
-            raise DeviceError(f"{self._bus.label}: speaks version {version}, this driver version {VERSION}")
+            raise self._error(f"speaks version {version}, this driver version {VERSION}")
         if not rate.isdecimal():
-            raise DeviceError(f"{self._bus.label}: says '{rate}' samples a second, which is no number")
+            raise self._error(f"says '{rate}' samples a second, which is no number")
         return chip, int(rate)
 
 

@@ -1,13 +1,14 @@
 """What every force sensor on a `serial_line` has in common."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import ClassVar, Literal
 
 from pydantic import StrictBool
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.line import ForceLine, SerialLine
+from robot_io.drivers.serial_force.line import Answer, ForceLine, SerialLine
+from robot_io.drivers.serial_force.text import LineSplitter
 from robot_io.errors import DeviceError
 from robot_io.examination import Finding, ok
 from robot_io.files.file_model import Capacity, FileModel
@@ -41,6 +42,20 @@ class SerialForceSensor(ForceSensor):
         self._own = context.settings_as(self.Settings, settings)
         self._bus = context.bus_as(self.line_type)
         self._found = ""  # who answered
+
+    def _ask_line(
+        self, question: bytes, take: Callable[[bytes], Answer | None], timeout_s: float
+    ) -> Answer | None:
+        """What `take` makes of the first line of an answer that it takes; None where none comes in time."""
+        lines = LineSplitter()
+
+        def first(data: bytes) -> Answer | None:
+            return next((found for line in lines.feed(data) if (found := take(line)) is not None), None)
+
+        return self._bus.ask(question, first, timeout_s)
+
+    def _error(self, problem: str) -> DeviceError:
+        return DeviceError(f"{self._bus.label}: {problem}")
 
     def examine(self) -> tuple[Finding, ...]:
         """Who answered in `configure`."""
