@@ -9,11 +9,11 @@ from functools import partial
 from operator import attrgetter
 from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError
 
 from robot_io.errors import ProtocolError
-from robot_io.session.wire import PACKAGE, file_descriptor_set
+from robot_io.session.wire import descriptor_of
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _SCALARS = {
@@ -30,11 +30,7 @@ class WireType(Generic[T]):
     """Encodes and decodes one dataclass or named tuple; its own checks are made on whatever is decoded."""
 
     def __init__(self, kind: type[T]) -> None:
-        description = _describe(kind)
-        pool = descriptor_pool.DescriptorPool()
-        for file in descriptor_pb2.FileDescriptorSet.FromString(file_descriptor_set(description)).file:
-            pool.Add(file)
-        self._codec = _Codec(kind, pool.FindMessageTypeByName(f"{PACKAGE}.{description.name}"))
+        self._codec = _Codec(kind, descriptor_of(_describe(kind)))
         self._name = kind.__name__
 
     def encode(self, value: T) -> bytes:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError, Message
 
 from robot_io.errors import SessionError
-from robot_io.session.wire import PACKAGE, file_descriptor_set
+from robot_io.session.wire import descriptor_of, file_descriptor_set
 
 EVENT_STREAM = "events"
 MAX_EVENT_BYTES = 4000
@@ -41,26 +41,20 @@ def says_unclosed(event: Event) -> bool:
     return (event.kind, event.text) == (_LOG, _UNCLOSED)
 
 
-def event_descriptor_set() -> bytes:
-    """The events' message type as a serialised FileDescriptorSet."""
+def _event_type() -> descriptor_pb2.DescriptorProto:
     message = descriptor_pb2.DescriptorProto(name=EVENT_STREAM)
     types = {"time_s": _FIELD.TYPE_DOUBLE} | dict.fromkeys(("kind", "text", "data_json"), _FIELD.TYPE_STRING)
     for number, (name, kind) in enumerate(types.items(), start=1):
         message.field.add(name=name, json_name=name, number=number, type=kind, label=_FIELD.LABEL_OPTIONAL)
-    return file_descriptor_set(message)
+    return message
 
 
-def _message_class() -> type[Message]:
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(event_descriptor_set()).file:
-        pool.Add(file)
-    found: type[Message] = message_factory.GetMessageClass(
-        pool.FindMessageTypeByName(f"{PACKAGE}.{EVENT_STREAM}")
-    )
-    return found
+_EventMessage: type[Message] = message_factory.GetMessageClass(descriptor_of(_event_type()))
 
 
-_EventMessage = _message_class()
+def event_descriptor_set() -> bytes:
+    """The events' message type as a serialised FileDescriptorSet."""
+    return file_descriptor_set(_event_type())
 
 
 def encode_event(event: Event) -> bytes:
@@ -68,7 +62,8 @@ def encode_event(event: Event) -> bytes:
 
     Numpy's numbers and arrays are kept as numbers and lists; what else JSON does not know, as its text.
     """
-    data_json = "" if event.data is None else json.dumps(_text_keys(event.data), default=_plain)
+    keyed = {str(key): value for key, value in (event.data or {}).items()}
+    data_json = "" if event.data is None else json.dumps(keyed, default=_plain)
     encoded = _serialised(event, event.text, data_json)
     if len(encoded) <= MAX_EVENT_BYTES:
         return encoded
@@ -81,10 +76,6 @@ def _serialised(event: Event, text: str, data_json: str) -> bytes:
     message = _EventMessage(time_s=event.time_s, kind=kind, text=text, data_json=data_json)
     data: bytes = message.SerializeToString()
     return data
-
-
-def _text_keys(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {str(key): value for key, value in data.items()}
 
 
 def _plain(value: object) -> object:

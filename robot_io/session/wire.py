@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2
+from google.protobuf import descriptor_pb2, descriptor_pool
 from numpy.typing import NDArray
 
 from robot_io.errors import SessionError
@@ -148,11 +148,21 @@ class WireFormat:
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
     """Wrap one message type into a serialised proto3 FileDescriptorSet."""
-    file = descriptor_pb2.FileDescriptorProto(
+    data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
+    return data
+
+
+def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN401, built at run time
+    """One message type, in a pool of its own, for the classes that protobuf makes of it."""
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(_file(message))
+    return pool.FindMessageTypeByName(f"{PACKAGE}.{message.name}")
+
+
+def _file(message: descriptor_pb2.DescriptorProto) -> descriptor_pb2.FileDescriptorProto:
+    return descriptor_pb2.FileDescriptorProto(
         name=f"{PACKAGE}/{message.name}.proto", package=PACKAGE, syntax="proto3", message_type=[message]
     )
-    data: bytes = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
-    return data
 
 
 def _varint(value: int) -> bytes:
