@@ -77,10 +77,10 @@ class EmulatedOdrive(EmulatedMotor):
         command = message.arbitration_id & 0x1F
         if message.is_remote_frame:
             return self._answer(command)
-        self._obey(command, bytes(message.data), now_s)
+        self._obey(command, bytes(message.data))
         return []
 
-    def _obey(self, command: int, data: bytes, now_s: float) -> None:
+    def _obey(self, command: int, data: bytes) -> None:
         if command == 0x02:
             self._disarm(ESTOP_BIT[self._firmware])
         elif command == 0x07 and len(data) >= 4:
