@@ -1,7 +1,7 @@
 """What drivers find when they look at devices that are well, and at some that are not."""
 
 import re
-from contextlib import suppress
+from contextlib import nullcontext
 
 import pytest
 
@@ -47,25 +47,35 @@ def put(address, value):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "level", "said"),
+    ("spoil", "level", "said", "refused"),  # what its examination says, and its configuring
     [
-        (put(144, 96), Level.OK, "9.6 V (its limits 9.5 to 16.0 V), 32 °C"),
-        (put(144, 94), Level.FAIL, "9.4 V (its limits 9.5 to 16.0 V)"),
-        (put(144, 161), Level.FAIL, "16.1 V (its limits 9.5 to 16.0 V)"),
-        (put(table.HARDWARE_ERROR, 0x24), Level.FAIL, "hardware error: overheating, overload"),
-        (put(table.DRIVE_MODE, 0x04), Level.OK, "firmware"),
-        (put(table.DRIVE_MODE, 0x01), Level.FAIL, "drive mode: reversed"),
-        (put(table.SECONDARY_ID, 252), Level.FAIL, "secondary id 252: it obeys what that servo is told"),
-        (put(table.SECONDARY_ID, 253), Level.OK, "firmware"),
-        (put(6, 38), Level.OK, "firmware 38"),
-        (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog"),
-        (lambda bench: bench.line.servos.pop(2), Level.FAIL, "does not answer"),
+        (put(144, 96), Level.OK, "9.6 V (its limits 9.5 to 16.0 V), 32 °C", ""),
+        (put(144, 94), Level.FAIL, "9.4 V (its limits 9.5 to 16.0 V)", ""),
+        (put(144, 161), Level.FAIL, "16.1 V (its limits 9.5 to 16.0 V)", ""),
+        (put(table.HARDWARE_ERROR, 0x24), Level.FAIL, "hardware error: overheating, overload", ""),
+        (put(table.DRIVE_MODE, 0x04), Level.OK, "firmware", ""),
+        (put(table.DRIVE_MODE, 0x01), Level.FAIL, "drive mode: reversed", "servo 2.*reversed"),
+        (put(table.DRIVE_MODE, 0x08), Level.FAIL, "by itself", "servo 2.*by itself"),
+        # As in arms that are sold with two servos on the shoulder: one with the other's sense would fight it.
+        (
+            put(table.SECONDARY_ID, 252),
+            Level.FAIL,
+            "secondary id 252: it obeys what that",
+            "servo 2: sec.*252",
+        ),
+        (put(table.SECONDARY_ID, 253), Level.OK, "firmware", ""),
+        (put(6, 38), Level.OK, "firmware 38", ""),
+        (put(6, 37), Level.FAIL, "firmware 37, without a bus watchdog", "servo 2 has firmware 37"),
+        (
+            *(lambda bench: bench.line.servos.pop(2), Level.FAIL, "does not answer"),
+            r"no answer from servo 2 at 4000000 bit/s \(answering: 1, 3\)",
+        ),
     ],
 )
-def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said):
+def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said, refused):
     with dynamixel_bench() as bench:
         spoil(bench)
-        with suppress(DeviceError):
+        with pytest.raises(DeviceError, match=refused) if refused else nullcontext():
             bench.bus.configure()
         found = bench.bus.examine()
         mine = [one for one in found if one.subject == "servo 2 (joint 2)"]
@@ -75,23 +85,28 @@ def test_a_dynamixel_that_is_not_well_is_named(spoil, level, said):
 
 
 @pytest.mark.parametrize(
-    ("bolted", "subject", "level", "said"),
+    ("bolted", "subject", "level", "said", "refused"),
     [
-        ({2: {"id": 9}}, "servo 2 (joint 2)", Level.FAIL, "does not answer, but id 9, which the robot file"),
+        (
+            {2: {"id": 9}},
+            *("servo 2 (joint 2)", Level.FAIL, "does not answer, but id 9, which the robot file"),
+            "no answer from servo 2",
+        ),
         (
             {2: {"model": "XM430-W350"}},
             *("servo 2 (joint 2)", Level.FAIL, "XM430-W350, firmware 46; the robot file says XM540-W270"),
+            "servo 2 is a XM430-W350, the robot file says XM540-W270",
         ),
-        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 on the line too"),
+        ({2: {"id": 9}}, "other servos", Level.WARN, "id 9 on the line too", "no answer from servo 2"),
         (
             {1: {"id": 7}, 2: {"id": 8}, 3: {"id": 9}},
-            *("servos", Level.FAIL, "ids 1, 2, 3 silent, on the line are ids 7, 8, 9"),
+            *("servos", Level.FAIL, "ids 1, 2, 3 silent, on the line are ids 7, 8, 9", "no answer"),
         ),
     ],
 )
-def test_other_servos_than_stated_are_found(bolted, subject, level, said):
+def test_other_servos_than_stated_are_found(bolted, subject, level, said, refused):
     with dynamixel_bench(bolted=bolted) as bench:
-        with suppress(DeviceError):
+        with pytest.raises(DeviceError, match=refused):
             bench.bus.configure()
         assert any(
             (one.subject, one.level) == (subject, level) and said in one.text for one in bench.bus.examine()

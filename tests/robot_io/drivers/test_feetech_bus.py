@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import nullcontext
 from math import pi
 
 import numpy as np
@@ -11,18 +12,15 @@ from robot_io.drivers.feetech.lerobot import main, read_calibration
 from robot_io.errors import DeviceError, InputError, LifecycleError
 from robot_io.types import Command, Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import SO101, WireBench
+from tests.wire.parts import SO101
 
 STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222
 LOCK, PHASE, OFFSET, LEVEL, P_GAIN, TORQUE_ON, GOAL, LIMIT = 55, 18, 31, 8, 21, 40, 42, 48  # addresses
 
 
 @pytest.fixture
-def arm():
-    made = WireBench(SO101)
-    yield made
-    made.faults["motors"].clear()
-    made.close()
+def arm(bench):
+    return bench(SO101)
 
 
 def servos(arm):
@@ -154,20 +152,14 @@ def test_a_servo_that_does_not_fit_is_refused(arm, break_it, problem):
 
 
 @pytest.mark.parametrize(("found", "refused"), [(85, False), (-85, True)])
-def test_a_servo_that_was_calibrated_anew_is_refused(found, refused):
+def test_a_servo_that_was_calibrated_anew_is_refused(bench, found, refused):
     """Its positions mean other angles than the robot file says."""
     stated = "- {id: 3, model: STS3215-12V,"
-    arm = WireBench(SO101, [(stated, f"{stated} homing_offset: 85,")])
-    servo = servos(arm)[3]
-    servo.put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
-    try:
-        if refused:
-            with pytest.raises(DeviceError, match="homing offset of -85, the robot file says 85"):
-                arm.robot.configure()
-        else:
-            arm.robot.configure()
-    finally:
-        arm.close()
+    arm = bench(SO101, [(stated, f"{stated} homing_offset: 85,")])
+    servos(arm)[3].put(OFFSET, abs(found) | (0x800 if found < 0 else 0))
+    said = "homing offset of -85, the robot file says 85"
+    with pytest.raises(DeviceError, match=said) if refused else nullcontext():
+        arm.robot.configure()
 
 
 def test_a_servo_that_answers_nothing_but_reading_is_made_to_answer(arm):
@@ -242,18 +234,15 @@ def test_a_servo_that_holds_is_watched_as_the_joints_are(arm, strike, problem):
     assert re.search(problem, arm.problem)
 
 
-def test_each_servo_has_the_torque_limit_of_what_it_drives():
+def test_each_servo_has_the_torque_limit_of_what_it_drives(bench):
     """Torque, and what its speed takes beside it; those that hold stand still."""
-    arm = WireBench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
-    try:
-        arm.robot.configure()
-        at_stall = ["at stall" in finding.text for finding in arm.robot.buses["motors"].examine()]
-        assert at_stall == [True, *4 * [False]]
-        duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
-        for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
-            assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
-    finally:
-        arm.close()
+    arm = bench(SO101, [("velocity_rad_s: [3.0, 3.0, 3.0]", "velocity_rad_s: [3.0, 1.0, 0.5]")])
+    arm.robot.configure()
+    at_stall = ["at stall" in finding.text for finding in arm.robot.buses["motors"].examine()]
+    assert at_stall == [True, *4 * [False]]
+    duty = {2: 1.0, 3: 2.0 / STALL_NM + 1.0 / NO_LOAD_RAD_S, 4: 1.2 / STALL_NM + 0.5 / NO_LOAD_RAD_S}
+    for servo_id, share in (duty | dict.fromkeys((1, 5), 2.0 / STALL_NM)).items():
+        assert servos(arm)[servo_id].get(LIMIT) == pytest.approx(1000 * share, abs=1)
 
 
 def test_answers_that_are_constantly_late_are_as_old_as_their_requests(arm):

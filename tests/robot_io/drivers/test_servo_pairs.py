@@ -17,7 +17,7 @@ from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.emulators.dynamixel import control_table as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
-from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101, WireBench
+from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 
 FAMILIES = {
     "dynamixel": (DYNAMIXEL, DYNAMIXEL_PAIR, 4),
@@ -32,18 +32,8 @@ def family(request):
 
 
 @pytest.fixture
-def make():
-    made = []
-
-    def one(family, *changes):
-        path, pair, _ = FAMILIES[family]
-        made.append(WireBench(path, (pair, *changes)))
-        return made[-1]
-
-    yield one
-    for arm in made:
-        arm.faults["motors"].clear()
-        arm.close()
+def make(bench):
+    return lambda family, *changes: bench(FAMILIES[family][0], (FAMILIES[family][1], *changes))
 
 
 def servos(arm):

@@ -62,6 +62,12 @@ class Sound:
         return round(value / self._step) * self._step if self._step else value
 
 
+def deaf(since, *, until=math.inf, turns=0.0, **wear):
+    """What a drive shows that exerts nothing between two ticks, or what was sent times `turns`."""
+    drive = Sound(**({"noise": 0.01} | wear))
+    return lambda k, sent: drive.show(k, turns * sent if since <= k < until else sent)
+
+
 def ticks_until_named(check, show, sent=gravity, *, first=0, count=6000, every=OFTEN):
     """The tick at which joint 1 is named and what is said, or None; joint 2 is sent nothing and shows it."""
     shown, at_s = 0.0, 0.0
@@ -140,14 +146,6 @@ def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
     assert ticks_until_named(DeafDrives(limits), drive.show, sent, count=8000) is None
 
 
-def test_a_small_torque_is_missed_of_a_drive_that_has_shown_one():
-    limits = LIMITS.model_copy(update={"torque_nm": (SMALL_NM, SMALL_NM)})
-    drive = Sound(noise=0.005)
-    shows = lambda k, sent: drive.show(k, sent if k < 700 else 0.0)  # noqa: E731
-    tick, _ = ticks_until_named(DeafDrives(limits), shows, lambda k: 0.05 * SMALL_NM)
-    assert 700 < tick <= 712
-
-
 EDGES = [  # torque limit; what is sent and shown in turn, then what; whether that is missed
     ("half, a hundredth of the limit, two mean jumps", 100, (92, 92), (92, 93), (92, 92), (41, 41), False),
     ("more than that", 100, (92, 92), (92, 93), (92, 92), (40.99, 40.99), True),
@@ -196,65 +194,45 @@ def test_a_drive_that_restarts_is_named_in_time(wear, at, side):
     assert said.endswith("N m was sent: it may have restarted, or lost its mode")
 
 
+NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the first and last tick that may be
+    "a small torque of one that has shown it": (
+        {"torque_nm": (SMALL_NM, SMALL_NM)},
+        lambda: deaf(700, noise=0.005),
+        lambda k: 0.05 * SMALL_NM,
+        1,
+        (701, 712),
+    ),
+    "pushes the other way": ({}, lambda: deaf(300, turns=-1.0), lambda k: 1.0, 1, (300, 312)),
+    "a constant that is wrong by a fifth": ({}, lambda: deaf(700, gain=0.8), lambda k: 4.0, 1, (700, 712)),
+    "the time of the robot file": ({"deaf_drive_s": 0.04}, lambda: deaf(300), lambda k: 3.0, 1, (340, 342)),
+    "the fifth of few samples": ({}, lambda: deaf(300), lambda k: 3.0, 8, (304 + 4 * 8,) * 2),
+    "noise, and a large torque": ({}, lambda: deaf(300, noise=0.3), lambda k: 3.2, 1, (301, 400)),
+    **{  # what was sent before excuses it for a while
+        f"next to nothing until {more_at}": (
+            {},
+            lambda: deaf(300),
+            lambda k, more_at=more_at: 0.2 * math.sin(0.05 * k) if k < more_at else 4.0,
+            1,
+            (more_at + 10, more_at + 212),
+        )
+        for more_at in (1000, 1050)
+    },
+}
+
+
+@pytest.mark.parametrize("case", NAMED)
+def test_a_drive_that_obeys_no_more_is_named_as_soon_as_it_is_sure(case):
+    changes, shows, sent, every, (first, last) = NAMED[case]
+    check = DeafDrives(LIMITS.model_copy(update=changes))
+    tick, _ = ticks_until_named(check, shows(), sent, every=every)
+    assert first <= tick <= last
+
+
 @pytest.mark.parametrize("sent_nm", [-4.5, 0.95])
 def test_it_says_what_was_sent_and_what_is_exerted(sent_nm):
-    drive = Sound(noise=1e-4)
-    _, said = ticks_until_named(
-        DeafDrives(LIMITS),
-        lambda k, sent: drive.show(k, sent if k < 300 else 0.0),
-        lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0),
-    )
+    waves = lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0)  # noqa: E731
+    _, said = ticks_until_named(DeafDrives(LIMITS), deaf(300, noise=1e-4), waves)
     assert f"0.00 N m where {sent_nm:.2f} N m was sent" in said
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(side):
-    drive = Sound(noise=0.01)
-    assert (
-        ticks_until_named(
-            DeafDrives(LIMITS),
-            lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0),
-            lambda k: 2.0 if k % 1000 < 500 else -2.0,
-        )
-        is None
-    )
-
-
-def test_a_drive_that_pushes_the_other_way_is_named():
-    drive = Sound(noise=0.01)
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else -sent), lambda k: 1.0
-    )
-    assert tick <= 312
-
-
-@pytest.mark.parametrize("more_at", [1000, 1050])
-def test_a_drive_that_is_sent_next_to_nothing_tells_nothing_until_it_is_sent_more(more_at):
-    drive = Sound(noise=0.01)
-
-    def sent(k):
-        return 0.2 * math.sin(0.05 * k) if k < more_at else 4.0
-
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS), lambda k, sent_nm: drive.show(k, sent_nm if k < 300 else 0.0), sent
-    )
-    assert more_at + 10 <= tick <= more_at + 212  # what was sent before excuses it for a while
-
-
-def test_weak_drives_hide_what_is_missing_no_longer_than_tracking_does():
-    """A constant that is wrong by a fifth delays nothing."""
-    drive = Sound(gain=0.8, noise=0.01)
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 700 else 0.0), lambda k: 4.0
-    )
-    assert tick <= 712
-
-
-def test_the_time_is_the_robot_files():
-    slow = DeafDrives(LIMITS.model_copy(update={"deaf_drive_s": 0.04}))
-    drive = Sound(noise=0.01)
-    tick, _ = ticks_until_named(slow, lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0)
-    assert 340 <= tick <= 342
 
 
 @pytest.mark.parametrize(
@@ -266,40 +244,24 @@ def test_the_time_is_the_robot_files():
     ],
 )
 def test_times_are_kept_to_the_tick(deaf_from, sent_from, named_at):
-    drive = Sound(noise=0.01)
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS),
-        lambda k, sent: drive.show(k, sent if k < deaf_from - 1 else 0.0),
-        lambda k: 4.0 if k >= sent_from else 0.1,
-        first=min(sent_from, 0),
-    )
+    sent = lambda k: 4.0 if k >= sent_from else 0.1  # noqa: E731
+    tick, _ = ticks_until_named(DeafDrives(LIMITS), deaf(deaf_from - 1), sent, first=min(sent_from, 0))
     assert tick == named_at
 
 
 def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
-    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
-    shows = lambda k, sent: drive.show(k, sent if k < 0 else 0.0)  # noqa: E731
+    check, shows = DeafDrives(LIMITS), deaf(0)
     assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
     tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)
     assert tick == 104  # the fifth sample
 
 
-def test_few_samples_prove_nothing():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(side):
     drive = Sound(noise=0.01)
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS), lambda k, sent: drive.show(k, sent if k < 300 else 0.0), lambda k: 3.0, every=8
-    )
-    assert tick == 304 + 4 * 8  # the fifth
-
-
-def test_a_reading_with_noise_shows_a_large_torque_all_the_same():
-    drive, off = Sound(noise=0.3), Sound(1, noise=0.3)
-    tick, _ = ticks_until_named(
-        DeafDrives(LIMITS),
-        lambda k, sent: drive.show(k, sent) if k < 300 else off.show(k, 0.0),
-        lambda k: 3.2,
-    )
-    assert 300 < tick <= 400
+    shows = lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0)  # noqa: E731
+    turns = lambda k: 2.0 if k % 1000 < 500 else -2.0  # noqa: E731
+    assert ticks_until_named(DeafDrives(LIMITS), shows, turns) is None
 
 
 @pytest.mark.parametrize("phase", range(0, 100, 20))
@@ -312,11 +274,8 @@ def test_a_reading_may_be_late_when_the_command_jumps(phase, side):
 
 def test_single_bad_samples_do_not_add_up():
     drive = Sound(noise=0.01)
-
-    def show(k, sent):
-        return drive.show(k, 0.0 if k % 240 in range(100, 116) else sent)  # two samples, now and then
-
-    assert ticks_until_named(DeafDrives(LIMITS), show, lambda k: 3.0, every=8) is None
+    two = lambda k, sent: drive.show(k, 0.0 if k % 240 in range(100, 116) else sent)  # noqa: E731
+    assert ticks_until_named(DeafDrives(LIMITS), two, lambda k: 3.0, every=8) is None
 
 
 def test_the_same_old_sample_proves_nothing():
@@ -338,10 +297,8 @@ def test_a_drive_at_the_end_of_its_range_is_not_accused():
 
 def test_after_a_pause_it_begins_anew():
     """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
-    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
-    assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
-    again = Sound(noise=0.01)
-    shows = lambda k, sent: again.show(k, sent if k > 530 else 0.0)  # noqa: E731
+    check, shows = DeafDrives(LIMITS), deaf(500, until=531)
+    assert ticks_until_named(check, shows, lambda k: 3.0, count=300) is None
     assert ticks_until_named(check, shows, lambda k: 3.0, first=500, count=600) is None
 
 

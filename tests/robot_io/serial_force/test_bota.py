@@ -10,7 +10,7 @@ from robot_io.drivers.bota import protocol
 from robot_io.drivers.bota.protocol import BotaStream, crc16, decode_frame
 from robot_io.errors import DeviceError, ProtocolError
 from sim_backend.emulators.serial.bota import INVALID, OVERRANGE, RAW, SKIPPED, frame
-from tests.wire.parts import BOTA, ODRIVE, WireBench
+from tests.wire.parts import BOTA, ODRIVE
 
 VALUES = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6)
 ONES = [1.0, -2.0, 3.0, 4.0, 5.0, 6.0]
@@ -131,10 +131,8 @@ def test_one_frame_alone_is_no_force():
 
 
 @pytest.fixture
-def arm():
-    made = WireBench(ODRIVE, BOTA)
-    yield made
-    made.close()
+def arm(bench):
+    return bench(ODRIVE, BOTA)
 
 
 def sensor(arm):
@@ -164,12 +162,10 @@ def test_a_sensor_that_still_starts_is_waited_for(arm, starts_s, said):
         arm.robot.configure()
 
 
-def test_a_line_that_is_too_slow_is_refused():
+def test_a_line_that_is_too_slow_is_refused(bench):
     slow = (*BOTA[:1], ("baud_rate: 230400", "baud_rate: 115200"))
-    arm = WireBench(ODRIVE, slow)
     with pytest.raises(DeviceError, match="do not go over a line of 115200 bit/s"):
-        arm.robot.configure()
-    arm.close()
+        bench(ODRIVE, slow).robot.configure()
 
 
 def test_commands_are_those_of_the_maker():

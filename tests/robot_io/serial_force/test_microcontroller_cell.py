@@ -15,7 +15,7 @@ from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators.serial.cell import line
-from tests.wire.parts import CELL, ODRIVE, ROOT, WireBench
+from tests.wire.parts import CELL, ODRIVE, ROOT
 
 FIRMWARE = ROOT / "docs" / "firmware" / "load_cell" / "load_cell.ino"
 COUNTS = (0, -1, 123456, -123456, 8388607, -8388608)
@@ -117,6 +117,11 @@ def test_a_converter_at_its_end_is_saturated():
     assert made.feed(b"\n" + line("1 8388607") + line("2 -8388608")) == [100.0, -100.0]
 
 
+@pytest.fixture
+def arm(bench):
+    return bench(ODRIVE, (CELL,))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
@@ -126,49 +131,37 @@ def test_a_converter_at_its_end_is_saturated():
         ("", line("cell 1 x fast"), "says 'fast' samples a second, which is no number"),
     ],
 )
-def test_another_cell_than_stated_is_refused(old, new, problem, monkeypatch):
-    arm = WireBench(ODRIVE, (CELL,))
-    try:
-        if not old:
-            monkeypatch.setattr(arm.arm.wires["load_cell"]._sensor, "hear", lambda data, now_s: new)
-        text = arm.arm.robot_file.text
-        stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
-        with pytest.raises(DeviceError, match=problem):
-            build_robot(stated, DriverCatalogue(), arm.clock).configure()
-    finally:
-        arm.close()
+def test_another_cell_than_stated_is_refused(arm, old, new, problem):
+    if not old:
+        arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: new
+    text = arm.arm.robot_file.text
+    stated = parse_robot_file(text.replace(old, new) if old else text, ODRIVE)
+    with pytest.raises(DeviceError, match=problem):
+        build_robot(stated, DriverCatalogue(), arm.clock).configure()
 
 
 @pytest.mark.parametrize("word", ["converter", "silent"])
-def test_what_the_firmware_says_is_wrong_is_said_until_the_next_sample(word):
-    arm = WireBench(ODRIVE, (CELL,))
-    try:
-        arm.robot.configure()
-        arm.ticks(20, None)
-        sensor = arm.arm.wires["load_cell"]._sensor
-        sensor.reading = lambda force_n: line(f"fault {word}")
-        assert arm.ticks(5, None).force_status is Status.FAULT
-        assert f"the cell says 'fault {word}'" in arm.problem
-        del sensor.reading
-        assert arm.ticks(5, None).force_status is not Status.FAULT
-        assert not arm.problem
-    finally:
-        arm.close()
+def test_what_the_firmware_says_is_wrong_is_said_until_the_next_sample(arm, word):
+    arm.robot.configure()
+    arm.ticks(20, None)
+    sensor = arm.arm.wires["load_cell"]._sensor
+    sensor.reading = lambda force_n: line(f"fault {word}")
+    assert arm.ticks(5, None).force_status is Status.FAULT
+    assert f"the cell says 'fault {word}'" in arm.problem
+    del sensor.reading
+    assert arm.ticks(5, None).force_status is not Status.FAULT
+    assert not arm.problem
 
 
-def test_a_damaged_line_costs_itself_alone():
+def test_a_damaged_line_costs_itself_alone(arm):
     """Where lines have checksums the next one is believed at once, however far it is from the last."""
-    arm = WireBench(ODRIVE, (CELL,))
-    try:
-        arm.robot.configure()
-        arm.ticks(20, None)
-        sensor = arm.arm.wires["load_cell"]._sensor
-        reading = sensor.reading
-        sensor.reading = lambda force_n: b"#" + reading(50.0)
-        arm.ticks(4, None)
-        sensor.reading = lambda force_n: reading(50.0)
-        assert arm.ticks(5, None).force_n == pytest.approx(50.0, abs=0.01)
-        sensor.reading = lambda force_n: reading(float("inf"))
-        assert arm.ticks(5, None).force_status is Status.SATURATED
-    finally:
-        arm.close()
+    arm.robot.configure()
+    arm.ticks(20, None)
+    sensor = arm.arm.wires["load_cell"]._sensor
+    reading = sensor.reading
+    sensor.reading = lambda force_n: b"#" + reading(50.0)
+    arm.ticks(4, None)
+    sensor.reading = lambda force_n: reading(50.0)
+    assert arm.ticks(5, None).force_n == pytest.approx(50.0, abs=0.01)
+    sensor.reading = lambda force_n: reading(float("inf"))
+    assert arm.ticks(5, None).force_status is Status.SATURATED

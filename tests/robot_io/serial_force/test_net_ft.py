@@ -20,7 +20,7 @@ from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from sim_backend.emulators.net_ft.box import EmulatedNetFt, record
-from tests.wire.parts import NET_FT, ODRIVE, WireBench
+from tests.wire.parts import NET_FT, ODRIVE
 
 COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)
 
@@ -137,10 +137,8 @@ def test_a_page_that_says_nothing_sensible_is_refused(old, new, said):
 
 
 @pytest.fixture
-def arm():
-    made = WireBench(ODRIVE, NET_FT)
-    yield made
-    made.close()
+def arm(bench):
+    return bench(ODRIVE, NET_FT)
 
 
 def sensor(arm):

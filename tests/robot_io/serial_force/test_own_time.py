@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robot_io.drivers.serial_force.own_time import OwnTime
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import BOTA, NET_FT, ODRIVE, WireBench
+from tests.wire.parts import BOTA, NET_FT, ODRIVE
 
 PERIOD_S, ALWAYS_S = 1e-3, 0.7e-3
 
@@ -41,8 +41,8 @@ def test_a_look_that_was_late_makes_no_later_reading_late():
 
 @pytest.mark.parametrize("changes", [NET_FT, BOTA], ids=["net_ft", "bota"])
 @pytest.mark.parametrize("late_s", [0.002, 0.008])
-def test_a_stream_that_has_become_late_is_not_served_as_fresh(changes, late_s):
-    arm = WireBench(ODRIVE, changes)
+def test_a_stream_that_has_become_late_is_not_served_as_fresh(bench, changes, late_s):
+    arm = bench(ODRIVE, changes)
     arm.robot.configure()
 
     def ages_s(ticks):
@@ -53,4 +53,3 @@ def test_a_stream_that_has_become_late_is_not_served_as_fresh(changes, late_s):
     arm.strike("load_cell", FaultKind.DELAY, delay_s=late_s)
     assert min(ages_s(400)) > late_s - 0.5e-3
     assert ("the last one came " in arm.problem) == (late_s > 0.005)  # half of the age limit
-    arm.close()
