@@ -96,15 +96,6 @@ def test_all_formats_hold_the_same(tmp_path, contact):
     assert open_source(csv).channels[0].name == "contact"
 
 
-def test_a_byte_order_mark_and_quotes_do_not_matter(tmp_path):
-    text = '"time_s","displacement_m","force_N"\r\n' + "".join(
-        f'{t},"{x}", {x}\r\n' for t, x in zip(T, X, strict=True)
-    )
-    path = tmp_path / "windows.csv"
-    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
-    np.testing.assert_allclose(only(import_file(path)).effort, X)
-
-
 def test_columns_of_other_names_and_units(tmp_path):
     columns = {"t": 1e3 * T, "indent_mm": 1e3 * X, "load": 1e3 * F}
     path = write_csv(tmp_path / "own.csv", columns)
@@ -125,18 +116,26 @@ def test_a_unit_of_something_else_is_taken_as_it_stands_and_said(tmp_path):
     assert "'weight_N' is taken as displacement in m" in imported.notes[0]
 
 
-def test_text_runs_get_numbers_in_order_of_appearance(contact):
-    path = contact(run=["b"] * 20 + ["a"] * 30, time_s=np.concatenate([T[:20], T[:30]]))
-    imported = import_file(path)
-    assert imported.run_labels == {0: "b", 1: "a"}
-    np.testing.assert_array_equal(only(imported).run, [0] * 20 + [1] * 30)
-
-
 def test_numbered_runs_keep_their_numbers_and_are_put_together(contact):
     run = np.tile([7, 3], 25)
     channel = only(import_file(contact(run=run)))
     np.testing.assert_array_equal(channel.run, [3] * 25 + [7] * 25)
     np.testing.assert_allclose(channel.time_s[:25], T[1::2])
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (("b", "a"), {0: "b", 1: "a"}),  # text gets numbers in order of appearance
+        (("07", "12"), {7: "07", 12: "12"}),
+        (("12345678901234567890", "7"), {0: "12345678901234567890", 1: "7"}),  # more than fits into 64 bits
+    ],
+)
+def test_runs_are_called_by_number_or_name(contact, names, labels):
+    time_s = np.concatenate([T[:20], T[:30]])
+    imported = import_file(contact(run=[names[0]] * 20 + [names[1]] * 30, time_s=time_s))
+    assert imported.run_labels == labels
+    np.testing.assert_array_equal(only(imported).run, np.repeat(list(labels), [20, 30]))
 
 
 @pytest.mark.parametrize("names", [("1", "01", "001"), ("x" * 70 + "1", "x" * 70 + "2", "x" * 70)])
@@ -145,16 +144,6 @@ def test_runs_of_different_names_are_different_runs(names, contact):
     assert import_file(path).run_labels == dict(enumerate(names))
     for name, rows in zip(names, (30, 10, 10), strict=True):
         assert len(only(import_file(path, ImportOptions(where={"run": name})))) == rows
-
-
-def test_numbers_with_leading_zeros_stay_numbers(contact):
-    assert import_file(contact(run=["07"] * 25 + ["12"] * 25)).run_labels == {7: "07", 12: "12"}
-
-
-def test_labels_that_are_longer_than_any_number_are_names(contact):
-    label = "12345678901234567890"  # more than fits into 64 bits
-    imported = import_file(contact(run=[label] * 20 + ["7"] * 30, time_s=np.concatenate([T[:20], T[:30]])))
-    assert imported.run_labels == {0: label, 1: "7"}
 
 
 def test_derivatives_do_not_reach_across_runs(contact):

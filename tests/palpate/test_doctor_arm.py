@@ -22,7 +22,6 @@ from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from robot_io.types import Measurement, Status
-from sim_backend.emulators import Fault, FaultKind, Faults
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, run
 from tests.robot_io.calibration.parts import calibration_of
@@ -290,39 +289,11 @@ def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
     assert np.abs(plants).max() < 0.02
 
 
-@pytest.mark.parametrize(
-    ("kind", "details", "words"),
-    [
-        (FaultKind.ALERT, {"device": 2, "times": 1}, "hardware error"),
-        (FaultKind.DROP, {"device": 3}, "does not answer"),
-        (FaultKind.UNPLUG, {}, ""),
-    ],
-)
-def test_faults_on_the_line_are_found(kind, details, words):
-    faults = {"motors": Faults([Fault(kind=kind, **details)])}
-    found = failures(examined(DYNAMIXEL, faults=faults))
-    assert found
-    assert any(words in finding.text for finding in found)
-
-
 def test_a_bus_that_is_too_slow_is_told_from_its_bytes():
     slow = changed(DYNAMIXEL, ("baud_rate: 4000000", "baud_rate: 57600"))
     (found,) = failures(examine_arm(ArmCheck(slow, wired=True)))
     assert found.subject == "rate of motors"
     assert "good for 47 Hz" in found.text
-
-
-def test_a_low_supply_voltage_is_found(monkeypatch):
-    from sim_backend.emulators.dynamixel import control_table
-
-    weak = control_table.MODELS | {
-        "XM540-W270": control_table.Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 88, (95, 160))
-    }
-    monkeypatch.setattr(control_table, "MODELS", weak)
-    monkeypatch.setattr("sim_backend.emulators.dynamixel.servo.MODELS", weak, raising=False)
-    found = failures(examined(DYNAMIXEL))
-    assert [finding.subject for finding in found] == ["servo 1 (joint 1)", "servo 2 (joint 2)"]
-    assert "8.8 V" in found[0].text
 
 
 def complaints(robot_file):

@@ -11,25 +11,16 @@ from tests.palpate.cli import ROOT, assert_refused
 OURS = control.__file__
 
 
-def test_python_from_3_11_on_is_accepted():
+def test_what_is_wrong_with_python_and_control_is_said(tmp_path):
     for version in ((3, 11), (3, 13), (3, 14)):
         assert preflight.python_problem(version) is None
     assert "needs CPython 3.11 or newer, this is 3.10" in preflight.python_problem((3, 10))
-
-
-def test_our_own_control_is_accepted():
     assert preflight.control_problem(OURS) is None
-
-
-def test_python_control_is_recognised(tmp_path):
+    assert "missing" in preflight.control_problem(None)
     theirs = tmp_path / "site-packages" / "control" / "__init__.py"
     problem = preflight.control_problem(str(theirs))
     assert str(theirs.parent) in problem
     assert "pip uninstall control" in problem
-
-
-def test_a_missing_control_is_said():
-    assert "missing" in preflight.control_problem(None)
 
 
 def test_a_folder_that_was_deleted_meanwhile_is_said(tmp_path, monkeypatch):

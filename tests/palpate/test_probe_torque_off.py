@@ -75,15 +75,6 @@ def test_a_device_that_cannot_be_released_does_not_hide_why_the_arm_was_stopped(
         probe(tmp_path)
 
 
-def test_that_the_torque_may_still_be_on_does_not_hide_why_the_arm_was_stopped():
-    result = LoopResult(Outcome.TRIPPED, cause="joint 1 is at 9 rad", deactivation_error="joint 2 is silent")
-    with pytest.raises(SafetyTripError, match=r"cut the power: joint 2 is silent; .*: joint 1 is at 9 rad"):
-        result.raise_for_trip()
-    once = LoopResult(Outcome.TRIPPED, cause="torque off: silent", deactivation_error="silent")
-    with pytest.raises(SafetyTripError, match=r"cut the power: silent$"):
-        once.raise_for_trip()
-
-
 TROUBLES = {
     "unsent": (3, "3 commands not sent"),
     "log_error": ("disk full", "the log is not complete: disk full"),

@@ -191,14 +191,6 @@ def test_a_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):
     assert found.final.rmse < 1.1 * found.noise_floor < 0.1 * study.fit("contact", ["cubic_stiffness"]).rmse
 
 
-@pytest.mark.parametrize(
-    ("held_out", "said"), [([9], "no run 9. There are: 0, 1, 2, 3"), ([0, 1, 2, 3], "at least one run")]
-)
-def test_runs_that_cannot_be_held_out_are_named(tmp_path, held_out, said):
-    with pytest.raises(InputError, match=said):
-        Study(write_presses(tmp_path / "p.csv"), held_out=held_out)
-
-
 def test_revisions_with_other_runs_held_out_are_of_other_data(tmp_path):
     file = write_presses(tmp_path / "p.csv")
     Study(file, folder=tmp_path).add("cubic_stiffness")

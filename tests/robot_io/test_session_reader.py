@@ -337,13 +337,6 @@ def test_a_file_that_is_not_as_it_should_be_is_refused_in_one_line(tmp_path, arg
     assert opened(path) is None
 
 
-def test_a_text_that_is_damaged_is_told_in_our_words(tmp_path):
-    path = foreign(tmp_path / "s.mcap", {"command_line": "pälpate"})
-    path.write_bytes(path.read_bytes().replace("ä".encode(), b"\xff\xff"))
-    with pytest.raises(SessionError, match=r"damaged: a text in it is not UTF-8$"):
-        Session.open(path)
-
-
 def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
     path = written(tmp_path / "s.mcap")
     monkeypatch.setattr(scan, "MAX_DATA_BYTES", 100_000)

@@ -5,7 +5,6 @@ import pytest
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.errors import DeviceError
-from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import DAMIAO
 
@@ -73,12 +72,3 @@ def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(bench):
         with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): MOSFET over temperature"):
             arm.robot.activate()
     assert arm.motors[2].error == 11
-
-
-def test_temperatures_are_no_error(bench):
-    """Where other makers have the error byte, there is a temperature."""
-    arm = bench(DAMIAO).start()
-    assert arm.tick().torque_status is Status.OK
-    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
-    arm.ticks_until(lambda m: m.torque_status is Status.FAULT, most=3)
-    assert "joint 3 (motor 3): MOSFET over temperature" in arm.problem

@@ -12,21 +12,22 @@ from tests.wire.parts import ODRIVE, V0_5
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
-def test_another_firmware_than_stated_is_refused(bench):
-    arm = bench()
+@pytest.mark.parametrize(
+    ("changes", "spoil", "said"),
+    [
+        ((), {"_firmware": "0.5"}, "Get_Version"),
+        (V0_5, {"_firmware": "0.6"}, r"joint 1 \(node 0\): has firmware 0\.6\.10, the robot file says 0\.5"),
+        ((), {"version": (0, 5, 6)}, r"joint 1 \(node 0\): has firmware 0\.5\.6"),
+        ((), {"_cyclic_s": 0.01}, r"joint 1 \(node 0\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"),
+    ],
+)
+def test_an_axis_of_another_firmware_or_as_delivered_is_named(bench, changes, spoil, said):
+    arm = bench(changes=changes)
     for node in arm.motors:
-        node._firmware = "0.5"
-    with pytest.raises(DeviceError, match="Get_Version"):
-        arm.robot.configure()
-
-
-def test_a_newer_axis_than_stated_is_named(bench):
-    arm = bench(changes=V0_5)
-    for node in arm.motors:
-        node._firmware = "0.6"
-    with pytest.raises(
-        DeviceError, match=r"joint 1 \(node 0\): has firmware 0\.6\.10, the robot file says 0\.5"
-    ):
+        vars(node).update(spoil)
+        if "version" in spoil:
+            node._answer = lambda _, node=node: [node._message(0, bytes((2, 3, 6, 56, *node.version, 0)))]
+    with pytest.raises(DeviceError, match=said):
         arm.robot.configure()
 
 
@@ -56,15 +57,6 @@ def test_what_can_cannot_read_is_printed_as_commands(bench, changes, current):
         *("enable_torque_mode_vel_limit = False", "vel_limit = 8.6", current, "save_configuration()"),
     ):
         assert command in unseen.text
-
-
-def test_an_axis_as_delivered_sends_too_rarely_and_is_told_what_to_set(bench):
-    arm = bench()
-    arm.motors[2]._cyclic_s = 0.01
-    with pytest.raises(
-        DeviceError, match=r"joint 3 \(node 2\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"
-    ):
-        arm.robot.configure()
 
 
 def test_torques_that_stop_name_their_joint(bench):
@@ -202,14 +194,6 @@ def test_an_old_heartbeat_confirms_nothing(bench):
     arm.strike("motors", FaultKind.DROP, device=0)
     with pytest.raises(DeviceError, match=r"did not confirm that it is idle: joint 1 \(node 0\)"):
         arm.robot.deactivate()
-
-
-def test_a_version_other_than_0_6_is_named(bench):
-    arm = bench()
-    node = arm.motors[2]
-    node._answer = lambda command: [node._message(0x00, bytes((2, 3, 6, 56, 0, 5, 6, 0)))]
-    with pytest.raises(DeviceError, match=r"joint 3 \(node 2\): has firmware 0\.5\.6"):
-        arm.robot.configure()
 
 
 def test_flushing_does_not_say_an_old_command_again(bench):

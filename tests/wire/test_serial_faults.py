@@ -67,14 +67,6 @@ def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
     assert arm.ticks(10, None).force_n == pytest.approx(5.0, abs=0.1)
 
 
-def test_a_telegram_from_another_sensor_is_no_answer(bench):
-    arm = bench(CUBEMARS)
-    stranger = lorenz.encode_telegram(lorenz.Telegram(lorenz.LorenzCommand.HELLO, 255, 9, b"\x01"))
-    arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: stranger
-    with pytest.raises(DeviceError, match="no answer to HELLO"):
-        arm.robot.configure()
-
-
 def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
     before = sensor.tick(None)
     sensor.strike("load_cell", FaultKind.DROP)
@@ -109,13 +101,6 @@ def test_another_sensor_than_stated_is_refused(bench, path, old, new, problem):
         robot.configure()
 
 
-def test_a_unit_that_is_no_force_is_refused(bench):
-    arm = bench(ODRIVE)
-    arm.arm.wires["load_cell"]._sensor._unit = "psi"
-    with pytest.raises(DeviceError, match="unit 'psi' is not a known unit"):
-        arm.robot.configure()
-
-
 @pytest.mark.parametrize(("answer", "refused"), [("A", False), ("Tared", False), ("?", True)])
 def test_zeroing_is_confirmed_or_refused(bench, answer, refused):
     """Interfaces differ in how they say yes; a no was once taken for a yes, and a plain yes for silence."""
@@ -127,13 +112,6 @@ def test_zeroing_is_confirmed_or_refused(bench, answer, refused):
         with pytest.raises(DeviceError, match="does not know CT0"):
             arm.robot.configure()
     else:
-        arm.robot.configure()
-
-
-def test_a_port_where_nobody_answers_is_one_line(bench):
-    arm = bench(ODRIVE)
-    arm.arm.wires["load_cell"]._sensor.hear = lambda data, now_s: b""
-    with pytest.raises(DeviceError, match="no DI-100 or DI-1000 answers"):
         arm.robot.configure()
 
 
@@ -258,16 +236,23 @@ def test_a_force_is_as_old_as_it_is(bench, path, delay_s, ages_ms):
     assert {round(1e3 * (one.time_s - one.force_at_s), 3) for one in ticks} == ages_ms
 
 
+STRANGER = lorenz.encode_telegram(lorenz.Telegram(lorenz.LorenzCommand.HELLO, 255, 9, b"\x01"))
+SILENT = {"hear": lambda data, now_s: b""}
+
+
 @pytest.mark.parametrize(
-    ("spoil", "problem"),
+    ("path", "changes", "spoil", "problem"),
     [
-        ({"unit": "LBIN"}, "unit 'lbFin' is not a known unit of force"),
-        ({"unknown": ("FULL",)}, r"says '\*10 illegal command' when asked for its model"),
-        ({"hear": lambda data, now_s: b""}, "no gauge says an answer; check port and baud rate"),
+        (ODRIVE, [MARK10], {"unit": "LBIN"}, "unit 'lbFin' is not a known unit of force"),
+        (ODRIVE, [MARK10], {"unknown": ("FULL",)}, r"says '\*10 illegal command' when asked for its model"),
+        (ODRIVE, [MARK10], SILENT, "no gauge says an answer; check port and baud rate"),
+        (ODRIVE, [], {"_unit": "psi"}, "unit 'psi' is not a known unit"),
+        (ODRIVE, [], SILENT, "no DI-100 or DI-1000 answers"),
+        (CUBEMARS, [], {"hear": lambda data, now_s: STRANGER}, "no answer to HELLO"),  # from another sensor
     ],
 )
-def test_a_gauge_that_cannot_be_asked_for_a_force_is_refused(bench, spoil, problem):
-    arm = bench(ODRIVE, [MARK10])
+def test_a_sensor_that_cannot_be_asked_for_a_force_is_refused(bench, path, changes, spoil, problem):
+    arm = bench(path, changes)
     vars(arm.arm.wires["load_cell"]._sensor).update(spoil)
     with pytest.raises(DeviceError, match=problem):
         arm.robot.configure()
