@@ -6,7 +6,7 @@ import pytest
 from palpate.runs.robots import find_robot
 from robot_io.calibration import load_calibration
 from robot_io.session import Session
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 KG = (0, 1, 2, 3, 2, 1, 0)
@@ -21,8 +21,7 @@ def table(tmp_path):
 
 
 def test_help_names_all_four_and_says_how_to_go_on():
-    result = run("calibrate", "--help")
-    assert result.exit_code == 0
+    result = done("calibrate", "--help")
     for word in ("force", "encoder", "torque", "gravity", "calibration: {force: force.yaml"):
         assert word in result.stdout
     assert run("calibrate").stdout == result.stdout
@@ -30,8 +29,7 @@ def test_help_names_all_four_and_says_how_to_go_on():
 
 def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
     out = tmp_path / "cell.yaml"
-    result = run("calibrate", "force", "--from", table, "-o", out, "--valid-days", 30)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "force", "--from", table, "-o", out, "--valid-days", 30)
     calibration = load_calibration(out)
     assert calibration.values.scale.unit == "N/count"
     assert calibration.values.scale.value == pytest.approx(9.80665 / 200, rel=1e-3)
@@ -46,8 +44,7 @@ def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
 def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
     session, out = tmp_path / "w.mcap", tmp_path / "w.yaml"
     options = ("--weights-kg", "0,1,2,3,2,1,0", "--json", "--session", session, "-o", out)
-    result = run("calibrate", "force", *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "force", *options)
     first = json.loads(result.stdout)
     assert first["values"]["scale"]["value"] == pytest.approx(1.0, abs=1e-3)
     assert first["raw"] == str(session)
@@ -58,8 +55,7 @@ def test_a_weighing_is_a_session_and_can_be_worked_out_again(tmp_path):
 
 def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
     session, out = tmp_path / "p.mcap", tmp_path / "p.yaml"
-    result = run("calibrate", "encoder", "--pose", "home", "--session", session, "-o", out)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "encoder", "--pose", "home", "--session", session, "-o", out)
     assert load_calibration(out).values.offset.value == pytest.approx((0, 0, 0), abs=1e-4)
     assert not Session.open(session).samples("tick")["torque_sent_nm"].any()
     assert "cp -r" in result.stderr  # what is installed is nobody's to edit
@@ -68,8 +64,7 @@ def test_a_pose_gives_zeros_and_nothing_moves(tmp_path):
 
 def test_a_zero_that_is_far_off_is_pointed_at(tmp_path):
     options = ("--pose", "1.5,1.5,1.5", "-o", tmp_path / "p.yaml", "--session", tmp_path / "p.mcap")
-    result = run("calibrate", "encoder", *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "encoder", *options)
     assert "check again" in result.stdout
     offsets = load_calibration(tmp_path / "p.yaml").values.offset.value
     for joint, offset in enumerate(offsets, 1):
@@ -147,8 +142,7 @@ def test_what_is_named_already_stays_in_the_line_for_the_robot_file(tmp_path, mo
     assert run(*pose, "-o", "zeros.yaml", "--session", "e.mcap").exit_code == 0
     robot.write_text(robot.read_text() + "\ncalibration: {encoder: zeros.yaml}\n")
     weighing = ("--weights-kg", "0,1,2,3,2,1,0", "-o", "cell.yaml", "--session", "f.mcap")
-    result = run("calibrate", "force", "--robot", robot.name, *weighing)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "force", "--robot", robot.name, *weighing)
     assert "  calibration: {encoder: zeros.yaml, force: cell.yaml}" in result.stderr
     assert "palpate probe --robot 'my arm.yaml'" in result.stderr
 

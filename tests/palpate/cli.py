@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from typer.testing import CliRunner, Result
 
@@ -16,6 +17,18 @@ ROOT = Path(__file__).resolve().parents[2]
 def run(*arguments) -> Result:
     """The command line in this process."""
     return CliRunner().invoke(app, [str(argument) for argument in arguments], prog_name="palpate")
+
+
+def done(*arguments) -> Result:
+    """The command line in this process, which must succeed."""
+    result = run(*arguments)
+    assert result.exit_code == 0, (arguments, result.stderr)
+    return result
+
+
+def as_json(*arguments) -> Any:
+    """What a command that succeeds says with --json."""
+    return json.loads(done(*arguments, "--json").stdout)
 
 
 def run_process(*arguments, **options) -> "subprocess.CompletedProcess[str]":

@@ -8,7 +8,7 @@ from palpate.runs import session
 from tests.built_once import built_once
 from tests.few_effects import try_few_effects
 from tests.log_in_process import LogInProcess
-from tests.palpate.cli import run
+from tests.palpate.cli import done
 from tests.palpate.presses import write_presses
 
 
@@ -17,8 +17,7 @@ def probed(tmp_path_factory):
     """A session file of the default object at three speeds, and what the command said about it."""
 
     def probe(folder):
-        result = run("probe", "--out", folder / "default.mcap", "--seed", 5, "--hold-s", 0.3, "--json")
-        assert result.exit_code == 0, result.stderr
+        result = done("probe", "--out", folder / "default.mcap", "--seed", 5, "--hold-s", 0.3, "--json")
         (folder / "said.json").write_text(result.stdout)
 
     folder = built_once(tmp_path_factory, "probed", probe)

@@ -1,18 +1,14 @@
 """`palpate add` and `palpate revisions`: stages that can be gone back to."""
 
-import json
-
 import numpy as np
 import pytest
 
 from palpate.study import Study
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
 
 def add(data, folder, *arguments):
-    result = run("add", data, *arguments, "--out", folder, "--json")
-    assert result.exit_code == 0, result.stderr
-    return json.loads(result.stdout)["revisions"]
+    return as_json("add", data, *arguments, "--out", folder)["revisions"]
 
 
 def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
@@ -23,7 +19,7 @@ def test_stages_are_kept_continued_and_gone_back_to(hardening, tmp_path):
     (third,) = add(hardening, tmp_path, "cubic_stiffness", "--from", 0)
     assert (third["number"], third["parent"], third["effects"]) == (3, 0, ["cubic_stiffness"])
     assert third["rmse"] < first[1]["rmse"] < first[0]["rmse"]
-    listed = json.loads(run("revisions", hardening, "--folder", tmp_path, "--json").stdout)["revisions"]
+    listed = as_json("revisions", hardening, "--folder", tmp_path)["revisions"]
     assert listed == [*first, second, third]
     shown = run("revisions", hardening, "--folder", tmp_path).stdout
     assert "kelvin_voigt + cubic_stiffness" in shown
@@ -45,8 +41,7 @@ def test_without_a_word_on_it_the_model_of_the_newest_revision_goes_on(tmp_path)
 
 
 def test_what_is_shown_falls_to_the_floor(hardening, tmp_path):
-    result = run("add", hardening, "cubic_stiffness", "--out", tmp_path)
-    assert result.exit_code == 0, result.stderr
+    result = done("add", hardening, "cubic_stiffness", "--out", tmp_path)
     assert "down to the noise floor" in result.stdout.replace("\n", " ")
     assert "+ cubic_stiffness" in result.stdout
     for file in ("report.html", "revisions.rrd"):
@@ -97,8 +92,7 @@ def test_a_damaged_revision_is_named(hardening, tmp_path):
 
 
 def test_without_revisions_one_is_told_how_to_make_some(hardening, tmp_path):
-    result = run("revisions", hardening, "--folder", tmp_path)
-    assert result.exit_code == 0
+    result = done("revisions", hardening, "--folder", tmp_path)
     assert "no revisions yet" in result.stdout
     assert "--apply" in result.stderr
 

@@ -11,7 +11,7 @@ from palpate import main, preflight
 from palpate.app import load_command
 from palpate.failures import OneLineGroup
 from robot_io.errors import DeviceError, InputError
-from tests.palpate.cli import ROOT, assert_refused, run, run_process
+from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 COMMANDS = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
@@ -34,16 +34,14 @@ def app_that_raises(error):
 
 
 def test_without_a_command_the_help_is_shown():
-    result = run()
-    assert result.exit_code == 0
+    result = done()
     for command in COMMANDS:
         assert command in result.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command):
-    result = run(command, "--help")
-    assert result.exit_code == 0
+    result = done(command, "--help")
     assert "Usage" in result.stdout
     paragraphs = load_command(command).help.split("\n\n")
     assert not any("\n" in paragraph for paragraph in paragraphs)  # the terminal breaks lines, nobody else
@@ -88,8 +86,7 @@ def test_as_a_process_bad_input_gives_one_line_and_2(tmp_path):
 
 
 def test_the_version_is_told():
-    result = run("--version")
-    assert result.exit_code == 0
+    result = done("--version")
     assert result.stdout.startswith("palpate ")
 
 

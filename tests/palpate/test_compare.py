@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -20,9 +20,7 @@ def grown(hardening, tmp_path_factory):
 
 
 def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
-    result = run("compare", hardening, "--json")
-    assert result.exit_code == 0, result.stderr
-    (channel,) = json.loads(result.stdout)["channels"]
+    (channel,) = as_json("compare", hardening)["channels"]
     assert channel["lack_of_fit"] > 5
     assert channel["noise_floor"] < 3 * NOISE_N
     assert {"direction", "speed", "depth", "run", "effort"} <= set(channel["parts"])
@@ -32,8 +30,7 @@ def test_a_hardening_object_is_missed_most_where_it_is_deep(hardening):
 
 
 def test_the_first_line_says_how_far_off_the_model_is(hardening):
-    result = run("compare", hardening)
-    assert result.exit_code == 0, result.stderr
+    result = done("compare", hardening)
     first, second = result.stdout.splitlines()[:2]
     assert "kelvin_voigt misses contact" in first
     assert "times the floor" in first
@@ -47,8 +44,7 @@ def test_a_model_that_fits_is_said_to_fit(tmp_path):
 
 
 def test_a_folder_gets_the_numbers_and_a_report(hardening, tmp_path):
-    result = run("compare", hardening, "--out", tmp_path / "there", "--json")
-    assert result.exit_code == 0, result.stderr
+    result = done("compare", hardening, "--out", tmp_path / "there", "--json")
     kept = json.loads((tmp_path / "there" / "comparison.json").read_text())
     assert kept == json.loads(result.stdout)
     assert (tmp_path / "there" / "report.html").stat().st_size > 1e6
@@ -73,9 +69,7 @@ def test_a_single_run_cannot_be_judged(tmp_path):
 
 def test_what_was_added_can_be_put_beside_the_measurement_too(hardening, grown):
     folder, kept = grown
-    result = run("compare", hardening, "--revision", 1, "--folder", folder, "--json")
-    assert result.exit_code == 0, result.stderr
-    (channel,) = json.loads(result.stdout)["channels"]
+    (channel,) = as_json("compare", hardening, "--revision", 1, "--folder", folder)["channels"]
     assert channel["model"] == "kelvin_voigt + cubic_stiffness"
     assert channel["rmse"] == pytest.approx(kept["rmse"])
     assert channel["lack_of_fit"] < 1.1
@@ -93,14 +87,14 @@ def test_a_revision_of_other_rows_is_said_to_be_one(grown, tmp_path):
 
 def test_the_floor_is_one_number_whatever_was_kept_before(hardening, tmp_path):
     kept = [
-        json.loads(run("add", data, "cubic_stiffness", *how, "--out", tmp_path, "--json").stdout)["revisions"]
+        as_json("add", data, "cubic_stiffness", *how, "--out", tmp_path)["revisions"]
         for data, how in ((hardening, ()), (write_presses(tmp_path / "other.csv", seed=5), ("--fresh",)))
     ]
     assert [len(one) for one in kept] == [2, 2]
     for other in (tmp_path / "revisions").glob("000[23].json"):
         quiet = json.loads(other.read_text()) | {"noise_floor": 1e-6}
         other.write_text(json.dumps(quiet))
-    (channel,) = json.loads(run("compare", hardening, "--folder", tmp_path, "--json").stdout)["channels"]
+    (channel,) = as_json("compare", hardening, "--folder", tmp_path)["channels"]
     assert {channel["noise_floor"]} == {one["noise_floor"] for one in kept[0]}
 
 

@@ -9,7 +9,7 @@ from estimation.channel import ChannelKind
 from estimation.design.next_experiment import sufficient
 from estimation.gate.gate import refuse
 from tests.estimation.presses import channel, kelvin_voigt, motion
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses
 
 # What needs the whole library is made before: a module's fixture.
@@ -72,17 +72,14 @@ def test_applying_keeps_each_step_and_draws_the_fall(applied):
 def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plain = write_presses(tmp_path / "plain.csv", cubic=0)
-    result = run("diagnose", plain, "--json")
-    assert result.exit_code == 0, result.stderr
-    (channel,) = json.loads(result.stdout)["channels"]
+    (channel,) = as_json("diagnose", plain)["channels"]
     assert channel["verdict"] == "adequate"
     assert [path.name for path in tmp_path.iterdir()] == ["plain.csv"]
 
 
 def test_data_that_cannot_say_gets_the_reason(tmp_path):
     one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
-    result = run("diagnose", one)
-    assert result.exit_code == 0
+    result = done("diagnose", one)
     assert result.stdout.startswith("INSUFFICIENT  contact")
     assert "single run" in result.stdout
     assert "channel 'contact'" not in result.stdout  # the verdict gives the reason
@@ -150,13 +147,11 @@ def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     file.write_text(OWN_EFFECT)
     law = lambda x, v: 400 * x + 6 * v + 0.4 * np.sin(1500 * x)  # noqa: E731
     data = write_presses(tmp_path / "wavy.csv", force_of=law)
-    shown = run("diagnose", data, "--effect", f"{file}:Waves", "--out", tmp_path / "found")
-    assert shown.exit_code == 0, shown.stderr
+    shown = done("diagnose", data, "--effect", f"{file}:Waves", "--out", tmp_path / "found")
     (channel,) = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["channels"]
     assert [entry["effect"] for entry in channel["accepted"]] == ["waves"]
     (added,) = [words for words in next_commands(shown) if words[0] == "add"]
-    grown = run(*added, "--out", tmp_path / "grown", "--json")
-    assert grown.exit_code == 0, grown.stderr
+    done(*added, "--out", tmp_path / "grown", "--json")
     report = (tmp_path / "grown" / "report.html").read_text()
     assert f"--effect {file}:Waves" in report
 
@@ -315,8 +310,7 @@ def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_p
     file = tmp_path / "mine.py"
     loud = "        print('from', 'columns')\n        return np.where"
     file.write_text(f"print('at import')\n{OWN_EFFECT.replace('        return np.where', loud)}")
-    result = run("add", hardening, "waves", "--effect", f"{file}:Waves", "--out", tmp_path / "out", "--json")
-    assert result.exit_code == 0, result.stderr
+    result = done("add", hardening, "waves", "--effect", f"{file}:Waves", "--out", tmp_path / "out", "--json")
     assert len(json.loads(result.stdout)["revisions"]) == 2
     assert "at import\n" in result.stderr
     assert "from columns\n" in result.stderr
@@ -353,9 +347,7 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
 
 def test_a_probing_session_is_judged_in_the_channel_that_is_named(probed):
     path, _ = probed
-    result = run("diagnose", path, "--channel", "contact", "--json")
-    assert result.exit_code == 0, result.stderr
-    (contact,) = json.loads(result.stdout)["channels"]
+    (contact,) = as_json("diagnose", path, "--channel", "contact")["channels"]
     assert (contact["channel"], contact["verdict"]) == ("contact", "adequate")
     assert_refused(
         run("diagnose", path, "--channel", "joint_9"), "joint_9", "contact, joint_1, joint_2, joint_3"

@@ -23,7 +23,7 @@ from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from robot_io.types import Measurement, Status
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
-from tests.palpate.cli import ROOT, assert_refused, run
+from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.robot_io.calibration.parts import calibration_of
 
 pytestmark = pytest.mark.slow
@@ -467,8 +467,7 @@ def test_a_port_that_is_not_there_is_a_failure_with_a_remedy():
 
 
 def test_the_command_shows_lines_and_what_to_do_next():
-    result = run("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
-    assert result.exit_code == 0, result.stderr
+    result = done("doctor", "--robot", ODRIVE, "--wire", "--move", "--yes")
     assert "ok    joint 2 (node 1)" in result.stdout
     assert "'odrive_3dof' is well" in result.stdout
     assert result.stderr.index("palpate calibrate") < result.stderr.index("palpate probe --robot")

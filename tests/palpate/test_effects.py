@@ -1,7 +1,6 @@
 """`palpate effects`: the vocabulary in words, as equations, and drawn."""
 
 import io
-import json
 
 import numpy as np
 import pytest
@@ -12,14 +11,14 @@ from estimation.effects import EFFECTS
 from palpate.example import Example
 from palpate.render.characters import drawing
 from palpate.render.vocabulary import drawn, kind_of, library, print_effect, print_library
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
 BLANK = "⠀"
 
 
 def test_all_effects_are_listed_with_what_one_sees():
     told = run("effects").stdout
-    listed = json.loads(run("effects", "--json").stdout)["effects"]
+    listed = as_json("effects")["effects"]
     assert {one["name"] for one in listed} == set(EFFECTS)
     assert all(one["name"] in told for one in listed)
     assert listed[0].keys() >= {"equation", "signature", "confused_with", "parameters", "physics", "source"}
@@ -43,8 +42,7 @@ def test_a_force_of_rounding_errors_is_drawn_from_zero(monkeypatch):
 
 
 def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
-    told = run("effects", "stress_relaxation", "--on", hardening)
-    assert told.exit_code == 0, told.stderr
+    told = done("effects", "stress_relaxation", "--on", hardening)
     assert "contact force" in told.stdout
 
 

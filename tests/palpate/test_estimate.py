@@ -1,7 +1,5 @@
 """`palpate estimate` on sessions and data files."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from estimation.estimators import ESTIMATORS
 from estimation.study.estimates import choose_estimators
 from palpate.render.estimates import with_interval
 from palpate.words import significant
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
 
 HEADER = "time_s,displacement_m,force_N\n"
@@ -18,9 +16,7 @@ ROWS = "".join(f"{i},{i},{i}\n" for i in range(2, 9))
 
 
 def estimate_json(*arguments):
-    result = run("estimate", *arguments, "--json")
-    assert result.exit_code == 0, result.stderr
-    return json.loads(result.stdout)
+    return as_json("estimate", *arguments)
 
 
 def test_every_estimator_finds_the_simulated_object(probed):
@@ -192,8 +188,7 @@ def test_a_model_without_what_it_needs_is_refused(joint, probed, tmp_path):
 
 
 def test_a_model_with_many_parameters_gets_a_row_for_each(probed):
-    result = run("estimate", probed[0], "--model", "rigid_body_fitted", "--estimator", "lsq")
-    assert result.exit_code == 0, result.stderr
+    result = done("estimate", probed[0], "--model", "rigid_body_fitted", "--estimator", "lsq")
     rows = [line for line in result.stdout.splitlines() if "kg m" in line]
     assert len(rows) > 6
 

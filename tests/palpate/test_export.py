@@ -1,7 +1,5 @@
 """`palpate export`: what was measured can be probed again in simulation."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,7 @@ from robot_io.errors import InputError
 from robot_io.session import Session
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, next_commands, run
 from tests.palpate.presses import write_presses
 
 
@@ -147,9 +145,7 @@ def test_an_imported_file_becomes_an_object(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     data = write_presses(tmp_path / "hard.csv")
     assert run("add", data, "cubic_stiffness").exit_code == 0
-    result = run("export", data, "-o", tmp_path / "world.yaml", "--json")
-    assert result.exit_code == 0, result.stderr
-    assert json.loads(result.stdout)["left_out"] == []
+    assert as_json("export", data, "-o", tmp_path / "world.yaml")["left_out"] == []
     world = load_scenario(tmp_path / "world.yaml")
     assert world.object.law.stiffness_n_m == pytest.approx(400, rel=0.01)
     assert world.hidden[0].cubic_n_m3 == pytest.approx(2e6, rel=0.02)

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from robot_io.session import Session, SessionMetadata, write_session, writer
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.sessions import synthetic_session
 
 
@@ -26,8 +26,7 @@ def series_of(program, path):
 
 @pytest.mark.parametrize("program", ["foxglove", "plotjuggler"])
 def test_every_curve_is_a_value_of_the_session(program, session, tmp_path):
-    result = run("export", session, "--layout", program, "-o", tmp_path / "layout")
-    assert result.exit_code == 0, result.stderr
+    done("export", session, "--layout", program, "-o", tmp_path / "layout")
     shown, ticks = series_of(program, tmp_path / "layout"), Session.open(session).samples("tick")
     assert {"tick.force_n", "tick.joint_position_rad[2]", "tick.phase"} <= set(shown)
     for one in shown:
@@ -64,7 +63,7 @@ def test_plotjuggler_stacks_its_plots(session, tmp_path):
 
 
 def test_without_a_name_it_lies_beside_the_session(session):
-    told = json.loads(run("export", session, "--layout", "plotjuggler", "--json").stdout)
+    told = as_json("export", session, "--layout", "plotjuggler")
     assert told["layout"] == str(session.with_suffix("") / "plotjuggler.xml")
 
 

@@ -10,7 +10,7 @@ import pytest
 from palpate.study import Study
 from robot_io.session import Event, SessionMetadata, write_session
 from tests.palpate import synthetic
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import EVENTS, synthetic_session
 
 
@@ -20,8 +20,7 @@ def session(tmp_path_factory):
 
 
 def exported(path, name, file):
-    result = run("export", path, "--stream", name, "-o", file)
-    assert result.exit_code == 0, result.stderr
+    done("export", path, "--stream", name, "-o", file)
     return pyarrow.parquet.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
 
 
@@ -64,7 +63,7 @@ def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
 
 
 def test_without_a_name_it_goes_where_what_is_derived_lies(session):
-    told = json.loads(run("export", session, "--stream", "tick", "--json").stdout)
+    told = as_json("export", session, "--stream", "tick")
     assert told["table"] == str(session.with_suffix("") / "tick.csv")
     assert "force_n" in told["columns"]
 

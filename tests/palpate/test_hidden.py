@@ -20,7 +20,7 @@ from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.secret import Answer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 BIAS = [{"effect": "bias", "channel": "contact", "bias": 0.5}]
@@ -31,14 +31,13 @@ QUICK = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
 def mystery(tmp_path_factory):
     """A session with an effect drawn by seed 8."""
     path = tmp_path_factory.mktemp("mystery") / "mystery.mcap"
-    result = run("probe", "--hidden", "random", "--seed", 8, "-o", path, "--json", *QUICK)
-    assert result.exit_code == 0, result.stderr
+    result = done("probe", "--hidden", "random", "--seed", 8, "-o", path, "--json", *QUICK)
     assert json.loads(result.stdout)["sealed"] == str(sealed_path(path))
     return path
 
 
 def test_what_was_drawn_comes_to_light_on_request(mystery):
-    revealed = json.loads(run("reveal", mystery, "--json").stdout)
+    revealed = as_json("reveal", mystery)
     (drawn,) = draw_hidden(8)
     (entry,) = revealed["hidden"]
     assert revealed["seed"] == 8
@@ -78,8 +77,7 @@ def test_effects_of_a_file_act_and_their_file_is_not_named_in_the_session(tmp_pa
     entry = {"effect": "cubic_stiffness", "cubic_n_m3": 2e6}
     (tmp_path / "cubic.yaml").write_text(f"hidden: [{json.dumps(entry)}]\n")
     path = tmp_path / "a.mcap"
-    result = run("probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *QUICK)
-    assert result.exit_code == 0, result.stderr
+    result = done("probe", "--hidden", tmp_path / "cubic.yaml", "-o", path, "--seed", 2, *QUICK)
     assert "a.mcap.sealed" in result.stdout
     answer = unseal(sealed_path(path))
     assert [describe_imperfection(found) for found in answer.hidden] == [entry]
@@ -98,9 +96,7 @@ def test_a_scenario_that_hides_something_is_sealed_and_not_kept(tmp_path):
     assert run("probe", "--scenario", tmp_path / "own.yaml", "-o", path, *QUICK).exit_code == 0
     session = Session.open(path)
     assert "bias" not in session.metadata.scenario
-    assert json.loads(run("reveal", path, "--json").stdout)["hidden"][0]["parameters"] == {
-        "bias": {"value": 0.5, "unit": "N"}
-    }
+    assert as_json("reveal", path)["hidden"][0]["parameters"] == {"bias": {"value": 0.5, "unit": "N"}}
     still = session.samples("tick")["force_n"][:200]
     assert still.mean() == pytest.approx(0.5, abs=0.01)
 
@@ -124,11 +120,10 @@ def test_the_name_of_an_effect_does_not_stay_in_the_session(tmp_path, monkeypatc
 def test_a_session_with_nothing_hidden_has_no_sealed_answer(probed):
     assert not sealed_path(probed[0]).exists()
     assert probed[1]["sealed"] is None
-    told = run("reveal", probed[0])
-    assert told.exit_code == 0
+    told = done("reveal", probed[0])
     assert "nothing is sealed beside" in told.stdout
     assert ["probe", "--hidden", "random", "-o", "secret.mcap"] in next_commands(told)
-    assert json.loads(run("reveal", probed[0], "--json").stdout)["hidden"] == []
+    assert as_json("reveal", probed[0])["hidden"] == []
 
 
 def test_an_answer_that_was_taken_away_is_missed(mystery, tmp_path):

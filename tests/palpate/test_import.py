@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from robot_io.session import Session
-from tests.palpate.cli import ROOT, assert_refused, next_commands, run
+from tests.palpate.cli import ROOT, as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import synthetic_session
 
 DATA = Path(os.environ.get("PALPATE_DATA", ROOT.parent / "shared" / "data"))
@@ -47,16 +47,15 @@ def test_the_command_that_a_session_keeps_can_be_typed_again(good, tmp_path, mon
 
 def test_without_a_name_it_goes_to_the_sessions(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = run("import", good)
-    assert result.exit_code == 0
+    result = done("import", good)
     assert [words[0] for words in next_commands(result)] == ["estimate", "compare", "diagnose", "info"]
     assert (tmp_path / "sessions" / "good.mcap").is_file()
     assert_refused(run("import", good), "exists already")
 
 
 def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
-    (looked,) = json.loads(run("import", good, "--look", "--json").stdout)["files"]
-    stored = json.loads(run("import", good, "-o", tmp_path / "x.mcap", "--json").stdout)
+    (looked,) = as_json("import", good, "--look")["files"]
+    stored = as_json("import", good, "-o", tmp_path / "x.mcap")
     assert (looked["file"], looked["rows"]) == (str(good), 40)
     assert looked["columns"]["force_N"] == "force in N"
     assert {name: looked[name] for name in ("channels", "notes")} == {
@@ -68,8 +67,7 @@ def test_a_look_as_json_says_what_an_import_would_take(good, tmp_path):
 def test_a_look_shows_columns_of_lists(tmp_path):
     columns = {"time_s": range(9), "displacement_m": range(9), "force_N": range(9), "tags": [["a", "b"]] * 9}
     pa.parquet.write_table(pa.table(columns), tmp_path / "lists.parquet")
-    result = run("import", tmp_path / "lists.parquet", "--look")
-    assert result.exit_code == 0, result.stderr
+    result = done("import", tmp_path / "lists.parquet", "--look")
     assert "['a', 'b']" in result.stdout
 
 
@@ -110,7 +108,7 @@ def test_measured_indentation_is_imported_and_estimated(tmp_path):
     session = tmp_path / "soft.mcap"
     result = run("import", SOFT, "--where", "source_file=230515_hold", "-o", session, "--json")
     assert json.loads(result.stdout)["channels"][0]["runs"] == 11
-    data = json.loads(run("estimate", session, "--estimator", "lsq", "--json").stdout)
+    data = as_json("estimate", session, "--estimator", "lsq")
     stiffness = data["channels"][0]["estimates"][0]["parameters"]["stiffness.k"]
     assert 50 < stiffness["value"] < 200  # the data's README finds 96 N/m on one depth of one specimen
     assert run("inspect", session, "--save", tmp_path / "soft.rrd").exit_code == 0

@@ -1,6 +1,5 @@
 """What `palpate info` says about a session."""
 
-import json
 import os
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from robot_io.session import Event, SessionMetadata, write_session
 from robot_io.session.event import unclosed
 from tests.palpate import synthetic
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.sessions import synthetic_session
 
 
@@ -18,7 +17,7 @@ def session(tmp_path_factory):
 
 
 def test_json_states_the_facts(session):
-    data = json.loads(run("info", session, "--json").stdout)
+    data = as_json("info", session)
     (stream,) = data["streams"]
     samples = len(synthetic.ticks()["time_s"])
     assert (stream["name"], stream["samples"], stream["runs"]) == ("tick", samples, 3)
@@ -45,8 +44,7 @@ def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
     orders = "[/] [bold]:smile: \x1b[2J\x9b2J\x1b]0;title\x07\u202egnp\u2066\r\n\\\\\\"
     texts = {orders: orders, "source": orders, "python": orders}
     synthetic_session(tmp_path / name, command_line=orders, software_version=orders, extra=texts)
-    shown = run("info", tmp_path / name, *asked)
-    assert shown.exit_code == 0
+    shown = done("info", tmp_path / name, *asked)
     assert all(char.isprintable() or char == "\n" for char in shown.stdout)
     assert shown.stdout.count("[bold]:smile:") >= 5
 
@@ -54,7 +52,7 @@ def test_no_text_of_a_file_commands_the_terminal(name, asked, tmp_path):
 def test_a_session_cut_short_is_said_to_be(session, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(session.read_bytes()[:-20_000])
-    assert json.loads(run("info", cut, "--json").stdout)["truncated"] is True
+    assert as_json("info", cut)["truncated"] is True
     assert "the end is missing" in run("info", cut).stdout
 
 
@@ -62,8 +60,8 @@ def test_a_session_whose_program_was_killed_is_not_called_whole(session, tmp_pat
     path = tmp_path / "killed.mcap"
     write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins", None), unclosed(1.0)])
     assert "no: the program ended without closing it" in run("info", path).stdout
-    assert json.loads(run("info", path, "--json").stdout)["unclosed"] is True
-    assert json.loads(run("info", session, "--json").stdout)["unclosed"] is False
+    assert as_json("info", path)["unclosed"] is True
+    assert as_json("info", session)["unclosed"] is False
 
 
 @pytest.mark.parametrize("content", [b"", b"time_s,force_N\n0,1\n", bytes(range(256)) * 50])
@@ -88,13 +86,12 @@ def test_events_are_told_from_the_start_and_not_from_the_machines(tmp_path):
     said = run("info", path).stdout
     assert "0.000 s" in said
     assert "1.500 s" in said
-    assert json.loads(run("info", path, "--json").stdout)["events"][1]["time_s"] == 50_001.75
+    assert as_json("info", path)["events"][1]["time_s"] == 50_001.75
 
 
 def test_names_in_a_session_s_metadata_are_shown_and_not_obeyed(tmp_path):
     path = tmp_path / "foreign.mcap"
     write_session(path, [], SessionMetadata(extra={"[red]key\x1b[2J": "value"}))
-    said = run("info", path)
-    assert said.exit_code == 0, said.stderr
+    said = done("info", path)
     assert "[red]key" in said.stdout
     assert "\x1b" not in said.stdout

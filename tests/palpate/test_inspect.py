@@ -19,7 +19,7 @@ from palpate.doctor.viewer import has_vulkan_driver
 from palpate.render.recording import viewer
 from robot_io.errors import PalpateError
 from robot_io.session import Session
-from tests.palpate.cli import assert_refused, run, run_process
+from tests.palpate.cli import as_json, assert_refused, done, run, run_process
 from tests.palpate.sessions import synthetic_session
 
 pytestmark = pytest.mark.slow
@@ -77,8 +77,7 @@ def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
 def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "_TOAST_S", 0.0)
     picture = tmp_path / "view.png"
-    result = run("inspect", probed[0], "--save", tmp_path / "x.rrd", "--screenshot", picture)
-    assert result.exit_code == 0, result.stderr
+    done("inspect", probed[0], "--save", tmp_path / "x.rrd", "--screenshot", picture)
     pixels = np.asarray(Image.open(picture).convert("RGB"))
     assert pixels.shape == (1000, 1600, 3)
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
@@ -86,9 +85,7 @@ def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
 
 def test_the_demo_makes_everything_at_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = run("demo", "--scenario", "engine", "--json")
-    assert result.exit_code == 0, result.stderr
-    made = json.loads(result.stdout)
+    made = as_json("demo", "--scenario", "engine")
     assert (tmp_path / made["session"]).is_file()
     assert (tmp_path / made["recording"]).is_file()
     assert [Path(plot).name for plot in made["plots"]] == ["plots.html"]
@@ -115,8 +112,7 @@ def test_a_demo_without_a_seed_says_how_to_make_it_again(tmp_path, monkeypatch):
 
 
 def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
-    result = run("demo", "-o", tmp_path / "d.mcap", "--seed", 1)
-    assert result.exit_code == 0, result.stderr
+    result = done("demo", "-o", tmp_path / "d.mcap", "--seed", 1)
     for words in ("truth", "500", "robust", "recording.rrd", "plots.html"):
         assert words in result.stdout
     assert "palpate inspect" in result.stderr

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.study.kept_diagnosis import RESULT
 from palpate.study import Study
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, done, run
 from tests.palpate.presses import write_presses
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -22,8 +22,7 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
     data, folder = write_presses(tmp_path / "hard.csv"), tmp_path / "out"
     assert run("diagnose", data, "--out", folder).exit_code == 0
     found = json.loads((folder / RESULT).read_text())["channels"][0]
-    added = run("add", data, "layered_stiffness", "--out", folder, "--force", "--json")
-    assert added.exit_code == 0, added.stderr
+    added = done("add", data, "layered_stiffness", "--out", folder, "--force", "--json")
     report = words_of(folder / "report.html")
     for words in (
         "MISSING",

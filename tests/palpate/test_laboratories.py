@@ -8,7 +8,7 @@ import pytest
 from palpate.study import Study, arm_from_urdf
 from robot_io.errors import InputError
 from tests.estimation.laboratories import LABORATORIES, joint_log, one_file_a_run, presses, zwick
-from tests.palpate.cli import ROOT, next_commands, run
+from tests.palpate.cli import ROOT, as_json, done, next_commands, run
 
 FOLLOWER = ROOT / "sim_backend" / "arms" / "follower" / "follower.urdf"
 
@@ -18,9 +18,7 @@ IDS = [one.__name__ for one in LABORATORIES]
 @pytest.mark.parametrize(("write", "verdict", "truth"), [(w, *t) for w, t in LABORATORIES.items()], ids=IDS)
 def test_a_file_is_diagnosed_as_it_is(tmp_path, monkeypatch, write, verdict, truth):
     monkeypatch.chdir(tmp_path)
-    result = run("diagnose", write(tmp_path), "--json")
-    assert result.exit_code == 0, result.stderr
-    (channel,) = json.loads(result.stdout)["channels"]
+    (channel,) = as_json("diagnose", write(tmp_path))["channels"]
     assert channel["verdict"] == verdict, channel["reason"]
     found = channel["final"]["parameters"]
     for name, (value, off) in truth.items():
@@ -31,8 +29,7 @@ def test_a_file_is_diagnosed_as_it_is(tmp_path, monkeypatch, write, verdict, tru
 def test_what_was_taken_for_what_is_said(tmp_path, write):
     path = write(tmp_path)
     files = sorted(path.iterdir()) if path.is_dir() else [path]
-    result = run("import", *files, "-o", tmp_path / "session.mcap", "--json")
-    assert result.exit_code == 0, result.stderr
+    result = done("import", *files, "-o", tmp_path / "session.mcap", "--json")
     (channel,) = json.loads(result.stdout)["channels"]
     assert channel["runs"] == (1 if channel["kind"] == "revolute" else 4)
     assert "read: " in result.stderr

@@ -1,6 +1,5 @@
 """`palpate merge`: several sessions as one measurement."""
 
-import json
 import re
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from palpate.study import Study
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from tests.palpate import synthetic
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
 from tests.palpate.sessions import EVENTS, synthetic_session
 
@@ -31,9 +30,7 @@ def imported(tmp_path_factory):
 
 
 def merged(files, path):
-    result = run("merge", *files, "-o", path, "--json")
-    assert result.exit_code == 0, result.stderr
-    return json.loads(result.stdout)
+    return as_json("merge", *files, "-o", path)
 
 
 def test_runs_go_on_and_nothing_is_lost(probings, tmp_path):
@@ -79,8 +76,7 @@ def test_a_surface_at_another_depth_is_said_to_be_one(imported, tmp_path, offset
 
     other = write_presses(tmp_path / "other.csv", force_of=law)
     run("import", other, "-o", tmp_path / "other.mcap")
-    result = run("merge", imported[0], tmp_path / "other.mcap", "-o", tmp_path / "both.mcap")
-    assert result.exit_code == 0
+    result = done("merge", imported[0], tmp_path / "other.mcap", "-o", tmp_path / "both.mcap")
     told = " ".join(result.stderr.split())
     assert re.search(said, told) if said else "begins" not in told
 
@@ -88,10 +84,7 @@ def test_a_surface_at_another_depth_is_said_to_be_one(imported, tmp_path, offset
 def test_a_merged_session_lasts_as_long_as_its_parts(imported, probings, tmp_path):
     for number, files in enumerate((imported, probings)):
         merged(files, tmp_path / f"{number}.mcap")
-        lasts = [
-            json.loads(run("info", f, "--json").stdout)["duration_s"]
-            for f in (tmp_path / f"{number}.mcap", *files)
-        ]
+        lasts = [as_json("info", f)["duration_s"] for f in (tmp_path / f"{number}.mcap", *files)]
         assert lasts[0] == pytest.approx(sum(lasts[1:]))
 
 

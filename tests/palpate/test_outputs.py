@@ -16,7 +16,7 @@ from palpate.files import different_files, existing_file, output_file, spare_fil
 from palpate.words import as_shell_word, shown, typed
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
-from tests.palpate.cli import ROOT, assert_refused, run, run_process
+from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 NASTY = (
     "a b.mcap",
@@ -82,8 +82,7 @@ def test_with_force_it_is_replaced_but_never_what_is_read(hardening, tmp_path):
 
 def test_where_revisions_are_kept_the_report_is_renewed(hardening, tmp_path):
     for again in ((), ("--from", 0)):
-        result = run("add", hardening, "cubic_stiffness", "--out", tmp_path, *again)
-        assert result.exit_code == 0, result.stderr
+        done("add", hardening, "cubic_stiffness", "--out", tmp_path, *again)
 
 
 def test_plots_and_pictures_replace_nothing_unasked_nor_each_other(session, tmp_path):
@@ -117,8 +116,7 @@ def test_names_that_are_no_utf8_are_read_and_written(session, hardening, tmp_pat
         ("replay", log, "-o", tmp_path / f"{odd}5.mcap"),
     ):
         monkeypatch.setattr("sys.argv", ["palpate", *map(str, command)])
-        result = run(*command)
-        assert result.exit_code == 0, (command, result.stderr)
+        done(*command)
     kept = [Session.open(tmp_path / f"{odd}{number}.mcap").metadata for number in (2, 3, 4)]
     assert "imported from ??" in kept[0].extra["source"]
     assert all(r"\xe4\xff\x1b[2J" in one.command_line for one in kept)

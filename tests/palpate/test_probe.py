@@ -21,7 +21,7 @@ from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
 from tests.mock_robot import write_mock_files
-from tests.palpate.cli import ROOT, assert_refused, run
+from tests.palpate.cli import ROOT, assert_refused, done, run
 
 
 def test_it_says_how_it_ended(probed):
@@ -45,10 +45,7 @@ def test_the_session_can_be_understood_alone(probed):
 
 def test_it_probes_at_the_speeds_and_to_the_force_asked_for(tmp_path, log_in_process):
     path = tmp_path / "two.mcap"
-    result = run(
-        "probe", "-o", path, "--speed-mm-s", "100,50", "--force-limit-n", 5, "--hold-s", 0.2, "--repeats", 2
-    )
-    assert result.exit_code == 0, result.stderr
+    done("probe", "-o", path, "--speed-mm-s", "100,50", "--force-limit-n", 5, "--hold-s", 0.2, "--repeats", 2)
     ticks = Session.open(path).samples("tick")
     assert np.unique(ticks["run"]).tolist() == [-1, 0, 1, 2, 3]
     assert 4.7 < np.nanmax(ticks["force_n"]) < 5.5
@@ -111,8 +108,7 @@ def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, mo
         *("--robot", robot, "--drivers", "tests.mock_robot"),
         *("--speed-mm-s", 50, "--hold-s", 0.1, "--json", "--yes"),
     )
-    result = run("probe", "-o", path, *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("probe", "-o", path, *options)
     assert json.loads(result.stdout)["wall_s"] > 1.0
     session = Session.open(path)
     assert session.metadata.extra["source"] == "measured"

@@ -15,14 +15,13 @@ from palpate.runs.robots import find_robot
 from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.session import Session, write_session
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import assert_refused, done, next_commands, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 
 
 def replayed(recorded, path, *options):
-    result = run("replay", recorded, "-o", path, *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("replay", recorded, "-o", path, *options)
     return result, Study(path, keep=False)
 
 

@@ -23,7 +23,7 @@ from palpate.runs.robots import find_robot
 from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.session import Session
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, done, run
 
 pytestmark = pytest.mark.slow
 
@@ -211,8 +211,7 @@ def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, m
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: diagnosed)
     options = ("--seed", SEED, "--channel", "joint_1", "--probes", 1, "--out", tmp_path / "r", "--json")
-    result = run("resolve", "--hidden", "deadband", *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("resolve", "--hidden", "deadband", *options)
     said = json.loads(result.stdout)
     assert (said["end"], said["probes"]) == ("probes", 1)
     assert "budget" in result.stderr

@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 from estimation.study.sides import ParameterDifference, side_by_side
 from palpate.study import Study
-from tests.palpate.cli import assert_refused, next_commands, run
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses
 
 
@@ -98,18 +98,16 @@ def test_one_run_has_no_model_and_is_laid_over_all_the_same(tmp_path):
     assert "single run" in found.first.reason
     assert found.differences == ()
     assert found.followed > 95.0
-    told = run("compare", *files, "--out", tmp_path / "there")
-    assert told.exit_code == 0, told.stderr
+    told = done("compare", *files, "--out", tmp_path / "there")
     assert "A has no model" in told.stdout
 
 
 def test_the_command_tells_and_writes_the_same(soft, stiff, tmp_path):
-    result = run("compare", soft, stiff, "--out", tmp_path)
-    assert result.exit_code == 0, result.stderr
+    result = done("compare", soft, stiff, "--out", tmp_path)
     told = " ".join(result.stdout.split())
     assert "stiffness.k differs: 39.9" in told
     kept = json.loads((tmp_path / "comparison.json").read_text())
-    assert kept == json.loads(run("compare", soft, stiff, "--json").stdout)
+    assert kept == as_json("compare", soft, stiff)
     (channel,) = kept["channels"]
     difference = next(one for one in channel["parameters"] if one["name"] == "stiffness.k")["difference"]
     assert difference["interval"][0] < 40.0 < difference["interval"][1]
@@ -140,7 +138,7 @@ def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
     assert "cubic_stiffness" not in base
     run("add", hardening, "cubic_stiffness", "--out", tmp_path / "there")
     kept = ("--folder", tmp_path / "there", "--revision", 1)
-    (channel,) = json.loads(run("compare", hardening, softer, *kept, "--json").stdout)["channels"]
+    (channel,) = as_json("compare", hardening, softer, *kept)["channels"]
     assert channel["models"] == 2 * ["kelvin_voigt + cubic_stiffness"]
     (k3,) = [one for one in channel["parameters"] if one["name"] == "cubic_stiffness.k3"]
     assert k3["difference"]["value"] == pytest.approx(-1e6, rel=0.1)

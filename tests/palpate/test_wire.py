@@ -16,7 +16,7 @@ from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
 from sim_backend.secret import sealed_path
-from tests.palpate.cli import ROOT, assert_refused, run
+from tests.palpate.cli import ROOT, assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 SHORT = ("--speed-mm-s", 150, "--hold-s", 0.1, "--online", "none")
@@ -36,8 +36,7 @@ def estimates_of(path):
 @pytest.mark.parametrize("name", SHARES)
 def test_a_session_over_the_wire_tells_the_truth(tmp_path, name):
     path = tmp_path / "wired.mcap"
-    result = run("probe", "--robot", ROOT / f"robots/{name}.yaml", "--wire", "-o", path, "--seed", 3, *SHORT)
-    assert result.exit_code == 0, result.stderr
+    result = done("probe", "--robot", ROOT / f"robots/{name}.yaml", "--wire", "-o", path, "--seed", 3, *SHORT)
     assert "emulated devices: motors (" in result.stderr
     session = Session.open(path)
     assert session.metadata.extra["source"] == EMULATED
@@ -65,8 +64,7 @@ def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
     """SO-101, as docs/so101.md has it."""
     path = tmp_path / "so101.mcap"
     plan = ("--scenario", "soft", "--speed-mm-s", "20,10", "--force-limit-n", 3, "--online", "none")
-    result = run("probe", "--robot", ROOT / "robots/so101.yaml", "--wire", "-o", path, *plan)
-    assert result.exit_code == 0, result.stderr
+    done("probe", "--robot", ROOT / "robots/so101.yaml", "--wire", "-o", path, *plan)
     for estimate in estimates_of(path):
         found = {parameter.name: parameter.value for parameter in estimate.parameters}
         assert found["stiffness.k"] == pytest.approx(200.0, rel=0.015)
@@ -78,8 +76,7 @@ def test_effects_can_be_hidden_behind_the_wire(tmp_path):
     robot = ROOT / "robots/odrive_3dof.yaml"
     quick = ("--speed-mm-s", 150, "--hold-s", 0.1)
     wired = ("probe", "--robot", robot, "--wire", "-o", path, "--seed", 4)
-    result = run(*wired, "--hidden", "cubic_stiffness", "--json", *quick)
-    assert result.exit_code == 0, result.stderr
+    result = done(*wired, "--hidden", "cubic_stiffness", "--json", *quick)
     said, metadata = json.loads(result.stdout), Session.open(path).metadata
     assert said["sealed"] == str(sealed_path(path))
     assert "cubic" not in metadata.scenario + metadata.command_line
@@ -147,8 +144,7 @@ def arm(tmp_path_factory):
     path.write_text(shipped.replace(": dynamixel_3dof.", f": {ROOT}/robots/dynamixel_3dof."))
     out = folder / "e.yaml"
     options = ("--wire", "--pose", "home", "-o", out, "--session", folder / "e.mcap")
-    result = run("calibrate", "encoder", "--robot", path, *options)
-    assert result.exit_code == 0, result.stderr
+    result = done("calibrate", "encoder", "--robot", path, *options)
     assert "on the arm itself refused" in result.stderr
     assert f"palpate probe --robot {path} --wire {FIRST_PROBE}" in result.stderr
     assert "once the robot file names it" in result.stderr
@@ -168,8 +164,7 @@ def test_the_arm_itself_refuses_it(arm, command, tmp_path):
 
 def test_the_emulated_devices_take_it(arm, tmp_path):
     short = ("--speed-mm-s", 150, "--hold-s", 0.05, "--online", "none")
-    result = run("probe", "--robot", arm, "--wire", "-o", tmp_path / "x.mcap", *short)
-    assert result.exit_code == 0, result.stderr
+    done("probe", "--robot", arm, "--wire", "-o", tmp_path / "x.mcap", *short)
     assert "encoder" in run("info", tmp_path / "x.mcap", "--json").stdout
 
 

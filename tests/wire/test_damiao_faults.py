@@ -11,34 +11,6 @@ from tests.wire.parts import DAMIAO
 TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
 
 
-@pytest.mark.parametrize(
-    ("number", "problem"),
-    [(TIMEOUT, "CAN timeout is 0 after it was set to 2000"), (MODE, "control mode is 2")],
-)
-def test_a_register_that_does_not_keep_what_it_was_sent_is_refused(bench, number, problem):
-    arm = bench(DAMIAO)
-    arm.robot.configure()
-    stubborn = arm.motors[1]
-
-    class Stubborn(dict):
-        def __setitem__(self, key, value):
-            if key != number:
-                super().__setitem__(key, value)
-
-    stubborn.registers = Stubborn(stubborn.registers | ({MODE: 2} if number == MODE else {}))
-    with pytest.raises(DeviceError, match=rf"joint 2 \(motor 2\): its {problem}"):
-        arm.robot.activate()
-    assert not any(node.enabled for node in arm.motors)
-
-
-def test_ranges_that_are_not_the_model_s_are_refused(bench):
-    """The same bits would mean other speeds."""
-    arm = bench(DAMIAO)
-    arm.motors[2].registers[VMAX] = 45.0
-    with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): its VMAX is 45, the robot file says 30"):
-        arm.robot.configure()
-
-
 @pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
 def test_a_motor_is_on_or_off_once_it_says_so(bench, stuck, problem):
     """An answer alone is no confirmation."""

@@ -32,27 +32,6 @@ def test_no_torque_before_it_is_activated(bench, ask_with):
     assert not any(node.enabled for node in arm.motors)
 
 
-@pytest.mark.parametrize("timeout_s", [None, 2.0])
-def test_a_timeout_that_does_not_bite_is_refused(bench, timeout_s):
-    """Such a motor kept its torque for seconds after the program had died."""
-    arm = bench(CUBEMARS)
-    arm.motors[1].timeout_s = timeout_s
-    arm.robot.configure()
-    with pytest.raises(
-        DeviceError, match=r"joint 2 \(motor 2\) still exerts torque .*set its timeout to 0.1 s"
-    ):
-        arm.robot.activate()
-    assert not any(node.enabled for node in arm.motors)
-
-
-def test_a_motor_that_shows_no_torque_proves_nothing(bench):
-    arm = bench(CUBEMARS)
-    arm.robot.configure()
-    arm.motors[2]._drive = lambda: None
-    with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\) shows no torque"):
-        arm.robot.activate()
-
-
 @pytest.mark.parametrize("ask_with", ["exit", "enter"])
 def test_a_timeout_that_bites_is_proven_and_leaves_no_torque(bench, ask_with):
     arm = bench(CUBEMARS, [("driver: mit_bus", f"driver: mit_bus\n    ask_with: {ask_with}")]).start()

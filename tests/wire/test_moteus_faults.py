@@ -13,14 +13,6 @@ from tests.wire.parts import MOTEUS
 PUSH_NM = (3.0, -2.0, 1.0)
 
 
-def test_a_watchdog_that_does_not_bite_is_refused(bench):
-    arm = bench(MOTEUS)
-    arm.robot.configure()
-    arm.motors[1].tell = lambda now_s: []
-    with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\) is still in position mode after 0.15 s"):
-        arm.robot.activate()
-
-
 def test_no_torque_and_no_mode_before_it_is_activated(bench):
     arm = bench(MOTEUS)
     arm.robot.configure()
@@ -42,29 +34,6 @@ def test_a_fault_is_named_and_forgotten_at_the_next_activation(bench):
     arm.robot.deactivate()
     arm.robot.activate()
     assert arm.ticks(5).torque_status is Status.OK
-
-
-def test_a_fault_that_stays_is_named_by_who_does_not_start(bench):
-    arm = bench(MOTEUS)
-    arm.robot.configure()
-    hot = arm.motors[2]
-    hot._drive = lambda: setattr(hot, "mode", 1) or setattr(hot, "fault", 38)
-    with pytest.raises(DeviceError, match=r"does not stop: joint 3 \(motor 3\) \(over temperature\)"):
-        arm.robot.activate()
-
-
-@pytest.mark.parametrize(
-    ("spoil", "problem"),
-    [
-        (lambda motor: setattr(motor, "home", 0), "has no reference for its position"),
-        (lambda motor: setattr(motor, "known", False), "does not know its position: no fault"),
-    ],
-)
-def test_a_position_that_means_nothing_is_refused(bench, spoil, problem):
-    arm = bench(MOTEUS)
-    spoil(arm.motors[1])
-    with pytest.raises(DeviceError, match=rf"joint 2 \(motor 2\): {problem}"):
-        arm.robot.configure()
 
 
 def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(bench):

@@ -13,25 +13,6 @@ PUSH_NM = (3.0, -2.0, 1.0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "spoil", "said"),
-    [
-        ((), {"_firmware": "0.5"}, "Get_Version"),
-        (V0_5, {"_firmware": "0.6"}, r"joint 1 \(node 0\): has firmware 0\.6\.10, the robot file says 0\.5"),
-        ((), {"version": (0, 5, 6)}, r"joint 1 \(node 0\): has firmware 0\.5\.6"),
-        ((), {"_cyclic_s": 0.01}, r"joint 1 \(node 0\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"),
-    ],
-)
-def test_an_axis_of_another_firmware_or_as_delivered_is_named(bench, changes, spoil, said):
-    arm = bench(changes=changes)
-    for node in arm.motors:
-        vars(node).update(spoil)
-        if "version" in spoil:
-            node._answer = lambda _, node=node: [node._message(0, bytes((2, 3, 6, 56, *node.version, 0)))]
-    with pytest.raises(DeviceError, match=said):
-        arm.robot.configure()
-
-
-@pytest.mark.parametrize(
     ("changes", "remedy"), [((), "torques_msg_rate_ms = 1"), (V0_5, "iq_rate_ms = 1")], ids=["0.6", "0.5"]
 )
 def test_an_axis_as_delivered_sends_no_torques_and_is_told_what_to_set(bench, changes, remedy):
@@ -95,17 +76,6 @@ def test_limits_are_written_where_the_robot_file_states_a_current(bench):
         assert ("joint 1 (node 0): IDLE VELOCITY_LIMIT_VIOLATION" in arm.problem) == failed
     assert arm.motors[0].velocity_limit_rev_s == pytest.approx(1.5 * 9 * 6.0 / (2.0 * np.pi))
     assert [node.current_limit_a for node in arm.motors[:2]] == [40.0, pytest.approx(np.nan, nan_ok=True)]
-
-
-@pytest.mark.parametrize("watchdog_s", [None, 5.0])
-def test_a_watchdog_that_does_not_bite_is_refused(bench, watchdog_s):
-    arm = bench()
-    arm.motors[1].watchdog_s = watchdog_s
-    arm.robot.configure()
-    with pytest.raises(DeviceError, match=r"watchdog of joint 2 \(node 1\) did not expire"):
-        arm.robot.activate()
-    assert not arm.drive_torque_nm.any()
-    assert all(node.state == 1 for node in arm.motors)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from robot_io.drivers.can.line import CanFrame
 from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from sim_backend.emulators.can.robstride_motor import TIMEOUT
 from tests.wire.parts import ROBSTRIDE
 
 STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
@@ -16,43 +15,6 @@ STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
 def test_another_host_is_answered(bench):
     arm = bench(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
     assert arm.ticks(5).torque_status is Status.OK
-
-
-class Stubborn(dict):
-    def __setitem__(self, key, value):
-        pass
-
-
-def ignores_it(motor):
-    motor.timeout_s = None
-    motor.__class__ = type("Deaf", (type(motor),), {"timeout_s": property(lambda _: None, lambda *_: None)})
-
-
-@pytest.mark.parametrize(
-    ("spoil", "problem"),
-    [
-        (lambda motor: setattr(motor, "parameters", Stubborn(motor.parameters)), "its canTimeout is 0 after"),
-        (lambda motor: motor.parameters.pop(TIMEOUT), "does not say its canTimeout"),
-        (ignores_it, "is still in motor mode after 0.15 s without commands; set its timeout to 0.1 s"),
-    ],
-)
-def test_a_timeout_that_is_not_kept_not_known_or_does_nothing_is_refused(bench, spoil, problem):
-    arm = bench(ROBSTRIDE)
-    arm.robot.configure()
-    spoil(arm.motors[1])
-    with pytest.raises(DeviceError, match=rf"joint 2 \(motor 2\):? {problem}"):
-        arm.robot.activate()
-    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
-    assert not arm.drive_torque_nm.any()
-
-
-def test_a_motor_on_another_turn_than_its_states_show_is_refused(bench):
-    """States end at four turns of the output."""
-    arm = bench(ROBSTRIDE, [("motor_id: 1,", "motor_id: 1, zero_rad: 8.0,")])
-    with pytest.raises(
-        DeviceError, match=r"joint 1 .*: its mechPos is 0.873 rad at the joint, its states say"
-    ):
-        arm.robot.configure()
 
 
 def test_faults_are_told_by_name_also_those_that_no_state_has(bench):

@@ -11,7 +11,7 @@ import yaml
 
 from palpate.sweep import ResultStore, paper
 from palpate.sweep.case import Case
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import as_json, assert_refused, run
 
 pytestmark = pytest.mark.slow
 
@@ -65,7 +65,7 @@ def test_a_part_of_a_study_has_a_page_with_figures_and_tables_already(done):
 
 def test_the_same_command_goes_on_and_repeats_nothing(done, mine):
     out, _ = done
-    said = json.loads(run("study", mine, "--out", out, "--workers", 1, "--json").stdout)
+    said = as_json("study", mine, "--out", out, "--workers", 1)
     assert (said["finished"], said["finished_now"]) == (4, 1)
     before = ResultStore(out / "results").finished()
     again = run("study", mine, "--out", out)
@@ -75,7 +75,7 @@ def test_the_same_command_goes_on_and_repeats_nothing(done, mine):
 
 def test_a_plan_says_what_is_left_by_the_measured_cost(done, mine):
     out, _ = done
-    said = json.loads(run("study", mine, "--out", out, "--plan", "--workers", 4, "--json").stdout)
+    said = as_json("study", mine, "--out", out, "--plan", "--workers", 4)
     (cost,) = said["cpu_s_per_case"].values()
     assert said["cases"] == 4
     assert said["left_cpu_s"] == pytest.approx((4 - said["finished"]) * cost)

@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.runs.robots import find_robot
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, done, run
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,6 @@ def test_an_arm_in_the_operators_hand_gets_no_power_without_permission(tmp_path,
 
 
 def test_help_shows_all_three():
-    result = run("teleop")
-    assert result.exit_code == 0
+    result = done("teleop")
     for name in ("leader", "follower", "demo"):
         assert name in result.output

@@ -15,7 +15,7 @@ from palpate.teleop.demo import script
 from palpate.teleop.joined import join
 from robot_io.session import Session
 from tests.free_port import free_port
-from tests.palpate.cli import assert_refused, run
+from tests.palpate.cli import assert_refused, done, run
 from tests.palpate.teleop.sides import WAIT_S, Side, follow_until_asked, killed_when_reached, lead_until_hold
 from tests.robot_io.link.link_parts import intent
 
@@ -138,8 +138,7 @@ def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path)
     )
     slack_s = 2.0  # what a simulated clock may slip on a busy machine while an offset is held for the best
     assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
-    result = run("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
-    assert result.exit_code == 0, result.output
+    result = done("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
     which = "ahead of" if joined.offset_s >= 0.0 else "behind"
     assert f"the follower's clock is {which} the leader's by" in result.stdout
     assert_refused(run("inspect", sessions["leader"]), "give that of its follower as well")

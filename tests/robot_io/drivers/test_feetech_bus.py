@@ -133,24 +133,6 @@ def test_a_torque_that_is_no_number_is_refused(arm):
         arm.robot.torque.stage_torque(np.array((0.1, np.nan, 0.1)))
 
 
-@pytest.mark.parametrize(
-    ("break_it", "problem"),
-    [
-        (lambda servo: servo.put(3, 2825), "servo 3 is a model number 2825, the robot file says STS3215-12V"),
-        (lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns"),
-        (lambda servo: setattr(servo, "supply_v", 7.4), r"servo 3: is supplied with 7.4 V, .* needs 12 V"),
-        (
-            lambda servo: setattr(servo, "is_awake", lambda now_s: False),
-            r"no answer from servo 3 .*answering: 2, 4, 1, 5\)",
-        ),
-    ],
-)
-def test_a_servo_that_does_not_fit_is_refused(arm, break_it, problem):
-    break_it(servos(arm)[3])
-    with pytest.raises(DeviceError, match=problem):
-        arm.robot.configure()
-
-
 @pytest.mark.parametrize(("found", "refused"), [(85, False), (-85, True)])
 def test_a_servo_that_was_calibrated_anew_is_refused(bench, found, refused):
     """Its positions mean other angles than the robot file says."""

@@ -1,0 +1,108 @@
+"""Motors that are not as the robot file says, or would go on by themselves: refused, and without torque."""
+
+import numpy as np
+import pytest
+
+from robot_io.errors import DeviceError
+from sim_backend.emulators import FaultKind
+from sim_backend.emulators.can.robstride_motor import TIMEOUT as ROBSTRIDE_TIMEOUT
+from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101, V0_5
+
+TIMEOUT, MODE, VMAX = 9, 10, 22  # registers of a Damiao motor
+MODEL, PHASE = 3, 18  # addresses in a Feetech servo
+
+
+def has(**values):
+    """A motor of which that is true."""
+    return lambda motor: [setattr(motor, name, value) for name, value in values.items()]
+
+
+def stubborn(kept, number=None, **more):
+    """One whose registers keep no number, or another than it was sent."""
+
+    class Stubborn(dict):
+        def __setitem__(self, key, value):
+            if number not in (None, key):
+                super().__setitem__(key, value)
+
+    return lambda motor: setattr(motor, kept, Stubborn(getattr(motor, kept) | more.get("but", {})))
+
+
+def ignores_its_timeout(motor):
+    motor.timeout_s = None
+    motor.__class__ = type("Deaf", (type(motor),), {"timeout_s": property(lambda _: None, lambda *_: None)})
+
+
+def stays_hot(motor):
+    motor._drive = lambda: setattr(motor, "mode", 1) or setattr(motor, "fault", 38)
+
+
+def shows_version(motor):
+    motor._answer = lambda _: [motor._message(0, bytes((2, 3, 6, 56, 0, 5, 6, 0)))]
+
+
+AT_CONFIGURING = [  # robot file, its changes, the second motor or servo 3, what is said
+    (ODRIVE, (), has(_firmware="0.5"), "Get_Version"),
+    (ODRIVE, V0_5, has(_firmware="0.6"), r"has firmware 0\.6\.10, the robot file says 0\.5"),
+    (ODRIVE, (), shows_version, r"joint 2 \(node 1\): has firmware 0\.5\.6"),
+    (ODRIVE, (), has(_cyclic_s=0.01), r"joint 2 \(node 1\): .* every 0.005 s; set .*encoder_msg_rate_ms = 1"),
+    # The same bits would mean other speeds.
+    (DAMIAO, (), lambda motor: motor.registers.update({VMAX: 45.0}), "VMAX is 45, the robot file says 8"),
+    # States end at four turns of the output.
+    (
+        *(ROBSTRIDE, [("motor_id: 2,", "motor_id: 2, zero_rad: 8.0,")], has()),
+        r"joint 2 .*: its mechPos is .* rad at the joint, its states say",
+    ),
+    (MOTEUS, (), has(home=0), "joint 2 .motor 2.: has no reference for its position"),
+    (MOTEUS, (), has(known=False), "joint 2 .motor 2.: does not know its position: no fault"),
+    (SO101, (), lambda servo: servo.put(MODEL, 2825), "servo 3 is a model number 2825, .* says STS3215-12V"),
+    (SO101, (), lambda servo: servo.put(PHASE, 28, 1), "servo 3 counts over several turns"),
+    (SO101, (), has(supply_v=7.4), r"servo 3: is supplied with 7.4 V, .* needs 12 V"),
+    (SO101, (), has(is_awake=lambda now_s: False), r"no answer from servo 3 .*answering: 2, 4, 1, 5\)"),
+]
+AT_ACTIVATING = [
+    *((ODRIVE, has(watchdog_s=one), r"watchdog of joint 2 \(node 1\) did not expire") for one in (None, 5.0)),
+    # Such a motor kept its torque for seconds after the program had died.
+    *(
+        (CUBEMARS, has(timeout_s=one), "still exerts torque .*set its timeout to 0.1 s")
+        for one in (None, 2.0)
+    ),
+    (CUBEMARS, has(_drive=lambda: None), "shows no torque"),
+    (DAMIAO, stubborn("registers", TIMEOUT), "CAN timeout is 0 after it was set to 2000"),
+    (DAMIAO, stubborn("registers", MODE, but={MODE: 2}), "control mode is 2"),
+    (ROBSTRIDE, stubborn("parameters"), "its canTimeout is 0 after"),
+    (ROBSTRIDE, lambda motor: motor.parameters.pop(ROBSTRIDE_TIMEOUT), "does not say its canTimeout"),
+    (ROBSTRIDE, ignores_its_timeout, "is still in motor mode after 0.15 s .*set its timeout to 0.1 s"),
+    (MOTEUS, has(tell=lambda now_s: []), "is still in position mode after 0.15 s"),
+    (MOTEUS, stays_hot, r"does not stop: joint 2 \(motor 2\) \(over temperature\)"),
+]
+
+
+@pytest.mark.parametrize(("path", "changes", "spoil", "problem"), AT_CONFIGURING)
+def test_what_does_not_fit_the_robot_file_is_refused(bench, path, changes, spoil, problem):
+    arm = bench(path, changes)
+    spoil(arm.arm.wires["motors"].servos[3] if path is SO101 else arm.motors[1])
+    with pytest.raises(DeviceError, match=problem):
+        arm.robot.configure()
+
+
+@pytest.mark.parametrize(("path", "spoil", "problem"), AT_ACTIVATING)
+def test_a_motor_that_would_not_let_go_by_itself_or_obey_is_refused(bench, path, spoil, problem):
+    arm = bench(path)
+    arm.robot.configure()
+    spoil(arm.motors[1])
+    with pytest.raises(DeviceError, match=problem) as refused:
+        arm.robot.activate()
+    assert "joint 2 (" in str(refused.value)
+    assert not any(getattr(node, "enabled", False) or getattr(node, "state", 1) > 1 for node in arm.motors)
+    arm.clock.sleep_until(arm.clock.now_s() + 0.11)
+    assert np.abs(arm.drive_torque_nm).max() < 0.02  # zero on an MIT motor's wire is half a step off
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
+def test_a_motor_that_is_not_there_is_named(bench, path):
+    arm = bench(path)
+    arm.strike("motors", FaultKind.DROP, device=2)
+    said = r"joint 3 \(node 2\): no heartbeat" if path is ODRIVE else r"no answer in 0.05 s from joint 2"
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.configure()
