@@ -1,8 +1,11 @@
 """Tests of physics run in each engine; those of sensors, forces at the tip, files and drivers in one."""
 
+import weakref
+
 import pytest
 
 from sim_backend import engines
+from sim_backend.world import World
 
 PHYSICS = {"test_world", "test_arm_physics", "test_contact_physics", "test_imperfections_joint"}
 
@@ -21,3 +24,18 @@ def engine(request, monkeypatch):
     pytest.importorskip(engines._ENGINES[name][0])
     monkeypatch.setattr(engines, "_ENGINES", {name: engines._ENGINES[name]} | engines._ENGINES)
     return name
+
+
+@pytest.fixture(autouse=True)
+def worlds(monkeypatch):
+    """Those that a test has made are closed at its end."""
+    made, begin = [], World.__init__
+
+    def begun(self, *args, **options):
+        begin(self, *args, **options)
+        made.append(weakref.ref(self))
+
+    monkeypatch.setattr(World, "__init__", begun)
+    yield
+    for world in filter(None, (one() for one in made)):
+        world.close()

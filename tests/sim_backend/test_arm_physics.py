@@ -36,7 +36,6 @@ def test_pybullet_and_the_arm_s_model_agree_on_inverse_dynamics(name):
         q, qd, qdd = generator.uniform(-1, 1, (3, 3)) * [[np.pi], [8.0], [100.0]]
         ours = world.inverse_dynamics(q, qd, qdd)
         assert np.allclose(ours, body.inverse_dynamics(q, qd, qdd), rtol=0, atol=1e-9)
-    world.close()
 
 
 def test_the_two_arms_differ_in_lengths_and_masses():
@@ -55,7 +54,6 @@ def test_a_falling_arm_keeps_its_energy(name):
     world = make_world(shipped_arm(name), scenario(surface_m=FAR_BELOW_M))
     world.place([0.3, -0.4, 0.2])
     truths = watch(world, 0.3)  # before a joint meets its stop
-    world.close()
     q, qd = column(truths, "joint_position_rad"), column(truths, "joint_velocity_rad_s")
     kinetic = np.array([pin.computeKineticEnergy(model, data, *state) for state in zip(q, qd, strict=True)])
     potential = np.array([pin.computePotentialEnergy(model, data, angles) for angles in q])
@@ -84,7 +82,6 @@ def test_a_driven_arm_moves_as_pinocchio_integrates_it():
     world.advance_to(steps * step_s)
     assert np.abs(state[:3] - q).max() > 0.2
     assert np.allclose(world.truth().joint_position_rad, state[:3], atol=1e-3)
-    world.close()
 
 
 @pytest.mark.parametrize("name", ARM_NAMES)
@@ -105,7 +102,6 @@ def test_gravity_and_contact_force_are_held_by_the_torques_that_statics_says(nam
     world.set_torque(holding + jacobian[2])  # 1 N less of pressing
     world.advance_to(0.1)
     assert world.truth().tip_position_world_m[2] > 0.1805
-    world.close()
 
 
 def test_a_tilted_uniaxial_sensor_sees_the_cosine():
@@ -129,8 +125,6 @@ def test_a_scaled_arm_needs_scaled_torques():
     plain, heavy = make_world(arm), make_world(arm, scenario(mass_scale=1.5))
     motion = ([0.2, 0.3, 0.4], [1.0, -2.0, 0.5], [3.0, 2.0, -1.0])
     assert np.allclose(heavy.inverse_dynamics(*motion), 1.5 * plain.inverse_dynamics(*motion))
-    plain.close()
-    heavy.close()
 
 
 def test_a_drive_gives_no_more_than_its_effort_limit():
@@ -138,7 +132,6 @@ def test_a_drive_gives_no_more_than_its_effort_limit():
     world.set_torque([1000.0, -1000.0, 1.0])
     world.advance_to(0.001)
     assert world.truth().drive_torque_nm.tolist() == [40.0, -40.0, 1.0]
-    world.close()
 
 
 def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
@@ -148,7 +141,6 @@ def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
     )
     world.advance_to(0.08)
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-240.0, rel=1e-6)
-    world.close()
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,6 @@ def test_force_depth_and_rate_of_one_instant_belong_together():
     law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(-0.02, MASS_KG), scenario(law))
     truths = watch(world, 0.1, period_s=0.25e-3)
-    world.close()
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
     central_rate = (depth[2:] - depth[:-2]) / 0.5e-3
     unexplained = force[1:-1] - stiffness * depth[1:-1] - damping * central_rate
@@ -88,7 +87,6 @@ def test_a_dry_object_never_pulls_and_a_sticky_one_does():
 def test_an_object_is_felt_below_its_surface_only():
     world = make_world(slider(0.05), scenario())
     truths = watch(world, 0.2)
-    world.close()
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
     assert not force[depth <= 0].any()
     assert force[depth > 0].max() > 1.0
@@ -118,7 +116,6 @@ def test_a_drop_onto_the_object_returns_no_more_energy_than_it_brought(stiffness
     law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(0.02, MASS_KG), scenario(law))
     truths = watch(world, 2.0)
-    world.close()
     height = -column(truths, "depth_m")
     first_touch = np.argmax(height < 0)
     assert height[first_touch:].max() <= 0.02 * (1.01 if damping == 0 else 0.9)

@@ -156,7 +156,6 @@ def test_effects_work_side_by_side():
     world.object.move_surface(world.truth().tip_position_world_m[2] + 0.002)
     world.advance_to(0.2)
     assert np.isfinite(world.truth().joint_position_rad).all()
-    world.close()
 
 
 def test_a_scenario_says_in_public_nothing_of_what_it_hides():

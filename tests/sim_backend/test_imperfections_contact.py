@@ -238,7 +238,6 @@ def test_a_dropped_mass_comes_to_rest_or_bounces_no_higher(name, damping):
     for time_s in steps(1.0)[::4]:
         world.advance_to(time_s)
         heights.append(world.truth().tip_position_world_m[2])
-    world.close()
     assert np.isfinite(heights).all()
     assert max(heights) <= 0.02 * 1.01
     assert min(heights) > -0.2

@@ -44,7 +44,6 @@ def test_coulomb_friction_brakes_evenly_to_a_stop_and_holds():
     assert np.ptp(position[t > 0.55]) < 1e-6
     for force, expected in ((1.99, 0.0), (-1.99, 0.0), (2.5, 0.5), (-3.0, -1.0)):
         assert accelerations(world, force, 0.0) == pytest.approx(expected, abs=1e-6)
-    world.close()
 
 
 def test_the_drive_s_torque_sensor_does_not_see_friction():
@@ -53,7 +52,6 @@ def test_the_drive_s_torque_sensor_does_not_see_friction():
     world.advance_to(0.01)
     assert world.torque_sensor.read(world.time_s).value == [1.5]
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(0.0, abs=1e-6)
-    world.close()
 
 
 def test_stribeck_friction_lets_go_at_once_and_falls_with_speed():
@@ -64,7 +62,6 @@ def test_stribeck_friction_lets_go_at_once_and_falls_with_speed():
     world.set_torque([0.0])
     t = steps(0.9)
     _, velocity = let_go(world, 0.9, speed=0.8)
-    world.close()
 
     def braking(_time, v):
         return -(1.0 + 2.0 * np.exp(-((v / 0.2) ** 2)))
@@ -83,7 +80,6 @@ def test_asymmetric_friction_brakes_one_way_more_than_the_other():
     assert measured == pytest.approx([-3.0, 1.0], abs=1e-6)
     for force, expected in ((2.9, 0.0), (-0.9, 0.0), (3.5, 0.5), (-1.5, -0.5)):
         assert accelerations(world, force, 0.0) == pytest.approx(expected, abs=1e-6)
-    world.close()
 
 
 def test_load_dependent_friction_takes_a_share_of_what_reaches_the_link():
@@ -92,7 +88,6 @@ def test_load_dependent_friction_takes_a_share_of_what_reaches_the_link():
     for speed, drive_per_load in ((0.0, 1.2), (1.0, 1.2), (-1.0, 0.8)):
         assert drive_per_load * accelerations(world, 5.0, speed) == pytest.approx(5.0)
     assert accelerations(world, 0.0, 1.0) == pytest.approx(0.0, abs=1e-9)
-    world.close()
 
 
 def test_quadratic_friction_limits_the_fall_by_the_root():
@@ -113,7 +108,6 @@ def test_friction_of_any_strength_stops_a_joint_and_never_turns_it_round(name):
     for time_s in steps(0.3):
         world.advance_to(time_s)
         wrist.append(world.truth().joint_velocity_rad_s[2])
-    world.close()
     assert np.isfinite(wrist).all()
     if name in {"coulomb_friction", "asymmetric_friction", "stribeck_friction"}:
         assert min(wrist) > -1e-3  # the wrist weighs nothing against 90 N m
@@ -137,7 +131,6 @@ def test_friction_in_a_falling_arm_takes_energy_and_gives_none(name):
         q, v = now.joint_position_rad, now.joint_velocity_rad_s
         total = pinocchio.computeKineticEnergy(model, data, q, v)
         energy.append(total + pinocchio.computePotentialEnergy(model, data, q) - work)
-    world.close()
     assert np.diff(energy[::20]).max() < 5e-3
     assert energy[-1] < energy[0] - 0.01
 
@@ -164,8 +157,6 @@ def test_a_payload_weighs_at_its_lever_and_adds_its_inertia(joint, lever_from):
     for axis in np.eye(3):
         pull = loaded.inverse_dynamics(q, rest, axis) - plain.inverse_dynamics(q, rest, axis) - weight
         assert pull == pytest.approx(mass * jacobian.T @ jacobian @ axis, abs=5e-5 * mass)
-    plain.close()
-    loaded.close()
 
 
 def test_two_payloads_hang_side_by_side():
@@ -184,7 +175,6 @@ def test_a_rotor_is_as_heavy_as_a_mass_for_its_own_joint(mass, rotor):
     world = hidden_slider(hidden("armature", joint=1, inertia_kg_m2=rotor), mass_kg=mass)
     world.set_torque([3.0])
     _, velocity = let_go(world, 0.2)
-    world.close()
     expected = (3.0 - mass * G) / (mass + rotor)  # its weight is not the rotor's
     assert (velocity[-1] - velocity[1]) / (0.2 - 2 * STEP_S) == pytest.approx(expected, rel=1e-6)
 
@@ -212,7 +202,6 @@ def test_an_arm_with_rotors_moves_as_its_inertia_with_them_on_the_diagonal(inert
     for time_s in t:
         world.advance_to(time_s)
         measured.append(world.truth().joint_position_rad)
-    world.close()
     assert np.abs(np.array(measured) - expected).max() < 2.5e-3
     assert np.abs(expected[-1] - start[:3]).max() > 0.2
 
@@ -229,7 +218,6 @@ def test_a_rotor_hundreds_of_times_the_wrist_s_inertia_keeps_its_energy():
         world.advance_to(time_s)
         q, v = world.truth().joint_position_rad, world.truth().joint_velocity_rad_s
         energy.append(pinocchio.computeKineticEnergy(model, data, q, v) + 0.5 * rotor * v[2] ** 2)
-    world.close()
     assert np.ptp(energy) < 0.02 * energy[0]
 
 
@@ -238,7 +226,6 @@ def test_a_rotor_much_heavier_than_its_mass_is_stable_on_a_stiff_and_damped_obje
     rotor = hidden("armature", joint=1, inertia_kg_m2=10.0)
     world = hidden_slider(rotor, height_m=0.01, mass_kg=0.5, law=law)
     position, _ = let_go(world, 3.0)
-    world.close()
     assert position.max() <= 0.01
     assert position[-1] == pytest.approx(-0.5 * G / 1e4, abs=2e-4)
 
@@ -252,7 +239,6 @@ def test_a_tilted_base_feels_gravity_from_where_it_comes(pitch, roll):
     model.gravity.linear = turned.T @ [0.0, 0.0, -G]
     expected = pinocchio.rnea(model, model.createData(), q, rest, rest)
     assert world.inverse_dynamics(q, rest, rest) == pytest.approx(expected, abs=1e-5)
-    world.close()
 
 
 def test_a_base_that_dips_forward_lets_the_arm_fall_forward():
@@ -260,7 +246,6 @@ def test_a_base_that_dips_forward_lets_the_arm_fall_forward():
     upright = np.array([np.pi / 2, 0.0, 0.0])
     holding = world.inverse_dynamics(upright, np.zeros(3), np.zeros(3))
     assert holding[0] > 1.0  # positive lifts, as the arm now leans towards +x
-    world.close()
 
 
 def test_ripple_turns_into_speed_and_back():
@@ -285,7 +270,6 @@ def test_a_wrong_motor_constant_pushes_more_than_the_drive_says():
     world = hidden_slider(hidden("torque_gain", joint=1, gain=1.3), gravity=0.0)
     assert accelerations(world, 2.0, 0.0) == pytest.approx(2.6)
     assert world.torque_sensor.read(world.time_s).value == pytest.approx([2.0])
-    world.close()
 
 
 def lead(world, force, times_s):
@@ -309,7 +293,6 @@ def test_play_is_crossed_when_the_torque_turns_and_shows_in_the_encoder_only():
     crossing_s = 2e-3 * 10.0 / 0.5
     assert across == pytest.approx(np.maximum(1e-3 - 2e-3 * every_other / crossing_s, -1e-3), abs=1e-9)
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(0.1 - 0.05)  # the link feels all of it
-    world.close()
 
 
 def test_a_shaft_twists_by_the_torque_it_carries_in_its_time():
@@ -320,7 +303,6 @@ def test_a_shaft_twists_by_the_torque_it_carries_in_its_time():
     assert twist == pytest.approx(4e-3 * (1 - np.exp(-every_other / 0.02)), abs=1e-8)
     world.place([5.0])
     assert lead(world, 4.0, [STEP_S * 2])[0] < 2e-4  # put elsewhere, it begins anew
-    world.close()
 
 
 def test_effects_in_one_joint_leave_the_others_alone():
@@ -331,4 +313,3 @@ def test_effects_in_one_joint_leave_the_others_alone():
     ahead = np.array(world.encoder.read(world.time_s).value[:3]) - world.truth().joint_position_rad
     assert ahead[[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert ahead[1] > 1e-3
-    world.close()

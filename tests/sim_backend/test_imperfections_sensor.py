@@ -134,5 +134,4 @@ def test_a_velocity_by_difference_inherits_what_is_wrong_with_the_encoder():
     world = hidden_slider(hidden("lag", channel="encoder_1", time_s=0.1), gravity=0.0)
     let_go(world, 0.03, speed=1.0)
     measured = world.encoder.read(world.time_s).value[1]
-    world.close()
     assert 0.1 < measured < 0.35  # 1 - exp(-0.03 / 0.1) = 0.26, and the low-pass behind it

@@ -28,7 +28,6 @@ def resting(stiffness_depth_m=0.02, **sensors):
 def test_samples_come_at_the_sensor_s_own_rate(rate_hz):
     world = resting(force={"rate_hz": rate_hz})
     times = np.array([sample.sampled_at_s for sample in sample_each_step(world, world.force_sensor, 1.0)])
-    world.close()
     step_s = 1 / 4000.0
     late = times - np.arange(len(times)) / rate_hz
     assert len(times) >= rate_hz
@@ -39,7 +38,6 @@ def test_samples_come_at_the_sensor_s_own_rate(rate_hz):
 def test_a_sampling_rate_above_the_physics_rate_samples_every_step():
     world = resting(force={"rate_hz": 50_000.0})
     assert len(sample_each_step(world, world.force_sensor, 0.1)) == 400
-    world.close()
 
 
 def test_a_late_sensor_shows_the_state_of_the_time_when_it_sampled():
@@ -57,8 +55,6 @@ def test_a_late_sensor_shows_the_state_of_the_time_when_it_sampled():
         fast.advance_to(sample.sampled_at_s)
         then = fast.truth().joint_position_rad[0]
         assert sample.value[0] == pytest.approx(then, abs=1e-8)
-    world.close()
-    fast.close()
 
 
 @given(
@@ -95,7 +91,6 @@ def test_a_sample_that_was_read_before_is_stale_and_keeps_its_time():
         sample = world.force_sensor.read(world.time_s)
         statuses.append(sample.status)
         times.append(sample.sampled_at_s)
-    world.close()
     assert statuses == [Status.OK, Status.OK, Status.STALE, Status.OK, Status.STALE, Status.OK]
     assert times == pytest.approx([0.0, 0.002, 0.002, 0.004, 0.004, 0.006])
 
@@ -108,13 +103,11 @@ def test_torque_is_sampled_in_the_middle_of_the_time_for_which_a_command_holds()
         sample = world.torque_sensor.read(world.time_s)
         assert sample.sampled_at_s == pytest.approx((tick + 0.5) * 1e-3)
         assert sample.value[0] == pytest.approx(0.5 * tick)
-    world.close()
 
 
 def test_force_noise_is_white_with_the_stated_spread_around_the_truth():
     world = resting(force={"noise_std_n": 0.05, "resolution_n": 0.0, "rate_hz": 4000.0})
     error = np.array([s.value[0] for s in sample_each_step(world, world.force_sensor, 2.0)]) - 10.0
-    world.close()
     assert len(error) == 8000
     assert error.std() == pytest.approx(0.05, rel=0.04)
     assert abs(error.mean()) < 4 * 0.05 / np.sqrt(8000)
@@ -125,7 +118,6 @@ def test_force_noise_is_white_with_the_stated_spread_around_the_truth():
 def test_force_comes_in_steps_of_the_resolution(resolution):
     world = resting(force={"noise_std_n": 0.2, "resolution_n": resolution})
     values = np.array([s.value[0] for s in sample_each_step(world, world.force_sensor, 0.5)])
-    world.close()
     steps = values / resolution
     assert np.allclose(steps, np.round(steps), atol=1e-6)
     assert len(set(np.round(steps))) > 5
@@ -135,7 +127,6 @@ def test_beyond_its_range_the_force_sensor_shows_its_end_and_says_so():
     world = resting(0.3, force={"range_n": 100.0})
     world.advance_to(0.001)
     sample = world.force_sensor.read(world.time_s)
-    world.close()
     assert (sample.value, sample.status) == ([100.0], Status.SATURATED)
 
 
@@ -143,7 +134,6 @@ def test_a_band_limited_sensor_answers_a_step_with_its_time_constant():
     world = resting(force={**QUIET_FORCE, "bandwidth_hz": 20.0, "rate_hz": 4000.0})
     world.object.move_surface(0.01)  # from 10 N to 15 N
     samples = sample_each_step(world, world.force_sensor, 0.1)
-    world.close()
     rise = (np.array([s.value[0] for s in samples]) - 10.0) / 5.0
     times = np.array([s.sampled_at_s for s in samples])
     time_constant_s = 1 / (2 * np.pi * 20.0)
@@ -154,7 +144,6 @@ def test_a_band_limited_sensor_answers_a_step_with_its_time_constant():
 def test_encoders_count():
     world = falling(encoder={"counts_per_revolution": 4096.0})
     samples = sample_each_step(world, world.encoder, 0.2)
-    world.close()
     counts = np.array([s.value[0] for s in samples]) / (2 * np.pi / 4096.0)
     assert np.allclose(counts, np.round(counts), atol=1e-6)
 
@@ -224,5 +213,3 @@ def test_the_truth_is_free_of_sensors():
     noisy = {"noise_std_n": 5.0}
     first, second = (make_world(slider(0.01), scenario(force=force)) for force in (noisy, QUIET_FORCE))
     assert np.array_equal(column(watch(first, 0.1), "force_n"), column(watch(second, 0.1), "force_n"))
-    first.close()
-    second.close()

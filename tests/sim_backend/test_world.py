@@ -59,7 +59,6 @@ def test_an_object_can_change_while_it_is_touched():
     world.object.move_surface(0.05)
     settled_depth(world)
     assert world.truth().tip_position_world_m[2] - before == pytest.approx(0.05, rel=1e-3)
-    world.close()
 
 
 @OWN_CONTACT
@@ -70,7 +69,6 @@ def test_the_engine_s_contact_carries_a_weight_at_the_depth_of_its_spring(stiffn
     depth = settled_depth(world)
     assert depth == pytest.approx(WEIGHT_N / stiffness, rel=0.01)
     assert world.truth().force_n == pytest.approx(WEIGHT_N, rel=0.01)
-    world.close()
 
 
 @OWN_CONTACT
@@ -84,7 +82,6 @@ def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
     world.advance_to(0.1)
     assert world.truth().force_n == pytest.approx(4.0, rel=0.02)
     assert world.truth().depth_m == pytest.approx(0.004, rel=0.02)
-    world.close()
 
 
 @OWN_CONTACT
@@ -95,7 +92,6 @@ def test_law_and_engine_contact_replace_each_other():
     assert settled_depth(world) == pytest.approx(engine, rel=0.01)
     world.object.set_law(EngineContact(stiffness_n_m=1000, damping_n_s_m=40))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.01)
-    world.close()
 
 
 @pytest.mark.parametrize("engine", ["mujoco"], indirect=True)
@@ -110,7 +106,6 @@ def test_an_engine_without_a_contact_of_its_own_refuses_the_law_and_keeps_the_ot
     with pytest.raises(InputError, match="engine 'mujoco' has none"):
         world.object.set_law(own)
     assert world.object.law == spring
-    world.close()
 
 
 def test_worlds_side_by_side_do_not_disturb_each_other():
@@ -119,7 +114,6 @@ def test_worlds_side_by_side_do_not_disturb_each_other():
 
     alone = build(500)
     expected = column(watch(alone, 0.3), "depth_m")
-    alone.close()
     first, second = build(500), build(3000)
     depths = []
     for tick in range(301):
@@ -128,9 +122,7 @@ def test_worlds_side_by_side_do_not_disturb_each_other():
         depths.append(first.truth().depth_m)
         if tick == 150:
             second.object.set_law(KelvinVoigt(stiffness_n_m=100, damping_n_s_m=1))
-    second.close()
     first.advance_to(0.4)
-    first.close()
     assert np.array_equal(depths, expected)
 
 
@@ -142,7 +134,6 @@ def test_time_advances_in_whole_steps_and_never_back():
         assert world.time_s == pytest.approx(reached, abs=1e-12)
     world.advance_to(110.0)
     assert world.time_s == pytest.approx(110.0, abs=1e-9)
-    world.close()
 
 
 def test_a_held_arm_stands_still_while_time_and_sensors_go_on():
@@ -154,7 +145,6 @@ def test_a_held_arm_stands_still_while_time_and_sensors_go_on():
     world.held = False
     world.advance_to(0.2)
     assert not np.allclose(world.truth().joint_position_rad, shipped_arm("leader").home_rad, atol=1e-2)
-    world.close()
 
 
 @pytest.mark.parametrize("torque", [[np.nan, 0, 0], [1.0, 2.0], [np.inf, 0, 0]])
@@ -162,7 +152,6 @@ def test_a_torque_that_means_nothing_is_refused(torque):
     world = make_world(shipped_arm("leader"))
     with pytest.raises(InputError, match="joint torque"):
         world.set_torque(torque)
-    world.close()
 
 
 def test_closing_twice_is_fine():
@@ -202,7 +191,6 @@ def test_a_contact_effect_acts_on_the_tip_once_a_step():
     world.advance_to(0.01)
     assert world.truth().tip_position_world_m[2] < 0.00045
     assert np.diff(glue.times_s) == pytest.approx(0.25e-3)
-    world.close()
 
 
 @OWN_CONTACT
@@ -214,7 +202,6 @@ def test_a_contact_effect_adds_to_the_engine_s_contact_too():
     law = EngineContact(stiffness_n_m=500, damping_n_s_m=40)
     world = make_world(slider(0.001), scenario(law), Effects(contact=(Doubled(),)))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.02)
-    world.close()
 
 
 def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
@@ -224,7 +211,6 @@ def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
     world.advance_to(2.0)
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-GRAVITY_M_S2 / 3.0, rel=0.01)
     assert world.torque_sensor.read(world.time_s).value == [0.0]
-    world.close()
 
 
 def test_sensor_effects_act_on_their_own_sensor():
@@ -239,7 +225,6 @@ def test_sensor_effects_act_on_their_own_sensor():
     assert world.torque_sensor.read(0.0).value == [2.0]
     assert world.encoder.read(0.0).value == pytest.approx([0.35, 0.0], abs=1e-8)
     assert world.truth().joint_position_rad[0] == 0.1
-    world.close()
 
 
 @OWN_CONTACT
