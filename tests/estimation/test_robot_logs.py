@@ -143,20 +143,22 @@ def test_an_action_is_an_effort_only_by_the_user_s_word(episode):
     np.testing.assert_allclose(import_file(episode, options).channels[0].effort, np.degrees(Q + 0.01)[:, 0])
 
 
+def store(path, messages, topics=(("/js", "sensor_msgs/msg/JointState"),)):
+    """A recording in SQLite: messages (topic number from 1 on, time [ns], bytes)."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
+        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
+        database.executemany("INSERT INTO topics(name, type) VALUES (?, ?)", topics)
+        database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", messages)
+        database.commit()
+
+
 def as_sqlite(bag, path, rows=slice(None)):
     """The same messages as rosbag2's older storage has them."""
     with bag.open("rb") as file:
-        messages = [(m.log_time, m.data) for _, _, m in make_reader(file).iter_messages()][rows]
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
-        database.execute(
-            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data BLOB)"
-        )
-        database.execute("INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState')")
-        database.execute("INSERT INTO topics VALUES (2, '/rosout', 'rcl_interfaces/msg/Log')")
-        database.execute("INSERT INTO messages VALUES (0, 2, 0, x'00')")
-        database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", messages)
-        database.commit()
+        messages = [(1, m.log_time, m.data) for _, _, m in make_reader(file).iter_messages()][rows]
+    topics = (("/joint_states", "sensor_msgs/msg/JointState"), ("/rosout", "rcl_interfaces/msg/Log"))
+    store(path, [(2, 0, b"\0"), *messages], topics)
 
 
 def test_a_bag_in_sqlite_and_in_several_files_is_the_same_as_in_one_mcap(tmp_path):
@@ -190,20 +192,13 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
     """CDR may be written either way round: the second byte says which."""
     names = b"".join(struct.pack(">I4s", 3, name) for name in (b"ab", b"cd"))
     path = tmp_path / "big.db3"
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
-        database.execute(
-            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data BLOB)"
-        )
-        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
-        for row, (q, torque) in enumerate(zip(Q, TORQUE, strict=True)):
-            data = (
-                b"\0\0\0\0" + struct.pack(">iI", 1_700_000_000 + row, 5) + struct.pack(">I4s", 1, b"\0\0\0\0")
-            )
-            data += struct.pack(">I", 2) + names + struct.pack(">I", 2) + struct.pack(">2d", *q)
-            data += struct.pack(">II", 0, 2) + struct.pack(">2d", *torque)
-            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", (row, data))
-        database.commit()
+    messages = []
+    for row, (q, torque) in enumerate(zip(Q, TORQUE, strict=True)):
+        data = b"\0\0\0\0" + struct.pack(">iI", 1_700_000_000 + row, 5) + struct.pack(">I4s", 1, b"\0\0\0\0")
+        data += struct.pack(">I", 2) + names + struct.pack(">I", 2) + struct.pack(">2d", *q)
+        data += struct.pack(">II", 0, 2) + struct.pack(">2d", *torque)
+        messages.append((1, row, data))
+    store(path, messages)
     for joint, channel in enumerate(import_file(path).channels):
         np.testing.assert_array_equal(channel.time_s, np.arange(len(Q)))
         np.testing.assert_array_equal(channel.position, Q[:, joint])
@@ -213,12 +208,7 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
 @pytest.mark.parametrize("data", [None, 5, "text", b"", b"\0\1\0\0" + b"\xff" * 60, b"\0\1\0\0" + b"\0" * 20])
 def test_a_message_that_is_none_is_named_with_its_topic(tmp_path, data):
     path = tmp_path / "broken.db3"
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
-        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
-        database.execute("INSERT INTO topics VALUES (1, '/js', 'sensor_msgs/msg/JointState')")
-        database.execute("INSERT INTO messages VALUES (1, 1, 0, ?)", (data,))
-        database.commit()
+    store(path, [(1, 0, data)])
     with pytest.raises(
         InputError, match="a message of topic '/js' is cut off, or no sensor_msgs/msg/JointState"
     ):

@@ -41,6 +41,13 @@ def test_what_is_no_column_of_numbers_is_named(force, said):
         open_source({**COLUMNS, "force_N": force})
 
 
+def test_columns_that_make_no_channel_are_named():
+    with pytest.raises(InputError, match="no channel can be made of columns time_s, other"):
+        open_source({"time_s": [0.0, 1.0], "other": [0.0, 1.0]})
+    with pytest.raises(InputError, match="no rows"):
+        open_source({"time_s": []})
+
+
 @pytest.mark.parametrize("data", [3, None, {}, [], np.ones((10, 3))])
 def test_what_is_no_data_at_all_is_told_what_would_be(data):
     with pytest.raises(InputError, match=f"data of type {type(data).__name__}.*a table"):

@@ -226,20 +226,6 @@ def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
     assert study.channels[0].sha256 == of_file.channels[0].sha256
 
 
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (7, "data of type int: give the path"),
-        ({"time_s": [0.0, 1.0], "force_N": [0.0]}, "different lengths"),
-        ({"time_s": [0.0, 1.0], "other": [0.0, 1.0]}, "no channel can be made of columns time_s, other"),
-        ({"time_s": []}, "no rows"),
-    ],
-)
-def test_what_is_no_measurement_is_refused(data, words):
-    with pytest.raises(InputError, match=words):
-        Study(data)
-
-
 def test_a_channel_that_cannot_be_judged_is_said_beside_the_others():
     one_run = session(4)
     study = Study([one_run.select(one_run.run == 0), *joints()])

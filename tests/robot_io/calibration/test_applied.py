@@ -23,7 +23,6 @@ from tests.robot_io.calibration.parts import (
     MADE,
     NOW,
     VALUES,
-    calibration_of,
     quantities,
     quantity,
     robot_with,
@@ -259,9 +258,3 @@ def test_a_tilted_base_changes_what_the_arm_weighs(tmp_path):
     posture, dipped = np.array([-1.0, 0.4, 0.9]), np.array([-0.95, 0.4, 0.9])  # by 0.05 rad, axes along +y
     np.testing.assert_allclose(tilted.gravity(posture), level.gravity(dipped), rtol=1e-9)
     assert abs(level.gravity(posture)[0] / level.gravity(dipped)[0] - 1.0) > 0.01
-
-
-def test_the_calibration_of_a_kind_is_of_the_right_model(tmp_path):
-    robot_file = robot_with(tmp_path)
-    for kind in KINDS:
-        assert calibration_of(kind, robot_file).kind == kind

@@ -179,11 +179,6 @@ def test_a_trip_from_outside(guard):
     assert (trip.cause, trip.time_s, trip.tick) == ("Ctrl-C", 0.5, 0)
 
 
-def test_a_measurement_that_nobody_watched_is_watched(guard):
-    assert limited(guard, torque(1, 1), measured(force_n=99.0)) == [0.0, 0.0]
-    assert "99 N" in guard.tripped.cause
-
-
 def test_devices_whose_samples_are_too_old_are_named_without_a_trip(guard):
     never = {"encoder_at_s": -inf, "torque_at_s": -inf, "force_at_s": -inf}
     said = guard.too_old(measured(1.0, **never))
@@ -200,9 +195,25 @@ def test_a_command_means_nothing_when_the_arm_was_let_go_or_its_motion_is_too_ol
 
 
 class TestLimiting:
-    def test_within_limits_a_command_passes_unchanged(self, guard):
-        assert limited(guard, torque(0.9, -0.4), measured(0.0)) == [0.9, -0.4]
-        assert (guard.torque_clips, guard.rate_clips) == (0, 0)
+    @pytest.mark.parametrize(
+        ("command", "changes", "dt_s", "sent", "clips", "cause"),
+        [
+            ((0.9, -0.4), {}, DT, [0.9, -0.4], (0, 0), ""),
+            ((99.0, 0.0), {}, DT, [1.0, 0.0], (1, 1), ""),  # one joint is enough to count
+            ((0.0, 99.0), {}, DT, [0.0, 0.5], (1, 1), ""),
+            # The rate starts from the measured torque, at most from the limit.
+            ((0, 0), {"joint_torque_nm": [8.0, -2.0]}, DT, [7.0, -1.5], (0, 1), ""),
+            ((10, 5), {"joint_torque_nm": [99.0, 99.0]}, DT, [10.0, 5.0], (0, 0), ""),
+            ((5, 5), {}, 0.0, [0.0, 0.0], (0, 1), ""),  # no time means no change
+            *(((1, 1), {}, bad_s, [0.0, 0.0], (0, 0), "time step") for bad_s in (-1e-3, nan, inf)),
+            ((1, 1, 1), {}, DT, [0.0, 0.0], (0, 0), "shape (3,), expected (2,)"),
+            ((1, 1), {"force_n": 99.0}, DT, [0.0, 0.0], (0, 0), "99 N"),  # nobody has watched it yet
+        ],
+    )
+    def test_a_command_is_sent_as_far_as_it_may_be(self, guard, command, changes, dt_s, sent, clips, cause):
+        assert limited(guard, torque(*command), measured(**changes), dt_s) == sent
+        assert (guard.torque_clips, guard.rate_clips) == clips
+        assert cause in guard.tripped.cause if cause else guard.tripped is None
 
     def test_torque_is_clipped_and_counted(self, guard):
         at = {"joint_torque_nm": [9.9, -4.9]}
@@ -216,17 +227,6 @@ class TestLimiting:
         np.testing.assert_allclose(sent, [1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 9])
         assert guard.rate_clips == 9  # joint 2 goes half as fast and arrives at its limit, -5, in the tenth
 
-    @pytest.mark.parametrize("clipped", [(99.0, 0.0), (0.0, 99.0)])
-    def test_one_joint_is_enough_to_count(self, guard, clipped):
-        limited(guard, torque(*clipped), measured())
-        assert (guard.torque_clips, guard.rate_clips) == (1, 1)
-
-    def test_the_rate_starts_from_the_measured_torque(self, guard):
-        assert limited(guard, torque(0, 0), measured(joint_torque_nm=[8.0, -2.0])) == [7.0, -1.5]
-
-    def test_a_measured_torque_beyond_the_limit_starts_at_the_limit(self, guard):
-        assert limited(guard, torque(10, 5), measured(joint_torque_nm=[99.0, 99.0])) == [10.0, 5.0]
-
     @pytest.mark.parametrize(("pause_s", "sent_nm"), [(0.1, 9.0), (0.101, 1.0), (1.0, 1.0)])
     def test_after_a_pause_the_rate_starts_from_the_measured_torque_again(self, guard, pause_s, sent_nm):
         """An arm that was deactivated for a while carries nothing of what was sent before."""
@@ -234,23 +234,11 @@ class TestLimiting:
             limited(guard, torque(9, 0), measured(0.001 * tick))
         assert limited(guard, torque(9, 0), measured(pause_s)) == [sent_nm, 0.0]
 
-    def test_no_time_means_no_change(self, guard):
-        assert limited(guard, torque(5, 5), measured(), dt_s=0.0) == [0.0, 0.0]
-
-    @pytest.mark.parametrize("dt_s", [-1e-3, nan, inf])
-    def test_a_time_step_that_cannot_be_trips(self, guard, dt_s):
-        assert limited(guard, torque(1, 1), measured(), dt_s=dt_s) == [0.0, 0.0]
-        assert "time step" in guard.tripped.cause
-
     @pytest.mark.parametrize("bad", [nan, inf, -inf])
     def test_a_command_that_is_not_finite_trips_and_is_not_sent(self, guard, bad):
         limited(guard, torque(1, 1), measured(0.0))
         assert limited(guard, torque(0, bad), measured(0.001, joint_velocity_rad_s=[1.0, 0.0])) == [-2.0, 0.0]
         assert f"the controller's torque for joint 2 is {bad}" in guard.tripped.cause
-
-    def test_a_command_for_another_arm_trips(self, guard):
-        assert limited(guard, torque(1, 1, 1), measured()) == [0.0, 0.0]
-        assert "shape (3,), expected (2,)" in guard.tripped.cause
 
     def test_what_comes_out_cannot_be_changed(self, guard):
         for command in (
@@ -287,8 +275,12 @@ class TestStop:
         changes = {"joint_velocity_rad_s": velocity} | changes
         return limited(guard, torque(7, 7), measured(time_s, **changes), dt_s)
 
-    def test_it_brakes_against_the_velocity_whatever_the_controller_wants(self, tripped):
-        assert self.stopping(tripped, 0.001, [1.0, -0.5]) == [-2.0, 0.5]
+    @pytest.mark.parametrize(
+        ("velocity", "sent"),
+        [([1.0, -0.5], [-2.0, 0.5]), ([-1e9, 4.5], [6.0, -4.0])],  # a mad one as the fastest allowed
+    )
+    def test_it_brakes_against_the_velocity_whatever_the_controller_wants(self, tripped, velocity, sent):
+        assert self.stopping(tripped, 0.001, velocity) == sent
 
     def test_it_brakes_at_once_not_at_the_rate_limit(self, guard):
         limited(guard, torque(0, 0), measured(0.0, joint_torque_nm=[10.0, 0.0]))
@@ -300,9 +292,6 @@ class TestStop:
         guard.watch(measured(0.0))
         guard.trip("test")
         assert self.stopping(guard, 0.001, [2.0, 2.0]) == [-10.0, 0.0]
-
-    def test_a_mad_velocity_is_braked_as_the_fastest_allowed(self, tripped):
-        assert self.stopping(tripped, 0.001, [-1e9, 4.5]) == [6.0, -4.0]
 
     def test_the_torque_goes_off_in_time_and_stays_off(self, tripped):
         sent = [self.stopping(tripped, 0.001 * tick, [1.0, 1.0]) for tick in range(1, 61)]
@@ -331,12 +320,15 @@ class TestStop:
         assert not tripped.finished
         assert self.stopping(tripped, 0.002, [1.0, 1.0]) == [-2.0, -1.0]  # the velocity is back
 
-    def test_it_ends_on_time_by_its_own_steps_when_the_clock_stands_still(self, tripped):
-        assert [any(self.stopping(tripped, 0.0, [1.0, 1.0], 0.025)) for _ in range(3)] == [True, False, False]
-
-    def test_it_ends_on_time_by_the_clock_when_the_steps_are_too_short(self, tripped):
-        sent = [self.stopping(tripped, time_s, [1.0, 1.0], 1e-6) for time_s in (0.025, 0.049, 0.05)]
-        assert [any(command) for command in sent] == [True, True, False]
+    @pytest.mark.parametrize(
+        ("times_s", "dt_s", "brakes"),
+        [
+            ((0.0, 0.0, 0.0), 0.025, [True, False, False]),  # by its own steps: the clock stands still
+            ((0.025, 0.049, 0.05), 1e-6, [True, True, False]),  # by the clock: the steps are too short
+        ],
+    )
+    def test_it_ends_on_time(self, tripped, times_s, dt_s, brakes):
+        assert [any(self.stopping(tripped, time_s, [1.0, 1.0], dt_s)) for time_s in times_s] == brakes
 
     def test_it_ends_when_the_clock_goes_backwards(self, tripped):
         for tick in range(1, 60):
@@ -450,6 +442,10 @@ class TestWeight:
         calls = []
         self.stop(weight=lambda position: calls.append(1) or np.array([nan, nan]))
         assert len(calls) == 1
+        guard = Guard(LIMITS, self.SAFE, 2, lambda position: calls.append(1) or np.zeros(2))
+        for tick in range(20):
+            limited(guard, torque(1, 1), measured(0.001 * tick))
+        assert len(calls) == 1  # nor is any while the arm is not being stopped
 
     @pytest.mark.parametrize(
         "unknown",
@@ -462,13 +458,6 @@ class TestWeight:
         assert not sent.any()
         assert not asked
         assert guard.finished
-
-    def test_it_is_asked_for_while_stopping_only(self):
-        asked = []
-        guard = Guard(LIMITS, self.SAFE, 2, lambda position: asked.append(1) or np.zeros(2))
-        for tick in range(20):
-            limited(guard, torque(1, 1), measured(0.001 * tick))
-        assert not asked
 
     def test_the_next_stop_starts_with_full_support(self):
         _, guard = self.stop()
@@ -640,30 +629,25 @@ class TestStoppedInItsMotion:
         ticks, _ = self.named(guard, lambda k: start_rad + SPEED * k, at, seen)
         assert ticks <= 22
 
-    def test_the_limit_is_the_robot_files(self):
-        guard = Guard(LIMITS.model_copy(update={"stuck_encoder_s": 0.03}), SAFE_STATE, 2)
-        ticks, _ = self.named(guard, lambda k: SPEED * k, 100)
-        assert 30 <= ticks <= 32
+    @pytest.mark.parametrize(
+        ("limits", "force_n", "ticks"),
+        [({}, 0.4, (0, 22)), ({"stuck_encoder_s": 0.03}, 0.0, (30, 32))],  # so small a force is not felt
+    )
+    def test_the_limit_is_the_robot_files(self, limits, force_n, ticks):
+        guard = Guard(LIMITS.model_copy(update=limits), SAFE_STATE, 2)
+        took, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else force_n)
+        assert ticks[0] <= took <= ticks[1]
 
-    def test_a_force_that_hardly_changes_is_none_that_is_felt(self, guard):
-        ticks, _ = self.named(guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.4)
-        assert ticks <= 22
-
-    def test_an_object_that_is_hit_is_felt(self, guard):
-        _, behind_rad = self.named(
-            guard, lambda k: SPEED * k, 100, force_n=lambda k: 0.0 if k <= 100 else 0.6
-        )
-        assert 0.03 < behind_rad < 0.04
-
-    def test_a_joint_that_turns_round_may_be_held_by_friction(self, guard):
-        _, behind_rad = self.named(guard, lambda k: SPEED * (k if k <= 200 else 400 - k), 200)
-        assert 0.03 < behind_rad < 0.04
-
-    def test_a_joint_that_starts_again_may_be_held_by_friction(self, guard):
-        def reference(k):
-            return SPEED * (k if k <= 200 else max(200, k - 300))
-
-        _, behind_rad = self.named(guard, reference, 200)
+    @pytest.mark.parametrize(
+        ("reference", "at", "force_n"),
+        [
+            (lambda k: SPEED * k, 100, 0.6),  # an object is hit
+            (lambda k: SPEED * (k if k <= 200 else 400 - k), 200, 0.0),  # it turns round, or starts again
+            (lambda k: SPEED * (k if k <= 200 else max(200, k - 300)), 200, 0.0),
+        ],
+    )
+    def test_what_an_object_or_friction_may_hold_is_waited_for(self, guard, reference, at, force_n):
+        _, behind_rad = self.named(guard, reference, at, force_n=lambda k: 0.0 if k <= at else force_n)
         assert 0.03 < behind_rad < 0.04
 
     @pytest.mark.parametrize("slip_rad", [0.007, 0.01])
