@@ -1,12 +1,7 @@
 """The loop on simulated time: ends, records, and that nothing but a clean command ever goes out."""
 
-import os
-import signal
-import subprocess
-import sys
 import time
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -323,52 +318,6 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
     assert ticks.units["tip_velocity_world_m_s"] == "m/s"
     assert {"touch", "trip", "loop_ended"} <= {event.kind for event in session.events}
     assert session.dropped == 0
-
-
-PROGRAM = """
-import sys
-from control.loop.loop import run_loop
-from control.loop.task import TaskOutput, aimed_output, checked_output
-from control.loop.tick_record import tick_stream
-from robot_io.clock import MonotonicClock
-from robot_io.session import SessionMetadata, SessionWriter
-from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, Swing
-
-class Announced(Swing):
-    def step(self, measurement, dt_s):
-        if self.steps == 20:
-            print("running", flush=True)
-        return super().step(measurement, dt_s)
-
-if __name__ == "__main__":
-    arm = Arm(MonotonicClock(), age_limit_s=10.0)
-    with SessionWriter(sys.argv[1], [tick_stream(JOINTS)], SessionMetadata()) as log:
-        result = run_loop(arm.robot, arm.guard, Announced(torque_nm=0.01), arm.clock, log, rate_hz=RATE_HZ)
-    print(result.outcome, arm.bus.powered)
-"""
-
-
-def test_ctrl_c_in_a_terminal_ends_the_arm_safely_and_leaves_a_whole_session(tmp_path):
-    """A terminal sends SIGINT to every process of the program, so to the log's writer as well; and twice."""
-    path = tmp_path / "run.mcap"
-    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
-    program = subprocess.Popen(
-        [sys.executable, str(tmp_path / "program.py"), str(path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-    )
-    assert program.stdout.readline() == "running\n"
-    os.killpg(program.pid, signal.SIGINT)
-    os.killpg(program.pid, signal.SIGINT)
-    output, _ = program.communicate()
-    assert output == "stopped False\n"
-    assert program.returncode == 0
-    session = Session.open(path)
-    assert not session.truncated
-    assert (session.samples(STREAM_NAME)["torque_sent_nm"][-1] == 0).all()
-    assert any("interrupted by the user (SIGINT)" in event.text for event in session.events)
 
 
 def test_the_numbers_of_phases_are_those_in_the_files_that_are_there():

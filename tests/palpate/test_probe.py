@@ -1,6 +1,7 @@
 """`palpate probe` on the simulated arm."""
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -189,12 +190,18 @@ def test_ctrl_c_brings_the_arm_to_rest_keeps_the_session_and_leaves_stdout_to_js
     path = tmp_path / "broken_off.mcap"
     command = [sys.executable, "-m", "palpate.main", "probe", "-o", str(path), "--realtime", "--json"]
     with subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     ) as process:
         deadline_s = time.monotonic() + 60
         while not is_under_way(path) and process.poll() is None and time.monotonic() < deadline_s:
             time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
+        for _ in range(2):  # as a terminal does: to every process of the program, the log's writer as well
+            os.killpg(process.pid, signal.SIGINT)
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(said)["outcome"] == "stopped"

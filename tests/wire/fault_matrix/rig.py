@@ -1,7 +1,6 @@
 """Lets one row of the fault matrix happen: a probing run in lock-step, the fault, and what comes of it."""
 
 import math
-import os
 import resource
 import signal
 import time
@@ -59,12 +58,10 @@ class Rig:
     Args:
         row: what goes wrong.
         folder: for the session.
-        really: a program that is killed is this one, and its session is written by the writer process.
     """
 
-    def __init__(self, row: Row, folder: Path, *, really: bool = False) -> None:
+    def __init__(self, row: Row, folder: Path) -> None:
         self.row, self.path = row, folder / SESSION
-        self._really = really
         family = FAMILIES[row.family]
         self.bench = WireBench(family.robot, (*family.changes, *row.changes))
         self.robot, self.clock = self.bench.robot, self.bench.clock
@@ -84,7 +81,7 @@ class Rig:
     def run(self) -> Observed:
         """Probe until the fault has had its way."""
         self.robot.configure()
-        if self._really or self.row.fault is Program.DISK_FULL:
+        if self.row.fault is Program.DISK_FULL:
             self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
         try:
             result = run_loop(
@@ -135,8 +132,6 @@ class Rig:
                 signal.raise_signal(signal.SIGINT)
             case Program.TERMINATED:
                 signal.raise_signal(signal.SIGTERM)
-            case Program.KILLED if self._really:
-                os.kill(os.getpid(), signal.SIGKILL)
             case Program.KILLED:
                 self.robot.deactivate = lambda: None  # nobody is there who could
                 raise Killed

@@ -1,20 +1,14 @@
 """Every fault of the matrix happens: what the arm does, how soon, what is read, what the session holds."""
 
-import os
-import signal
-import subprocess
 import sys
-import time
 from contextlib import suppress
 
 import pytest
 
 from robot_io.errors import DeviceError
-from robot_io.session import Session
 from tests.wire.fault_matrix.document import DOCUMENT, document
-from tests.wire.fault_matrix.rig import SESSION, Rig
-from tests.wire.fault_matrix.rows import HOLDS, MOVING_S, TICK_S, Program, Row, rows
-from tests.wire.parts import ROOT
+from tests.wire.fault_matrix.rig import Rig
+from tests.wire.fault_matrix.rows import HOLDS, Program, Row, rows
 
 ROWS = tuple(rows())
 SOON = {  # each way in which a driver of each kind can be told; `make test-all` runs every row
@@ -69,32 +63,6 @@ def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
         assert seen.fastest_rad_s < 0.05
     if row.fault is not Program.DISK_FULL:
         assert seen.last_tick_s >= row.at_s - 2 * rig.tick_s  # nor the tick of the fault
-
-
-PROGRAM = """
-import sys
-from pathlib import Path
-from tests.wire.fault_matrix.rig import Rig
-from tests.wire.fault_matrix.rows import Program, rows
-
-killed = next(row for row in rows() if row.fault is Program.KILLED)
-Rig(killed, Path(sys.argv[1]), really=True).run()
-"""
-
-
-@pytest.mark.slow
-def test_a_program_that_is_killed_leaves_its_session_up_to_there(tmp_path):
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", PROGRAM, str(tmp_path)]
-    died = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
-    assert died.returncode == -signal.SIGKILL, died.stderr
-    give_up_s = time.monotonic() + 30.0  # for the writer process to finish the file
-    while Session.open(tmp_path / SESSION).truncated and time.monotonic() < give_up_s:
-        time.sleep(0.02)
-    session = Session.open(tmp_path / SESSION)
-    assert not session.truncated
-    last_s = session.samples("tick")["time_s"][-1]
-    assert MOVING_S - 2 * TICK_S <= last_s <= MOVING_S + TICK_S
 
 
 def test_what_takes_longer_than_its_limit_and_two_ticks_has_a_reason():
