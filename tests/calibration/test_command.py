@@ -117,13 +117,6 @@ def test_files_that_would_replace_each_other_are_refused(options, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_exists_is_not_replaced(table, tmp_path):
-    out = tmp_path / "cell.yaml"
-    out.write_text("mine")
-    assert_refused(run("calibrate", "force", "--from", table, "-o", out), "exists already")
-    assert out.read_text() == "mine"
-
-
 def own_arm(folder):
     """A robot file whose name and folder have spaces, that names a calibration already."""
     folder.mkdir()

@@ -82,8 +82,3 @@ def test_what_cannot_be_written_is_refused(session, options, words, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     assert_refused(run("export", session, *(session if one == "SESSION" else one for one in options)), *words)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_that_is_there_is_kept(session, tmp_path):
-    (tmp_path / "t.csv").write_text("precious")
-    assert_refused(run("export", session, "--stream", "tick", "-o", tmp_path / "t.csv"), "exists already")

@@ -19,7 +19,7 @@ from palpate.doctor.viewer import has_vulkan_driver
 from palpate.render.recording import viewer
 from robot_io.errors import PalpateError
 from robot_io.session import Session
-from tests.palpate.cli import as_json, assert_refused, done, run, run_process
+from tests.palpate.cli import as_json, done, run, run_process
 from tests.palpate.sessions import synthetic_session
 
 pytestmark = pytest.mark.slow
@@ -55,14 +55,6 @@ def test_plots_are_saved_where_they_are_wanted(probed, tmp_path):
     page = re.sub("</?b>", "", file.read_text().rpartition("</head>")[2])
     for words in ("kelvin_voigt", "surface found at", "contact force [N]", "joint_3: measured and commanded"):
         assert words in page
-
-
-def test_what_is_there_is_replaced_only_when_asked(probed, tmp_path):
-    recording = tmp_path / "x.rrd"
-    recording.write_text("precious")
-    assert_refused(run("inspect", probed[0], "--save", recording), "exists already", "--force")
-    assert recording.read_text() == "precious"
-    assert run("inspect", probed[0], "--save", recording, "--force").exit_code == 0
 
 
 def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
@@ -124,13 +116,6 @@ def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
     assert found["final"]["rmse"] < 1.05 * found["noise_floor"]
     for file in ("report.html", "revisions.rrd", "revisions/0001.json"):
         assert (folder / file).is_file()
-
-
-@pytest.mark.parametrize("option", ["--save", "--screenshot"])
-def test_the_session_itself_is_never_replaced(probed, option):
-    before = probed[0].read_bytes()
-    assert_refused(run("inspect", probed[0], option, probed[0], "--force"), "is what is read")
-    assert probed[0].read_bytes() == before
 
 
 def test_a_recording_on_a_full_disk_is_refused_in_words_and_leaves_no_half_of_it(probed, tmp_path):

@@ -142,9 +142,3 @@ def test_what_does_not_belong_together_is_refused(names, words, probings, import
     files["WIDER"] = session("wider.mcap", time_s=1, width=2)
     assert_refused(run("merge", *(files[name] for name in names), "-o", tmp_path / "out.mcap"), *words)
     assert not (tmp_path / "out.mcap").exists()
-
-
-def test_what_is_read_or_there_is_not_replaced(probings, tmp_path):
-    assert_refused(run("merge", *probings, "-o", probings[0]), "is what is read")
-    (tmp_path / "x.mcap").write_text("precious")
-    assert_refused(run("merge", *probings, "-o", tmp_path / "x.mcap"), "exists already")

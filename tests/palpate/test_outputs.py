@@ -36,30 +36,45 @@ def session(probed, tmp_path):
     return Path(shutil.copy(probed[0], tmp_path / "s.mcap"))
 
 
-def test_what_is_exported_never_replaces_what_is_read(session, hardening, tmp_path):
+def test_what_is_read_is_never_replaced(session, hardening, tmp_path):
     (tmp_path / "link.yaml").symlink_to(session)
     data = Path(shutil.copy(hardening, tmp_path / "data.csv"))
-    for read, out in ((session, session), (session, tmp_path / "link.yaml"), (data, data)):
+    for read, command in (
+        (session, ("export", session, "-o", session, "--force")),
+        (session, ("export", session, "-o", tmp_path / "link.yaml", "--force")),
+        (data, ("export", data, "-o", data, "--force")),
+        (session, ("inspect", session, "--save", session, "--force")),
+        (session, ("inspect", session, "--screenshot", session, "--force")),
+        (session, ("merge", session, data, "-o", session)),
+    ):
         before = read.read_bytes()
-        assert_refused(run("export", read, "-o", out, "--force"), "is what is read")
+        assert_refused(run(*command), "is what is read")
         assert read.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("command", "name"),
     [
-        (("diagnose",), "report.html"),
-        (("diagnose",), "diagnosis.json"),
-        (("compare",), "comparison.json"),
-        (("add",), "revisions.rrd"),
+        (("diagnose", "DATA", "--out"), "report.html"),
+        (("diagnose", "DATA", "--out"), "diagnosis.json"),
+        (("compare", "DATA", "--out"), "comparison.json"),
+        (("add", "DATA", "cubic_stiffness", "--out"), "revisions.rrd"),
+        (("probe", "-o"), "x.mcap"),
+        (("import", "DATA", "-o"), "x.mcap"),
+        (("inspect", "SESSION", "--save"), "x.rrd"),
+        (("export", "SESSION", "--stream", "tick", "-o"), "t.csv"),
+        (("merge", "SESSION", "OTHER", "-o"), "x.mcap"),
+        (("calibrate", "encoder", "--pose", "home", "-o"), "c.yaml"),
     ],
 )
-def test_in_a_folder_that_the_user_names_nothing_is_replaced_unasked(command, name, hardening, tmp_path):
-    (tmp_path / name).write_text("precious")
-    effects = ("cubic_stiffness",) if command == ("add",) else ()
-    result = run(*command, hardening, *effects, "--out", tmp_path)
-    assert_refused(result, name, "exists already", "--force")
-    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {name: "precious"}
+def test_where_the_user_says_nothing_is_replaced_unasked(command, name, session, probed, hardening, tmp_path):
+    there = tmp_path / "there"
+    there.mkdir()
+    (there / name).write_text("precious")
+    out = there if "--out" in command else there / name
+    known = {"DATA": hardening, "SESSION": session, "OTHER": probed[0]}
+    assert_refused(run(*(known.get(one, one) for one in command), out), name, "exists already")
+    assert {file.name: file.read_text() for file in there.iterdir()} == {name: "precious"}
 
 
 def test_a_report_replaces_its_own_page_alone(hardening, tmp_path, monkeypatch):

@@ -163,12 +163,6 @@ def test_bad_options_are_refused_before_anything_moves(tmp_path, options, words)
     assert not path.exists()
 
 
-def test_a_session_is_never_written_over(probed):
-    before = probed[0].read_bytes()
-    assert_refused(run("probe", "-o", probed[0]), "exists already")
-    assert probed[0].read_bytes() == before
-
-
 def test_a_place_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert_refused(run("probe", "-o", tmp_path / "file" / "x.mcap"), "file")
