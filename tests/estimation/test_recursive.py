@@ -38,12 +38,11 @@ def test_ewrls_weighs_a_sample_by_its_age():
     np.testing.assert_allclose(gains, expected, rtol=1e-5)
 
 
-def test_ewrls_without_forgetting_is_rls():
+@pytest.mark.parametrize("estimator", [Ewrls(forgetting=1.0), Sprls(beta=0.0, gamma=0.0)])
+def test_without_what_is_its_own_it_is_rls(estimator):
     regression = problem(np.random.default_rng(2))
-    np.testing.assert_allclose(
-        feed(Ewrls(forgetting=1.0), regression.columns, regression.effort),
-        feed(Rls(), regression.columns, regression.effort),
-    )
+    plain = feed(Rls(), regression.columns, regression.effort)
+    np.testing.assert_allclose(feed(estimator, regression.columns, regression.effort), plain)
 
 
 def test_ewrls_does_not_run_away_while_nothing_moves():
@@ -55,14 +54,6 @@ def test_ewrls_does_not_run_away_while_nothing_moves():
     after = feed_on(estimator, moving, moving @ TRUTH)
     assert np.all(np.abs(after) < 1e5)
     np.testing.assert_allclose(after[-1], TRUTH, rtol=0.01)
-
-
-def test_sprls_without_perturbation_is_rls():
-    regression = problem(np.random.default_rng(4))
-    np.testing.assert_array_equal(
-        feed(Sprls(beta=0.0, gamma=0.0), regression.columns, regression.effort),
-        feed(Rls(), regression.columns, regression.effort),
-    )
 
 
 def test_sprls_perturbs_when_the_error_is_large_and_not_when_it_is_small():

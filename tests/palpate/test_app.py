@@ -47,16 +47,16 @@ def test_every_command_explains_itself(command):
     assert not any("\n" in paragraph for paragraph in paragraphs)  # the terminal breaks lines, nobody else
 
 
-def test_an_unknown_command_is_refused_with_the_nearest_one():
-    assert_refused(run("estimat"), "estimat", "estimate")
-
-
-def test_an_unknown_option_is_refused():
-    assert_refused(run("info", "--colour"), "--colour", "palpate info --help")
-
-
-def test_a_missing_argument_is_refused():
-    assert_refused(run("info"), "session", "palpate info --help")
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("estimat",), ("estimat", "estimate")),
+        (("info", "--colour"), ("--colour", "palpate info --help")),
+        (("info",), ("session", "palpate info --help")),
+    ],
+)
+def test_what_is_unknown_or_missing_is_refused_with_what_helps(arguments, words):
+    assert_refused(run(*arguments), *words)
 
 
 @pytest.mark.parametrize(

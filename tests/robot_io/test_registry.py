@@ -58,12 +58,6 @@ def test_it_finds_concrete_members_by_name_in_order(package):
     assert registry["circle"]().area() == 3.0
 
 
-def test_a_new_file_is_enough(package, tmp_path):
-    name = package("shapes_b", one="circle")
-    (tmp_path / name / "new.py").write_text(CIRCLE.format(here=__name__, name="new"))
-    assert "new" in Registry("shape", Shape, name)
-
-
 def test_members_of_several_packages_and_of_single_modules(package):
     package("shapes_c", one="circle")
     registry = Registry("shape", Shape, package("shapes_d", one="square"), "shapes_c.one")
@@ -76,27 +70,19 @@ def test_two_of_one_name_are_refused(package):
         len(registry)
 
 
-def test_a_close_name_is_hinted_at(package):
-    registry = Registry("shape", Shape, package("shapes_f", one="circle", two="square"))
+@pytest.mark.parametrize(
+    ("members", "asked", "said"),
+    [
+        (("circle", "square"), "circel", "; did you mean 'circle'? Valid: circle, square"),
+        (("circle",), "xyz", ". Valid: circle"),
+        ((), "x", ". Valid: (none found)"),
+    ],
+)
+def test_an_unknown_name_is_told_what_there_is(package, members, asked, said):
+    registry = Registry("shape", Shape, package(f"shapes_{asked}", **{name: name for name in members}))
+    assert registry.get(asked) is None
+    assert asked not in registry
     with pytest.raises(UnknownNameError) as caught:
-        registry["circel"]
-    assert str(caught.value) == ("no shape is called 'circel'; did you mean 'circle'? Valid: circle, square")
-
-
-def test_without_a_close_name_the_choices_are_listed(package):
-    registry = Registry("shape", Shape, package("shapes_g", one="circle"))
-    with pytest.raises(InputError) as caught:
-        registry["xyz"]
-    assert str(caught.value) == "no shape is called 'xyz'. Valid: circle"
-
-
-def test_an_empty_one_says_so(package):
-    with pytest.raises(InputError, match=r"no shape is called 'x'\. Valid: \(none found\)"):
-        Registry("shape", Shape, package("shapes_h"))["x"]
-
-
-def test_it_behaves_as_a_mapping(package):
-    registry = Registry("shape", Shape, package("shapes_i", one="circle"))
-    assert registry.get("xyz") is None
-    assert "xyz" not in registry
-    assert dict(registry) == {"circle": registry["circle"]}
+        registry[asked]
+    assert str(caught.value) == f"no shape is called '{asked}'{said}"
+    assert dict(registry) == {name: registry[name] for name in members}

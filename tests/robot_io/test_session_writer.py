@@ -40,6 +40,11 @@ def samples_on_disk(path, stream="tick"):
         return 0
 
 
+def append(log, numbers):
+    for number in numbers:
+        log.append("tick", tick(number))
+
+
 def pid(log):
     return log._process.pid
 
@@ -55,8 +60,7 @@ def test_a_disk_that_hangs_holds_no_program_for_ever(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "_KILL_LIMIT_S", 0.2)
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=4, wait_for_room=True)
     stop(log)
-    for number in range(4):
-        log.append("tick", tick(number))
+    append(log, range(4))
     with pytest.raises(SessionError, match="the disk took nothing"):
         log.append("tick", tick(4))
     log.append("tick", tick(5))
@@ -79,8 +83,7 @@ def test_a_file_that_is_gone_when_it_is_done_is_said_to_be(meanwhile, tmp_path):
 def test_what_was_logged_is_read_back(tmp_path):
     path = tmp_path / "new" / "s.mcap"
     with SessionWriter(path, [TICK, SLOW], METADATA) as log:
-        for number in range(3000):
-            log.append("tick", tick(number))
+        append(log, range(3000))
         log.append("slow", np.array((2.5, -1.0), SLOW.dtype)[()])
         log.event(
             1.25,
@@ -110,8 +113,7 @@ def test_a_stopped_writer_never_holds_up_the_loop_and_the_drops_are_seen(tmp_pat
     log.append("tick", tick(0))
     wait_until(lambda: log._log.rings["tick"].taken == 1)
     stop(log)
-    for number in range(1, 500):
-        log.append("tick", tick(number))
+    append(log, range(1, 500))
     for _ in range(600):
         log.event(0.0, "mark", "one of too many")
     assert log.dropped == 399 + 600 - 512
@@ -129,8 +131,7 @@ def test_drops_at_the_very_end_are_counted_too(tmp_path):
     path = tmp_path / "s.mcap"
     log = SessionWriter(path, [TICK], METADATA, ring_slots=10)
     stop(log)
-    for number in range(25):
-        log.append("tick", tick(number))
+    append(log, range(25))
     os.kill(pid(log), signal.SIGCONT)
     log.close()
     session = Session.open(path)
@@ -141,8 +142,7 @@ def test_drops_at_the_very_end_are_counted_too(tmp_path):
 def test_all_that_the_ring_holds_at_the_end_reaches_the_file(tmp_path):
     log = SessionWriter(tmp_path / "s.mcap", [TICK], METADATA)
     stop(log)
-    for number in range(3000):  # more than the writer takes at once
-        log.append("tick", tick(number))
+    append(log, range(3000))  # more than the writer takes at once
     log._log.request_stop()
     os.kill(pid(log), signal.SIGCONT)
     log.close()
@@ -152,8 +152,7 @@ def test_all_that_the_ring_holds_at_the_end_reaches_the_file(tmp_path):
 @pytest.mark.parametrize("slots", [1, 4])
 def test_simulated_time_waits_instead_of_dropping(tmp_path, slots):
     with SessionWriter(tmp_path / "s.mcap", [TICK], METADATA, ring_slots=slots, wait_for_room=True) as log:
-        for number in range(300):
-            log.append("tick", tick(number))
+        append(log, range(300))
     session = Session.open(tmp_path / "s.mcap")
     assert session.dropped == 0
     assert_ticks(session.samples("tick"), range(300))
@@ -177,8 +176,7 @@ def test_a_slow_stream_reaches_the_disk_while_the_session_goes_on(tmp_path):
 def test_a_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
     path, count = tmp_path / "s.mcap", 20_000
     log = SessionWriter(path, [TICK], METADATA, wait_for_room=True)
-    for number in range(count):
-        log.append("tick", tick(number))
+    append(log, range(count))
     wait_until(lambda: samples_on_disk(path) >= 0.99 * count)
     os.kill(pid(log), signal.SIGKILL)
     wait_until(lambda: log.failure is not None)

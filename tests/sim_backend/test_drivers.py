@@ -76,15 +76,6 @@ def test_a_second_read_in_the_same_tick_is_stale_and_keeps_the_sample():
     assert second.force_at_s == first.force_at_s
 
 
-def test_a_device_without_a_sample_yet_reads_nan_and_not_zero():
-    robot = build()
-    robot.buses["world"].use_scenario(load_scenario({"sensors": {"force": {"delay_s": 0.01}}}))
-    with robot:
-        measured = robot.read(0.0)
-        assert np.isnan(measured.force_n)
-        assert (measured.force_at_s, measured.force_status) == (-np.inf, Status.STALE)
-
-
 def test_the_arm_stands_on_its_rest_and_falls_when_it_is_switched_off_elsewhere():
     with build() as robot:
         world, clock = world_of(robot), robot.clock

@@ -46,14 +46,6 @@ def test_coulomb_friction_brakes_evenly_to_a_stop_and_holds():
         assert accelerations(world, force, 0.0) == pytest.approx(expected, abs=1e-6)
 
 
-def test_the_drive_s_torque_sensor_does_not_see_friction():
-    world = hidden_slider(hidden("coulomb_friction", joint=1, coulomb_nm=2.0), gravity=0.0)
-    world.set_torque([1.5])
-    world.advance_to(0.01)
-    assert world.torque_sensor.read(world.time_s).value == [1.5]
-    assert world.truth().joint_velocity_rad_s[0] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_stribeck_friction_lets_go_at_once_and_falls_with_speed():
     entry = hidden("stribeck_friction", joint=1, stiction_nm=2.0, speed_rad_s=0.2, coulomb_nm=1.0)
     world = hidden_slider(entry, gravity=0.0)
