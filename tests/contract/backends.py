@@ -12,14 +12,26 @@ from robot_io.driver import DriverCatalogue
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
-from sim_backend.emulators.wiring import wire_up
-from sim_backend.hidden import hidden_effects
 from sim_backend.imperfection import Imperfection
 from sim_backend.imperfections.armature import Armature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
-from tests.wire.parts import BOTA, DYNAMIXEL_PAIR, FEETECH_PAIR, NET_FT, V0_5
+from tests.wire.parts import (
+    BOTA,
+    CUBEMARS,
+    DAMIAO,
+    DYNAMIXEL,
+    DYNAMIXEL_PAIR,
+    FEETECH_PAIR,
+    MOTEUS,
+    NET_FT,
+    ODRIVE,
+    ROBSTRIDE,
+    SO101,
+    V0_5,
+    WireBench,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -111,39 +123,28 @@ def open_simulation() -> Bench:
     return Bench(robot, robot_file, clock, press)
 
 
-ROBOTS = ROOT / "robots"
-
-
-def open_wired(robot_file: RobotFile, watchdog_s: float | None, hidden: Sequence[Imperfection] = ()) -> Bench:
-    """Real drivers in lock-step with emulated devices."""
-    clock = SimulatedClock()
-    effects = hidden_effects(hidden, robot_file.joint_count)
-    arm = wire_up(robot_file, load_scenario("default", ROOT), clock, effects=effects)
-    robot = build_robot(arm.robot_file, DriverCatalogue(), clock)
+def wired(
+    path: Path,
+    changes: Sequence[tuple[str, str]] = (),
+    watchdog_s: float | None = None,
+    hidden: Sequence[Imperfection] = (),
+) -> Bench:
+    """Real drivers of a robot file that is shipped, changed, in lock-step with emulated devices."""
+    made = WireBench(path, changes, hidden)
 
     def press(force_n: float) -> None:
         """Hold the arm where it is, tool down, and bring the surface up to it."""
-        world = arm.plant.world
+        world = made.arm.plant.world
         world.held = True
         world.place(world.truth().joint_position_rad)
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return Bench(robot, arm.robot_file, clock, press, watchdog_s, arm.bench.close)
-
-
-def shipped(name: str, watchdog_s: float | None, *changes: tuple[str, str]) -> Bench:
-    """A robot file that is shipped, with pairs of what is replaced in its text by what."""
-    path = ROBOTS / f"{name}.yaml"
-    text = path.read_text(encoding="utf-8")
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    return open_wired(parse_robot_file(text, path), watchdog_s)
+    return Bench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.bench.close)
 
 
 def odrive(*changes: tuple[str, str]) -> Bench:
-    return shipped("odrive_3dof", 0.05, *changes)
+    return wired(ODRIVE, changes, 0.05)
 
 
 LOADSTAR = "driver: loadstar"
@@ -167,28 +168,21 @@ PLAIN = (  # other servos, with the plain sync read, and the velocity by differe
 
 def open_documented() -> Bench:
     """The driver of docs/hardware.md, on the gauge that it is written for."""
-    path = ROBOTS / "odrive_3dof.yaml"
-    text, loadstar = path.read_text(encoding="utf-8"), "driver: loadstar"
-    pattern = "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
-    built = text.replace(loadstar, f"driver: force_lines, pattern: '{pattern}'")
-    named = text.replace(loadstar, "driver: line_gauge")
+    text, pattern = ODRIVE.read_text(encoding="utf-8"), "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
+    built = text.replace(LOADSTAR, f"driver: force_lines, pattern: '{pattern}'")
+    named = text.replace(LOADSTAR, "driver: line_gauge")
     clock = SimulatedClock()
     arm = emulate(
-        parse_robot_file(named, path),
+        parse_robot_file(named, ODRIVE),
         load_scenario("default", ROOT),
         clock,
-        as_built=parse_robot_file(built, path),
+        as_built=parse_robot_file(built, ODRIVE),
     )
     robot = build_robot(arm.robot_file, DriverCatalogue(documented_driver()), clock)
     return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 
-def open_pair(name: str, pair: tuple[str, str], rotor_kg_m2: float = 0.0) -> Bench:
-    """Two servos on the first joint, one of them mirrored; their rotors are what they drive most of."""
-    path = ROBOTS / f"{name}.yaml"
-    robot_file = parse_robot_file(path.read_text(encoding="utf-8").replace(*pair), path)
-    rotors = [Armature(joint=1, inertia_kg_m2=2.0 * rotor_kg_m2)] if rotor_kg_m2 else []
-    return open_wired(robot_file, None, rotors)
+ROTORS = [Armature(joint=1, inertia_kg_m2=0.056)]  # of two servos, which drive little else
 
 
 BACKENDS = [
@@ -200,18 +194,21 @@ BACKENDS = [
     Backend("odrive_0.6_net_ft", lambda: odrive(*NET_FT, POUNDS), known="drives"),
     Backend("odrive_0.6_bota", lambda: odrive(*BOTA, TURNED), known="drives"),
     Backend("documented_driver", open_documented, known="drives"),
-    Backend("cubemars_lorenz", lambda: shipped("cubemars_3dof", 0.1)),
-    Backend("damiao_cell", lambda: shipped("damiao_3dof", 0.1), known="force"),
-    Backend("robstride_cell", lambda: shipped("robstride_3dof", 0.1), known="force"),
-    Backend("moteus_cell", lambda: shipped("moteus_3dof", 0.1), known="force"),
+    Backend("cubemars_lorenz", lambda: wired(CUBEMARS, watchdog_s=0.1)),
+    Backend("damiao_cell", lambda: wired(DAMIAO, watchdog_s=0.1), known="force"),
+    Backend("robstride_cell", lambda: wired(ROBSTRIDE, watchdog_s=0.1), known="force"),
+    Backend("moteus_cell", lambda: wired(MOTEUS, watchdog_s=0.1), known="force"),
     # servos that know the fast sync read; their watchdog counts reading as a sign of life too
-    Backend("dynamixel_fast", lambda: shipped("dynamixel_3dof", None)),
-    Backend("dynamixel_plain", lambda: shipped("dynamixel_3dof", None, *PLAIN), known="force"),
+    Backend("dynamixel_fast", lambda: wired(DYNAMIXEL)),
+    Backend("dynamixel_plain", lambda: wired(DYNAMIXEL, PLAIN), known="force"),
     # servos without torque mode and watchdog, and a load cell for 20 dollars
-    Backend("feetech_so101", lambda: replace(shipped("so101", None), holds=True)),
-    Backend("dynamixel_pair", lambda: open_pair("dynamixel_3dof", DYNAMIXEL_PAIR), known="force"),
+    Backend("feetech_so101", lambda: replace(wired(SO101), holds=True)),
+    Backend("dynamixel_pair", lambda: wired(DYNAMIXEL, [DYNAMIXEL_PAIR]), known="force"),
+    # two servos on the first joint, one of them mirrored
     Backend(
-        "feetech_pair", lambda: replace(open_pair("so101", FEETECH_PAIR, 0.028), holds=True), known="force"
+        "feetech_pair",
+        lambda: replace(wired(SO101, [FEETECH_PAIR], hidden=ROTORS), holds=True),
+        known="force",
     ),
     Backend(
         "simulation",

@@ -288,13 +288,6 @@ def test_the_rate_limit_starts_afresh_in_each_run():
     assert arm.sent_nm[first] == pytest.approx([3.0] * JOINTS)  # 3000 N m/s from zero, not from 5 N m
 
 
-def test_paced_simulation_keeps_step_with_the_clock_that_paces_it():
-    pace = SimulatedClock()
-    arm = Arm(SimulatedClock(pace))
-    run(arm, Swing(done_at=100))
-    assert pace.now_s() == pytest.approx(arm.clock.now_s())
-
-
 def test_a_run_is_read_back_with_units_and_events(tmp_path):
     arm, path = Arm(), tmp_path / "run.mcap"
     with SessionWriter(path, [tick_stream(JOINTS)], SessionMetadata(), wait_for_room=True) as log:

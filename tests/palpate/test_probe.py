@@ -169,12 +169,6 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path):
     assert_refused(run("probe", "-o", tmp_path), "is a directory")
 
 
-def test_a_broken_robot_file_is_refused_with_line_and_key(tmp_path):
-    robot = tmp_path / "arm.yaml"
-    robot.write_text("name: arm\nurdf: arm.urdf\ntip_frame: tip\nsensor_axis_tip: [0, 0]\n")
-    assert_refused(run("probe", "-o", tmp_path / "x.mcap", "--robot", robot), "arm.yaml")
-
-
 def is_under_way(session):
     """Whether some ticks have reached the disk."""
     return session.exists() and session.stat().st_size > 200_000
@@ -256,20 +250,15 @@ def test_a_demo_that_touches_nothing_says_so(tmp_path, log_in_process):
     assert "no touch" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("wrong", "right", "words"),
-    [
-        (r"<inertial>.*?</inertial>", "", "joint 'shoulder' moves no mass"),
-        (r'<mass value="[^"]*"', '<mass value="-1"', "mass of link 'upper_arm' is -1 kg"),
-    ],
-)
-def test_an_arm_without_masses_is_refused_before_anything_moves(tmp_path, wrong, right, words):
+def test_an_arm_without_masses_is_refused_before_anything_moves(tmp_path):
     shipped = find_robot("follower")
-    (tmp_path / "arm.urdf").write_text(re.sub(wrong, right, shipped.urdf_path.read_text(), flags=re.DOTALL))
+    light = re.sub(r"<inertial>.*?</inertial>", "", shipped.urdf_path.read_text(), flags=re.DOTALL)
+    (tmp_path / "arm.urdf").write_text(light)
     text = re.sub("^urdf: .*$", "urdf: arm.urdf", shipped.text, flags=re.MULTILINE)
     (tmp_path / "arm.yaml").write_text(re.sub("^dh: .*$", "", text, flags=re.MULTILINE))
     out = tmp_path / "x.mcap"
-    assert_refused(run("probe", "--robot", tmp_path / "arm.yaml", "-o", out), words)
+    refused = run("probe", "--robot", tmp_path / "arm.yaml", "-o", out)
+    assert_refused(refused, "joint 'shoulder' moves no mass")
     assert not out.exists()
 
 

@@ -30,6 +30,7 @@ LONG, SHORT = 111e-6, 79e-6  # CAN frames with 8 and 4 bytes of data at 1 Mbit/s
 )
 def test_devices_that_are_well_say_what_they_are(bench, path, count, said, force, wire_s):
     arm = bench(path)
+    assert arm.robot.force.examine() == ()  # it has not been asked yet
     arm.robot.configure()
     motors = arm.robot.buses["motors"]
     found = [one for one in motors.examine() if one.subject != "set over USB"]

@@ -86,7 +86,7 @@ def test_an_axis_error_is_named_and_a_fault_of_the_drives(bench, changes, name):
     arm.strike("motors", FaultKind.ALERT, device=1, times=1)
     ticks = arm.ticks_until(lambda m: m.torque_status is Status.FAULT)
     assert ticks <= 11  # with the next heartbeat
-    assert "joint 2 (node 1)" in arm.problem
+    assert "joint 2 (node 1)" in arm.robot.bus_errors["motors"]
     assert name in arm.problem
     assert arm.tick().encoder_status is Status.OK  # the others can still be braked
 
@@ -193,7 +193,7 @@ def test_an_encoder_that_has_failed_is_no_velocity_to_brake_against(bench):
     assert "SPINOUT_DETECTED" in arm.robot.bus_errors["motors"]
 
 
-def test_a_silent_axis_is_a_delay_and_an_axis_error_a_failure_of_the_bus(bench):
+def test_a_silent_axis_is_a_delay_and_no_failure_of_the_bus(bench):
     arm = bench().start()
     arm.strike("motors", FaultKind.DROP, device=2, for_s=0.01)
     assert 3 <= arm.ticks_until(lambda m: bool(arm.problem)) <= 4  # half of the age limit of 5 ms
@@ -201,9 +201,6 @@ def test_a_silent_axis_is_a_delay_and_an_axis_error_a_failure_of_the_bus(bench):
     assert "node 0" not in arm.problem
     assert arm.ticks(3).encoder_status is Status.STALE
     assert "motors" not in arm.robot.bus_errors
-    arm.strike("motors", FaultKind.ALERT, device=1, times=1)
-    arm.ticks(12)
-    assert "INVERTER_OVER_TEMP" in arm.robot.bus_errors["motors"]
 
 
 def test_an_adapter_that_is_not_there_is_one_line(bench):

@@ -49,17 +49,6 @@ def press(arm, force_n):
     world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
 
-@pytest.mark.parametrize(
-    ("path", "words"), [(ODRIVE, "DI-1000, counts in lb, load cell of 100 N"), (CUBEMARS, "100 N")]
-)
-def test_what_the_sensor_says_of_itself_is_told_once_it_was_asked(bench, path, words):
-    robot = bench(path).robot
-    assert robot.force.examine() == ()
-    robot.configure()
-    (finding,) = robot.force.examine()
-    assert words in finding.text
-
-
 def test_a_sensor_that_counts_tension_as_positive_is_reversed(bench):
     arm = bench(ODRIVE, [("capacity_n: 100.0}", "capacity_n: 100.0, reversed: true}")])
     arm.robot.configure()
@@ -75,14 +64,6 @@ def test_a_silent_sensor_keeps_its_value_and_its_time(sensor):
     assert after.force_at_s <= before.force_at_s + 2.1e-3
     assert after.force_status is Status.STALE
     assert "no reading for" in sensor.problem
-
-
-def test_a_port_that_somebody_else_has_open_is_refused(bench):
-    arm = bench(ODRIVE)
-    arm.robot.configure()
-    second = build_robot(arm.arm.robot_file, DriverCatalogue(), arm.clock)
-    with pytest.raises(DeviceError, match="cannot be opened"):
-        second.buses["load_cell"].configure()
 
 
 @pytest.mark.parametrize(
