@@ -2,11 +2,8 @@
 
 import shutil
 import subprocess
-from contextlib import suppress
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robot_io.driver import DriverCatalogue
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
@@ -75,19 +72,6 @@ def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
 def test_what_is_no_sample_is_refused(text):
     with pytest.raises(ProtocolError):
         sample_of(line(text)[:-1])
-
-
-@given(st.integers(0, 255), st.integers(-8388608, 8388607), st.data())
-def test_no_single_damaged_byte_goes_unnoticed(counter, counts, data):
-    whole = line(f"{counter} {counts}")[:-1]
-    place = data.draw(st.integers(0, len(whole) - 1))
-    bit = 1 << data.draw(st.integers(0, 7))
-    for damaged in (
-        whole[:place] + whole[place + 1 :],
-        whole[:place] + bytes((whole[place] ^ bit,)) + whole[place + 1 :],
-    ):
-        with suppress(ProtocolError):
-            assert sample_of(damaged) == (counter, counts)
 
 
 def stream(*texts):
