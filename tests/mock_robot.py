@@ -2,9 +2,8 @@
 
 The arm moves in the world x-z plane, joint axes along +y, base at the origin. Links are massless bars with
 rotational inertia: in the absolute angles phi = cumsum(q) the dynamics are diagonal, I_i phi''_i = Q_i.
-`URDF` describes the same arm for model-based control. Gravity is an option: `MockPlant.weight_n` pulls at the
-middle of each link, and nobody but the plant knows. A horizontal surface pushes the tip up with
-k * depth + c * rate, never pulling.
+`URDF` describes the same arm for model-based control. There is no gravity. A horizontal surface pushes the
+tip up with k * depth + c * rate, never pulling.
 """
 
 from dataclasses import dataclass, field
@@ -85,7 +84,6 @@ class MockPlant:
         self.stiffness_n_m = stiffness_n_m
         self.damping_n_s_m = damping_n_s_m
         self.surface_height_m = 0.15
-        self.weight_n = np.zeros(3)
         self.hand_force_n = 0.0  # a hand that pushes the tip up, whether it touches the object or not
 
     @property
@@ -115,18 +113,11 @@ class MockPlant:
         """What the sensor feels: the lift along the tool, which points along the last link."""
         return self.lift_n * float(np.sin(self.angle_rad[2]))
 
-    def gravity_nm(self, position_rad: FloatArray) -> FloatArray:
-        """Joint torques that hold the arm's weight."""
-        carried_n = np.cumsum(self.weight_n[::-1])[::-1] - 0.5 * self.weight_n
-        pull_nm = carried_n * LINK_LENGTHS_M * np.cos(np.cumsum(position_rad))
-        return -np.cumsum(pull_nm[::-1])[::-1]
-
     def advance(self, time_s: float) -> None:
         steps = int(np.ceil((time_s - self.time_s) / SUBSTEP_S - 1e-9))
         for _ in range(steps):
             step_s = (time_s - self.time_s) / steps
-            driven_nm = self.torque_nm - self.gravity_nm(self.position_rad)
-            generalised_nm = driven_nm - np.append(driven_nm[1:], 0.0)
+            generalised_nm = self.torque_nm - np.append(self.torque_nm[1:], 0.0)
             generalised_nm -= self.lift_n * LINK_LENGTHS_M * np.cos(self.angle_rad)
             self.rate_rad_s = self.rate_rad_s + step_s * generalised_nm / LINK_INERTIAS_KG_M2
             self.angle_rad = self.angle_rad + step_s * self.rate_rad_s

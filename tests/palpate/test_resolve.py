@@ -66,22 +66,6 @@ def test_all_sessions_hide_the_same_and_have_noise_of_their_own(resolved):
     assert first.metadata.seed != second.metadata.seed
 
 
-def test_a_folder_of_sessions_is_one_measurement(resolved):
-    folder = resolved[0].folder
-    apart = [Study(path, keep=False) for path in sorted(folder.glob("*.mcap"))]
-    together = Study(folder, keep=False)
-    for number, one in enumerate(together.channels):
-        parts = [study.channels[number] for study in apart]
-        assert len(one.data.runs) == sum(len(part.data.runs) for part in parts)
-        assert np.all(np.diff(one.data.time_s)[np.diff(one.data.run) == 0] > 0.0)
-        efforts = np.concatenate([part.data.effort[:200] for part in parts])
-        assert np.isin(efforts, one.data.effort).all()
-    load = together.channel("joint_1").data.context["contact_force"]
-    assert load.max() == pytest.approx(
-        max(s.channel("joint_1").data.context["contact_force"].max() for s in apart)
-    )
-
-
 def test_nothing_is_overwritten(resolved):
     before = {path: path.read_bytes() for path in resolved[0].folder.glob("*.mcap")}
     result = run("resolve", "--out", resolved[0].folder)

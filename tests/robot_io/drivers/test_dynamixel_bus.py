@@ -114,15 +114,6 @@ def test_positions_are_the_arms_whatever_the_mounting():
         np.testing.assert_allclose(position, bench.robot_file.home_rad, atol=0.001)
 
 
-def test_a_wrong_zero_and_a_wrong_sign_show():
-    with dynamixel_bench(bolted={1: {"zero_rad": np.pi + 0.1}, 2: {"reversed": False}}) as bench:
-        bench.bus.configure()
-        off = bench.read().position_rad - bench.robot_file.home_rad
-        assert off[0] == pytest.approx(-0.1, abs=0.001)
-        assert abs(off[1]) > 1.0
-        assert off[2] == pytest.approx(0.0, abs=0.001)
-
-
 @BOTH
 def test_negative_values_are_negative(way):
     """Minus one in a current beside minus three in a velocity is what byte stuffing is for."""
@@ -174,18 +165,6 @@ def test_the_configured_current_limit_is_kept():
         assert bench.exerted_nm()[2] == pytest.approx(sent[2])
 
 
-def test_the_velocity_by_difference_follows_the_servos():
-    with dynamixel_bench(encoder={"velocity": "difference", "bandwidth_hz": 40}) as bench:
-        bench.start()
-        speeds = []
-        for _ in range(60):
-            bench.tick((1.2, 0.5, 0.1))
-            speeds.append((bench.encoder.read_velocity().value, bench.bus.sample.velocity_rad_s))
-        by_difference, by_servo = np.array(speeds[20:]).transpose(1, 0, 2)
-        assert np.abs(by_servo).max() > 1.0
-        np.testing.assert_allclose(by_difference.mean(axis=0), by_servo.mean(axis=0), rtol=0.15, atol=0.1)
-
-
 def test_samples_carry_the_time_of_the_question_and_are_worth_the_bus_time(active):
     before_s = active.clock.now_s() + TICK_S
     sample = active.read()
@@ -209,37 +188,6 @@ def test_a_bad_answer_costs_the_tick_and_no_more(active, kind):
         assert active.bus.sample is good
         active.wait(0.02)
         assert active.tick().sampled_at_s > good.sampled_at_s
-
-
-@pytest.mark.parametrize("late_ms", [0.3, 0.9, 1.7, 3.3, 4.2, 5.2, 6.7, 9.1, 40.0])
-def test_answers_that_are_constantly_late_are_as_old_as_their_requests(active, late_ms):
-    """Answers that were late by four ticks (1.6 ms here, when waiting) once passed as fresh: there are four
-    lengths of request, and each tick used the next one."""
-    servo = active.line.servos[1]
-    servo._look = lambda: None
-    active.befall(kind="delay", delay_s=late_ms * 1e-3)
-    asked_at_s, seen = [], 0
-    for tick in range(120):
-        servo.memory.put(table.PRESENT_POSITION, tick)  # the position says when it was measured
-        asked_at_s.append(active.clock.now_s() + TICK_S)
-        try:
-            sample = active.read()
-        except DeviceTimeoutError:
-            continue
-        measured = round((sample.position_rad[0] - active.bus._joints._offsets[0][0]) * 4096 / (2 * np.pi))
-        assert sample.sampled_at_s == pytest.approx(asked_at_s[measured], abs=1e-4)
-        assert asked_at_s[tick] - sample.sampled_at_s > late_ms * 1e-3 - TICK_S
-        seen += 1
-    assert seen > (60 if late_ms < 4.0 else 3)
-
-
-def test_a_doubled_answer_does_no_harm(active):
-    active.befall(kind="duplicate", for_s=0.01)
-    before = active.tick()
-    for _ in range(8):
-        after = active.tick()
-        assert after.sampled_at_s > before.sampled_at_s
-        before = after
 
 
 def test_answers_out_of_order_are_sorted_by_id_or_refused(active):
@@ -278,15 +226,6 @@ def test_a_servo_that_has_restarted_or_was_switched_off_is_noticed_and_not_belie
     with pytest.raises(DeviceError, match=rf"servo 2 \(joint 2\): {said}"):
         active.read()
     assert active.bus.sample is good
-
-
-def test_a_servo_that_is_away_is_silent_and_then_restarted(active):
-    active.befall(kind="reboot", device=1, times=1, delay_s=0.02)
-    with pytest.raises(DeviceTimeoutError, match="servo 1"):
-        active.tick()
-    active.wait(0.03)
-    with pytest.raises(DeviceError, match=r"servo 1.*restarted"):
-        active.tick()
 
 
 def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
