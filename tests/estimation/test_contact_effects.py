@@ -61,16 +61,6 @@ def test_a_surface_that_was_found_is_fitted_along(name):
     assert "contact_offset.offset" in base_model(name, surface_found=True).inner
 
 
-def test_a_mass_on_a_spring_is_recovered():
-    t = np.arange(2000) * 1e-3
-    x, v, a = 0.1 * np.sin(9 * t), 0.9 * np.cos(9 * t), -8.1 * np.sin(9 * t)
-    x, v, a = x + 0.02 * np.sin(31 * t), v + 0.62 * np.cos(31 * t), a - 19.22 * np.sin(31 * t)
-    data = channel(2 * a + 3 * v + 40 * x, x, v, t, kind=ChannelKind.PRISMATIC, acceleration=a)
-    regression = base_model("spring_mass_damper").regression(data, {})
-    gains = np.linalg.lstsq(regression.columns, regression.effort, rcond=None)[0]
-    assert sorted(np.round(gains, 6).tolist()) == [2.0, 3.0, 40.0]
-
-
 @pytest.mark.parametrize("name", list(MODELS))
 def test_every_base_model_says_what_it_is(name):
     model = MODELS[name]

@@ -21,6 +21,16 @@ def press_rows(run, speed_m_s, force_of, rng):
     return np.column_stack([np.arange(len(depth)) * period, depth, force, np.full(len(depth), run)])
 
 
+def write_own_effect(folder):
+    """An effect of somebody's own, "mine", as it is given to commands and studies."""
+    file = folder / "mine.py"
+    file.write_text(
+        "from estimation.effects.cubic_stiffness import CubicStiffness\n"
+        "class Mine(CubicStiffness):\n    name = 'mine'\n"
+    )
+    return f"{file}:Mine"
+
+
 def write_presses(path, cubic=CUBIC, speeds_m_s=(0.02, 0.04, 0.08, 0.03), force_of=None, seed=4):
     """A data file; the law is a spring and a damper, and a cubic term if there is one."""
     rng = np.random.default_rng(seed)

@@ -4,6 +4,7 @@ import numpy as np
 
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
+from tests.palpate.presses import write_own_effect
 
 
 def add(data, folder, *arguments):
@@ -54,23 +55,16 @@ def test_what_cannot_be_added_is_refused_and_nothing_is_kept(hardening, tmp_path
 
 
 def test_ones_own_effect_is_run_again_only_if_one_says_so(hardening, tmp_path):
-    file = tmp_path / "mine.py"
-    file.write_text(
-        "from estimation.effects.cubic_stiffness import CubicStiffness\n"
-        "class Mine(CubicStiffness):\n"
-        "    name = 'mine'\n"
-        "    def columns(self, data, inner):\n"
-        "        return super().columns(data, inner)\n"
-    )
-    kept = add(hardening, tmp_path, "mine", "--effect", f"{file}:Mine")
-    assert kept[1]["user_effects"] == [f"{file}:Mine"]
+    place = write_own_effect(tmp_path)
+    kept = add(hardening, tmp_path, "mine", "--effect", place)
+    assert kept[1]["user_effects"] == [place]
     assert_refused(run("add", hardening, "bias", "--out", tmp_path), "--effect", "Mine")
-    (after,) = add(hardening, tmp_path, "bias", "--effect", f"{file}:Mine")
+    (after,) = add(hardening, tmp_path, "bias", "--effect", place)
     assert after["effects"] == ["mine", "bias"]
     for command in ("export", "revisions", "compare"):
         said = next_commands(run(command, hardening, "--folder", tmp_path))
         (again,) = [words for words in said if words[0] == "compare" and "--revision" in words]
-        assert again[again.index("--effect") + 1] == f"{file}:Mine"
+        assert again[again.index("--effect") + 1] == place
 
 
 def test_a_damaged_revision_is_named(hardening, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from estimation.study.kept_diagnosis import RESULT
 from palpate.study import Study
 from tests.palpate.cli import assert_refused, done, run
-from tests.palpate.presses import write_presses
+from tests.palpate.presses import write_own_effect, write_presses
 
 pytestmark = pytest.mark.usefixtures("few_effects")
 
@@ -38,12 +38,7 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
 
 def test_a_channel_with_an_effect_of_ones_own_is_not_silently_told_without_it(tmp_path):
     """It was added by a command; the report of a study that was not given its file says so."""
-    data, mine = write_presses(tmp_path / "hard.csv"), tmp_path / "mine.py"
-    mine.write_text(
-        "from estimation.effects.cubic_stiffness import CubicStiffness\n"
-        "class Mine(CubicStiffness):\n    name = 'mine'\n"
-    )
-    folder, place = tmp_path / "out", f"{mine}:Mine"
+    data, place, folder = write_presses(tmp_path / "hard.csv"), write_own_effect(tmp_path), tmp_path / "out"
     assert run("add", data, "mine", "--effect", place, "--out", folder).exit_code == 0
     (silent,), (whole,) = (Study(data, folder=folder, effects=given).results() for given in ((), [place]))
     assert (whole.added, whole.reason, silent.added) == (["mine"], "", [])

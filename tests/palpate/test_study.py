@@ -11,7 +11,7 @@ import palpate.study
 from palpate.study import Study
 from robot_io.errors import InputError
 from sim_backend.scenario import load_scenario
-from tests.palpate.presses import CUBIC, write_presses
+from tests.palpate.presses import CUBIC, write_own_effect, write_presses
 
 
 @pytest.fixture
@@ -73,15 +73,9 @@ def test_notebook_and_commands_keep_revisions_in_one_place(tmp_path, monkeypatch
 
 
 def test_an_effect_of_ones_own_is_given_as_an_object_or_by_its_file(frame, tmp_path):
-    code = (
-        "from estimation.effects.cubic_stiffness import CubicStiffness\n"
-        "class Mine(CubicStiffness):\n    name = 'mine'\n"
-    )
-    file = tmp_path / "mine.py"
-    file.write_text(code)
-    space = {}
-    exec(code, space)
-    given = (Study(frame, effects=[one]) for one in (f"{file}:Mine", space["Mine"]()))
+    place, space = write_own_effect(tmp_path), {}
+    exec((tmp_path / "mine.py").read_text(), space)
+    given = (Study(frame, effects=[one]) for one in (place, space["Mine"]()))
     errors = {study.add("mine").result.stages[-1].rmse for study in given}
     assert errors == {Study(frame).fit("contact", ["cubic_stiffness"]).rmse}
 

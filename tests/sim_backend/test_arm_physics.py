@@ -62,28 +62,6 @@ def test_a_falling_arm_keeps_its_energy(name):
     assert np.abs(total - total[0]).max() < 1e-3 * kinetic.max()
 
 
-def test_a_driven_arm_moves_as_pinocchio_integrates_it():
-    model, data = reference("follower")
-    world = make_world(shipped_arm("follower"), scenario(surface_m=FAR_BELOW_M, rate_hz=16_000.0))
-    torque, steps = np.array([9.0, 1.0, -0.05]), 200
-    q, qd, step_s = world.truth().joint_position_rad, np.zeros(3), 1e-3
-
-    def slope(state):
-        return np.concatenate([state[3:], pin.aba(model, data, state[:3], state[3:], torque)])
-
-    state = np.concatenate([q, qd])
-    for _ in range(steps):  # classical Runge-Kutta
-        a = slope(state)
-        b = slope(state + a * step_s / 2)
-        c = slope(state + b * step_s / 2)
-        d = slope(state + c * step_s)
-        state = state + step_s / 6 * (a + 2 * b + 2 * c + d)
-    world.set_torque(torque)
-    world.advance_to(steps * step_s)
-    assert np.abs(state[:3] - q).max() > 0.2
-    assert np.allclose(world.truth().joint_position_rad, state[:3], atol=1e-3)
-
-
 @pytest.mark.parametrize("name", ARM_NAMES)
 def test_gravity_and_contact_force_are_held_by_the_torques_that_statics_says(name):
     model, data = reference(name)

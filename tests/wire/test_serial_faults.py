@@ -1,15 +1,12 @@
 """What goes wrong with force sensors on a serial line, and what the robot makes of it."""
 
-import fcntl
 import os
-import sys
-import termios
 import threading
 import tty
 
 import pytest
 
-from robot_io.clock import MonotonicClock, SimulatedClock
+from robot_io.clock import MonotonicClock
 from robot_io.driver import DriverCatalogue
 from robot_io.drivers.serial_force import lorenz_protocol as lorenz
 from robot_io.drivers.serial_force.loadstar import loadstar_stream
@@ -111,49 +108,8 @@ def terminal():
         os.close(end)
 
 
-def waiting(end):
-    """Bytes that can be read there; the kernel hands them on when it finds the time."""
-    return int.from_bytes(fcntl.ioctl(end, termios.FIONREAD, bytes(4)), sys.byteorder)
-
-
 def reading(value):
     return f"{value:12.4f}\r\n".encode()
-
-
-def test_a_reader_that_fell_behind_shows_an_old_reading_as_old(terminal):
-    """The sensor dies while nobody looks: its last line must not look fresh when it is found."""
-    master, slave, _ = terminal
-    clock = SimulatedClock()
-    reader = SerialReader(slave, loadstar_stream(1.0, 100.0), clock, 1e4)
-
-    def send(data):
-        before = waiting(slave)
-        os.write(master, data)
-        for _ in range(1000):
-            if waiting(slave) >= before + len(data):
-                return
-            threading.Event().wait(0.001)
-        raise TimeoutError("the terminal swallowed something")
-
-    send(b"\r\n")
-    for i in range(5):
-        clock.sleep_until((i + 1) * 1e-3)
-        send(reading(i))
-        reader.look()
-        assert reader.newest == ((float(i), clock.now_s(), 0.0) if i else None)  # the first waits for another
-    for i in range(100):
-        send(reading(i))
-    clock.sleep_until(1.0)
-    reader.look()
-    assert reader.newest == (99.0, pytest.approx(5e-3), 0.0)
-    clock.sleep_until(1.001)
-    send(reading(7.0))
-    reader.look()
-    assert reader.newest == (7.0, pytest.approx(1.001), 0.0)
-    reader.stop()
-    send(reading(8.0))
-    reader.look()  # its port may be somebody else's by now
-    assert reader.newest == (7.0, pytest.approx(1.001), 0.0)
 
 
 def test_a_thread_reads_and_ends_with_a_word_when_the_port_goes(terminal):

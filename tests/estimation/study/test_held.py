@@ -43,19 +43,6 @@ def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
     assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
 
 
-def test_held_gains_equal_an_independent_least_squares(study: Study) -> None:
-    """On the blocks of the fit: the linear problem with the spring's force taken off, solved by numpy."""
-    held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 300.0})
-    trial, bench = held.standing.trial, held.standing.plain
-    names = list(trial.model.gains)
-    k = names.index("stiffness.k")
-    rest = [i for i in range(len(names)) if i != k]
-    rows = bench.kept
-    target = (trial.target - 300.0 * trial.columns[:, k])[rows]
-    expected = np.linalg.lstsq(trial.columns[rows][:, rest], target, rcond=None)[0]
-    assert [trial.parameters[names[i]] for i in rest] == pytest.approx(expected.tolist(), rel=1e-4)
-
-
 def test_a_held_inner_parameter_stays(study: Study) -> None:
     held = study.fit_held("contact", ["delay"], {"delay.time": 0.004})
     assert held.values["delay.time"] == 0.004

@@ -30,7 +30,7 @@ from palpate.workbench.load import guess, options_of, units_of
 from palpate.workbench.riddle import Score
 from robot_io.errors import InputError
 from robot_io.session import Session
-from tests.palpate.presses import write_presses
+from tests.palpate.presses import write_own_effect, write_presses
 
 
 @pytest.fixture(scope="module")
@@ -120,15 +120,11 @@ def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(bench):
         bench.with_runs(bench.channel.data.runs.tolist(), ())
 
 
-def test_runs_that_are_held_out_are_not_fitted_and_alone_judge(bench, press):
+def test_runs_that_are_held_out_are_in_the_commands(bench):
     bench.choose(bench.toggled("cubic_stiffness"))
     held = bench.with_runs((0,), (2,))
-    shown = held.show()
-    alone = Study([one.of_runs(np.array([1, 3])) for one in bench.study.source.channels], keep=False).fit(
-        "contact", ["cubic_stiffness"]
-    )
-    assert shown.fitted.values == alone.values
-    assert set(shown.fitted.data.run[shown.fitted.judged]) == {2}
+    fitted = held.show().fitted
+    assert set(fitted.data.run[fitted.judged]) == {2}
     assert held.python().startswith("study = palpate.Study(study.source.without([0]), held_out=[2])")
     again = bench.with_runs((), (2,))
     assert again.command() == (
@@ -304,18 +300,9 @@ def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
         joined(open_source(press), open_source(swing))
 
 
-_OWN = """
-from estimation.effects import EFFECTS
-
-class Mine(EFFECTS["cubic_stiffness"]):
-    name = "mine"
-"""
-
-
 def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text(_OWN)
-    study = Study(press, "hunt_crossley", effects=[f"{own}:Mine"], held_out=[2], keep=False)
+    own = write_own_effect(tmp_path)
+    study = Study(press, "hunt_crossley", effects=[own], held_out=[2], keep=False)
     bench = Bench(study, "press.csv")
     bench.choose(bench.toggled("mine"))
     more = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))

@@ -89,6 +89,13 @@ def test_what_a_device_says_of_itself_before_its_first_reading_is_no_damage(line
     assert line.send(b"1.0") == (1.0, 0)
 
 
+def test_a_reader_that_was_stopped_looks_no_more(line):
+    """Its port may be somebody else's by now."""
+    line.send(b"1.0", 5)
+    line.reader.stop()
+    assert line.send(b"1.1") == (1.0, 1)
+
+
 @pytest.mark.parametrize(("pause_ms", "age_ms"), [(1, 0), (2, 3), (9, 10)])
 def test_what_comes_while_nobody_looks_is_as_old_as_the_look_before(line, pause_ms, age_ms):
     line.send(b"1.0", 5)
