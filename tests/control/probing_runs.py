@@ -1,5 +1,6 @@
 """Runs the probing task on the reference plant and keeps what happened."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,8 +57,24 @@ def plant_above(
     return Plant(start.position_rad.copy(), **settings)
 
 
-def probing_task(plan: ProbingPlan, gains: Gains | None = None, limits=WIDE) -> ProbingTask:
-    return ProbingTask(test_arm(), TOOL_AXIS_TIP, gains or Gains(), plan, position_limits_rad=limits)
+def probing_task(plan: ProbingPlan, gains: Gains | None = None, limits=WIDE, **more) -> ProbingTask:
+    return ProbingTask(test_arm(), TOOL_AXIS_TIP, gains or Gains(), plan, position_limits_rad=limits, **more)
+
+
+def started(plan: ProbingPlan, **limits) -> None:
+    """Lets a task look at its plan, on the reference arm."""
+    probing_task(plan, **limits).start(plant_above().measure())
+
+
+def push(plant: Plant, force_n: Callable[[], float]) -> None:
+    """From now on the force sensor feels `force_n()` as well."""
+    truth = plant.measure
+
+    def measure() -> Measurement:
+        measurement = truth()
+        return measurement._replace(force_n=measurement.force_n + force_n())
+
+    plant.measure = measure
 
 
 def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> Recording:

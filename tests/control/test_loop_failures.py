@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 from functools import partial
-from itertools import count
+from itertools import chain, count, repeat
 
 import numpy as np
 import pytest
@@ -267,11 +267,11 @@ def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
         result.raise_for_trip()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
     arm, task = Arm(), Swing(torque_nm=0.5)
-    press = partial(os.kill, os.getpid(), number)
-    arm.on_poll = lambda: press() if task.steps == 100 else None  # at each poll of the stop again
+    presses = chain([number], repeat(signal.SIGINT))  # at each poll of the stop again
+    arm.on_poll = lambda: os.kill(os.getpid(), next(presses)) if task.steps == 100 else None
     before = signal.getsignal(number)
     result, log = run(arm, task)
     assert result.outcome is Outcome.STOPPED
@@ -372,25 +372,6 @@ def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once
     assert "a bug in the safe stop" in log.texts("failure")[0]
     assert result.ticks < 55
     assert not arm.bus.powered
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_sets_the_flag_and_raises_nothing(number):
-    with InterruptFlag() as flag:
-        assert flag.signal_name is None
-        os.kill(os.getpid(), number)
-        assert flag.signal_name == number.name
-        os.kill(os.getpid(), signal.SIGINT)
-        assert flag.signal_name == number.name  # the first is kept
-
-
-def test_former_handlers_come_back_and_ctrl_c_works_again():
-    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    with InterruptFlag():
-        pass
-    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
-    with pytest.raises(KeyboardInterrupt):
-        os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_a_signal_that_was_switched_off_stays_off():

@@ -14,7 +14,7 @@ from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.errors import InputError, SafetyTripError
 from tests.control.dh_urdf import JointRange, dh_to_urdf
-from tests.control.probing_runs import plant_above, probing_task, run_probing
+from tests.control.probing_runs import plant_above, probing_task, push, run_probing
 from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP
 
 CORNERS = [(100.0, 0.0, 0.15), (100.0, 200.0, 0.06), (10_000.0, 200.0, 0.05), (10_000.0, 0.0, 0.05)]
@@ -205,16 +205,14 @@ def test_an_arm_that_does_not_come_to_rest_is_not_let_go():
 def test_something_in_the_way_back_ends_with_the_guard():
     plant = plant_above(height_m=0.12, stiffness_n_m=500.0)
     task = probing_task(ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1))
-    truth, began = plant.measure, []
+    began = []
 
-    def measure():
+    def force_n():
         """From the last move on a hand pushes."""
-        measurement = truth()
-        is_back = plant.time_s > 1.0 and task._phase is Phase.MOVE and not task._run
-        began.append(is_back)
-        return measurement._replace(force_n=measurement.force_n + 6.0 * is_back)
+        began.append(plant.time_s > 1.0 and task._phase is Phase.MOVE and not task._run)
+        return 6.0 * began[-1]
 
-    plant.measure = measure
+    push(plant, force_n)
     with pytest.raises(SafetyTripError, match=r"6.0 N on the way back to where the task started"):
         run_probing(plant, task)
     assert sum(began) == 3

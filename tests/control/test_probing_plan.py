@@ -11,8 +11,7 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from control.probing.task import ProbingTask
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
-from tests.control.probing_runs import WIDE, plant_above, probing_task, run_probing
-from tests.control.reference_plant import TOOL_AXIS_TIP, test_arm
+from tests.control.probing_runs import plant_above, probing_task, push, run_probing, started
 from tests.control.simulated_arms import ARMS, SimulatedArm, kelvin_voigt
 
 TARGETS = ((0.4, 0.0, 0.05), (0.42, 0.0, 0.05))
@@ -126,23 +125,11 @@ def test_an_excitation_of_the_force_never_goes_beyond_the_limit_that_it_rides_on
     [({"speeds_m_s": (0.1, 0.3)}, "speeds_m_s 0.3"), ({"travel_speed_m_s": 0.4}, "travel_speed")],
 )
 def test_speeds_that_a_joint_cannot_follow_are_refused_at_the_start(plan, name):
-    def start(fastest_rad_s):
-        fastest = np.full(3, fastest_rad_s)
-        task = ProbingTask(
-            test_arm(),
-            TOOL_AXIS_TIP,
-            Gains(),
-            ProbingPlan(**plan),
-            position_limits_rad=WIDE,
-            velocity_limits_rad_s=fastest,
-        )
-        task.start(plant_above().measure())
-
-    start(4.0)
+    started(ProbingPlan(**plan), velocity_limits_rad_s=np.full(3, 4.0))
     with pytest.raises(
         InputError, match=rf"{name}.* at target 1 joint \d would move at .* trips at 0.5 rad/s"
     ):
-        start(0.5)
+        started(ProbingPlan(**plan), velocity_limits_rad_s=np.full(3, 0.5))
 
 
 def probe(gains: Gains | None = None, height_m: float = 0.08, plan=None, **plant):
@@ -191,14 +178,7 @@ def test_an_object_that_came_under_the_tool_is_not_tared_away_either():
     """From 4 N, which is the sensor's own, to 6 N, which is not."""
     plant = plant_above(force_bias_n=4.0)
     task = probing_task(ProbingPlan(speeds_m_s=(0.15,)))
-    truth = plant.measure
-
-    def measure():
-        measurement = truth()
-        pushed_n = 2.0 if plant.time_s > 0.1 else 0.0
-        return measurement._replace(force_n=measurement.force_n + pushed_n)
-
-    plant.measure = measure
+    push(plant, lambda: 2.0 if plant.time_s > 0.1 else 0.0)
     record = run_probing(plant, task)
     assert record.kinds() == ["free_air", "free_air_refused", "probing_done"]
     assert "6 N in free air" in task.failures[0]

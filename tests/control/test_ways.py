@@ -17,8 +17,7 @@ from control.probing.ways import Place, Routes
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Measurement
-from tests.control.probing_runs import WIDE, plant_above, probing_task, run_probing
-from tests.control.reference_plant import TOOL_AXIS_TIP, test_arm
+from tests.control.probing_runs import plant_above, probing_task, push, run_probing, started
 from tests.control.simulated_arms import ARMS, NAMES, SimulatedArm, kelvin_voigt
 
 SWING_M = 0.06
@@ -28,14 +27,18 @@ SURFACE_M = 0.05
 FAR_APART = [(0.25, 0.45, 0.005), (0.2, 0.5, 0.015), (0.16, 0.5, 0.03), (0.45, 0.25, 0.005)]
 
 
-def started(plan, **limits):
-    """A task that has looked at its plan, on the reference arm."""
-    task = ProbingTask(
-        test_arm(), TOOL_AXIS_TIP, probing_task(plan)._gains, plan, **{"position_limits_rad": WIDE} | limits
-    )
-    plant = plant_above()
-    task.start(plant.measure())
-    return task
+def a_hand(plant, comes):
+    """Pushes for five ticks from when it `comes(tip_m)` on; returns when it did."""
+    pushed = []
+
+    def force_n():
+        if len(pushed) == 5 or not comes(plant.body.tip_pose(plant.position_rad)[0]):
+            return 0.0
+        pushed.append(plant.time_s)
+        return 7.0
+
+    push(plant, force_n)
+    return pushed
 
 
 @cache
@@ -77,17 +80,7 @@ def test_without_it_nothing_moves_but_what_did():
 
 def test_what_is_met_on_a_swing_sends_the_arm_home():
     plant = plant_above(stiffness_n_m=2000.0, damping_n_s_m=20.0)
-    truth, pushed = plant.measure, []
-
-    def measure():
-        """A hand, for five ticks, when the tip comes up."""
-        measurement = truth()
-        if plant.body.tip_pose(plant.position_rad)[0][2] > 0.08 + 0.7 * SWING_M and len(pushed) < 5:
-            pushed.append(plant.time_s)
-            return measurement._replace(force_n=measurement.force_n + 7.0)
-        return measurement
-
-    plant.measure = measure
+    pushed = a_hand(plant, lambda tip_m: tip_m[2] > 0.08 + 0.7 * SWING_M)  # when the tip comes up
     task = probing_task(ProbingPlan(**SWINGING))
     record = run_probing(plant, task)
     assert record.kinds() == ["obstacle", "probing_done"]
@@ -100,11 +93,11 @@ def test_a_swing_beyond_what_the_joints_may_is_refused_before_anything_moves():
     home = plant_above().position_rad
     narrow = home - 0.5, home + np.array((0.2, 0.5, 0.5))
     plan = {**SHORT, "search_depth_m": 0.03, "max_depth_m": 0.01}
-    started(ProbingPlan(**plan), position_limits_rad=narrow)
+    started(ProbingPlan(**plan), limits=narrow)
     with pytest.raises(
         InputError, match=r"free_air_swing_m 0.3 m: at target 1 .* lifted by \d+ mm only"
     ) as one:
-        started(ProbingPlan(**plan, free_air_swing_m=0.3), position_limits_rad=narrow)
+        started(ProbingPlan(**plan, free_air_swing_m=0.3), limits=narrow)
     assert "\n" not in str(one.value)
 
 
@@ -266,18 +259,7 @@ TWO = {"targets_world_m": ((0.40, 0.0, SURFACE_M), (0.44, 0.0, SURFACE_M)), "spe
 def test_what_is_met_between_two_targets_sends_the_arm_back_as_it_came_and_home():
     plant = plant_above(height_m=0.15, x_m=0.36, stiffness_n_m=2000.0, damping_n_s_m=20.0)
     task = probing_task(ProbingPlan(**TWO, hold_s=0.05, settle_s=0.05, free_air_s=0.1))
-    truth, pushed = plant.measure, []
-
-    def measure():
-        """A hand, for five ticks, when the tip is half way."""
-        measurement = truth()
-        x_m = plant.body.tip_pose(plant.position_rad)[0][0]
-        if x_m > 0.42 and len(pushed) < 5:
-            pushed.append(x_m)
-            return measurement._replace(force_n=measurement.force_n + 7.0)
-        return measurement
-
-    plant.measure = measure
+    a_hand(plant, lambda tip_m: tip_m[0] > 0.42)  # when the tip is half way
     record = run_probing(plant, task)
     assert record.kinds()[-2:] == ["obstacle", "probing_done"]
     assert len(task.failures) == 1

@@ -37,6 +37,15 @@ Q = np.column_stack([np.sin(5 * T), np.cos(3 * T)])
 TORQUE = np.column_stack([np.cos(5 * T), np.sin(3 * T)])
 
 
+def assert_are_the_joints(channels, time_s=None):
+    assert [one.name for one in channels] == ["joint_1", "joint_2"]
+    for joint, channel in enumerate(channels):
+        np.testing.assert_allclose(channel.position, Q[:, joint], atol=1e-9)
+        np.testing.assert_allclose(channel.effort, TORQUE[:, joint], atol=1e-9)
+        if time_s is not None:
+            np.testing.assert_allclose(channel.time_s, time_s, atol=1e-8)
+
+
 def write_bag(path, *, torque=TORQUE, stamped=True, swap_every=0):
     """Two joints; every so often their order changes, and a gripper speaks in between."""
     with path.open("wb") as file:
@@ -68,12 +77,8 @@ def test_joint_states_are_joints_in_the_order_of_the_first_message(tmp_path, swa
     path = write_bag(tmp_path / "bag.mcap", swap_every=swap_every)
     assert not is_session(path)
     source = open_source(path)
-    assert [one.name for one in source.channels] == ["joint_1", "joint_2"]
     assert "'shoulder'" in source.read
-    for joint, channel in enumerate(source.channels):
-        np.testing.assert_allclose(channel.time_s, T, atol=1e-8)
-        np.testing.assert_allclose(channel.position, Q[:, joint])
-        np.testing.assert_allclose(channel.effort, TORQUE[:, joint])
+    assert_are_the_joints(source.channels, T)
 
 
 ONE_IS_NONE = np.where((np.arange(len(T)) == 5)[:, None] & [False, True], np.nan, TORQUE)
@@ -132,9 +137,7 @@ def test_an_episode_s_arrays_are_joints(episode):
     imported = import_file(episode, ImportOptions(units={"position": "deg", "torque": "Nm"}))
     assert imported.run_labels == {4: "4", 5: "5"}
     assert "shoulder_pan, elbow_flex" in imported.read
-    for joint, channel in enumerate(imported.channels):
-        np.testing.assert_allclose(channel.position, Q[:, joint])
-        np.testing.assert_allclose(channel.effort, TORQUE[:, joint])
+    assert_are_the_joints(imported.channels)
 
 
 def test_an_action_is_an_effort_only_by_the_user_s_word(episode):
@@ -199,10 +202,7 @@ def test_numbers_that_begin_with_the_highest_byte_are_read_too(tmp_path):
         data += struct.pack(">II", 0, 2) + struct.pack(">2d", *torque)
         messages.append((1, row, data))
     store(path, messages)
-    for joint, channel in enumerate(import_file(path).channels):
-        np.testing.assert_array_equal(channel.time_s, np.arange(len(Q)))
-        np.testing.assert_array_equal(channel.position, Q[:, joint])
-        np.testing.assert_array_equal(channel.effort, TORQUE[:, joint])
+    assert_are_the_joints(import_file(path).channels, np.arange(len(Q)))
 
 
 @pytest.mark.parametrize("data", [None, 5, "text", b"", b"\0\1\0\0" + b"\xff" * 60, b"\0\1\0\0" + b"\0" * 20])
@@ -247,10 +247,7 @@ def test_joints_are_told_apart_by_what_the_interface_calls_them(tmp_path, names,
         columns[position] = np.degrees(Q[:, joint]) if in_degrees else Q[:, joint]
         columns[torque] = (1e3 if in_degrees else 1.0) * TORQUE[:, joint]
     imported = import_table(table_of(pa.table(columns), tmp_path))
-    assert [one.name for one in imported.channels] == ["joint_1", "joint_2"]
-    for joint, channel in enumerate(imported.channels):
-        np.testing.assert_allclose(channel.position, Q[:, joint], atol=1e-9)
-        np.testing.assert_allclose(channel.effort, TORQUE[:, joint], atol=1e-9)
+    assert_are_the_joints(imported.channels)
     assert any("current that stands for the torque" in note for note in imported.notes) == (
         effort == "current"
     )

@@ -178,6 +178,15 @@ def test_no_file_that_a_sessions_urdf_names_is_read(part, name, tmp_path):
     assert b"KEEP-THIS" not in (tmp_path / "x.rrd").read_bytes()
 
 
+def imported(rows):
+    """Columns and data of the stream that an imported contact has."""
+    names = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n")
+    columns = [Column(each, "1") for each in names]
+    columns += [Column("run", "1", 1, "", "int64"), Column("phase", "1", 1, "", "int32")]
+    data = {each: np.linspace(0, 1, rows) for each in names}
+    return columns, data | {"run": np.zeros(rows, np.int64), "phase": np.full(rows, -1, np.int32)}
+
+
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
@@ -189,12 +198,7 @@ def test_no_file_that_a_sessions_urdf_names_is_read(part, name, tmp_path):
     ],
 )
 def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
-    rows = 50
-    names = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n")
-    columns = [Column(each, "1", 1, "") for each in names]
-    columns += [Column("run", "1", 1, "", "int64"), Column("phase", "1", 1, "", "int32")]
-    data = {each: np.linspace(0, 1, rows) for each in names}
-    data |= {"run": np.zeros(rows, np.int64), "phase": np.full(rows, -1, np.int32)}
+    columns, data = imported(50)
     if value is None:
         del data[name]
         columns = [column for column in columns if column.name != name]
@@ -209,10 +213,7 @@ def test_an_imported_stream_is_looked_at_as_well(name, value, words, tmp_path):
 
 
 def test_an_imported_stream_without_a_sample_is_nothing_to_show(tmp_path):
-    names = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n")
-    columns = [Column(each, "1") for each in names]
-    columns += [Column("run", "1", 1, "", "int64"), Column("phase", "1", 1, "", "int32")]
-    data = {column.name: np.zeros(0, column.dtype) for column in columns}
+    columns, data = imported(0)
     write_session(tmp_path / "x.mcap", [(Stream("contact", tuple(columns)), data)], SessionMetadata())
     assert_refused(
         run("inspect", tmp_path / "x.mcap", "--save", tmp_path / "x.rrd"), "nothing that can be shown"
