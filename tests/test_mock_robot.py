@@ -5,7 +5,7 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from tests.control.reference_plant import forward_dynamics
-from tests.mock_robot import URDF, MockPlant, build_mock_robot, mock_bus
+from tests.mock_robot import URDF, MockPlant
 
 POSE = np.array([-0.9, 1.2, 0.7])
 
@@ -57,11 +57,3 @@ def test_the_surface_never_pulls():
     plant.surface_height_m = plant.tip_height_m + 0.01
     plant.rate_rad_s = np.array([-5.0, 0.0, 0.0])  # leaves fast
     assert plant.lift_n == 0.0
-
-
-def test_its_bus_lets_physics_pass_with_the_clock():
-    robot = build_mock_robot()
-    robot.configure()
-    robot.clock.sleep_until(0.25)
-    robot.read(0.25)
-    assert mock_bus(robot).plant.time_s == 0.25

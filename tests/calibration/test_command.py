@@ -164,36 +164,24 @@ def test_a_refusal_leaves_the_users_own_empty_folders(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "fit"),
+    ("kind", "options", "step"),
     [
         ("force", ("--weights-kg", "0,1,2,3,2,1,0"), "palpate.commands.calibrate.fit_force"),
         ("encoder", ("--pose", "home"), "palpate.runs.calibration_file.encoder_fit_of"),
+        ("torque", (), "palpate.runs.calibration.run_motion"),
     ],
 )
 def test_after_ctrl_c_what_was_recorded_is_named_also_while_it_is_worked_out(
-    kind, options, fit, tmp_path, monkeypatch
+    kind, options, step, tmp_path, monkeypatch
 ):
-    def interrupted(*_arguments):
+    def interrupted(*_arguments, **_options):
+        (tmp_path / "whole.mcap").touch()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fit, interrupted)
+    monkeypatch.setattr(step, interrupted)
     files = ("--session", tmp_path / "whole.mcap", "-o", tmp_path / "c.yaml")
     result = run("calibrate", kind, *options, *files)
     assert result.exit_code == 130
     assert "without torque; no calibration is written" in result.stderr
     assert "whole.mcap" in result.stderr
     assert not (tmp_path / "c.yaml").exists()
-
-
-def test_after_ctrl_c_it_says_how_things_stand(tmp_path, monkeypatch):
-    def interrupted(job, **_options):
-        job.session.write_bytes(b"")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("palpate.runs.calibration.run_motion", interrupted)
-    session = tmp_path / "t.mcap"
-    result = run("calibrate", "torque", "--session", session, "-o", tmp_path / "t.yaml")
-    assert result.exit_code == 130
-    assert "without torque" in result.stderr
-    assert "t.mcap" in result.stderr
-    assert not (tmp_path / "t.yaml").exists()

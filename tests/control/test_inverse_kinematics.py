@@ -70,14 +70,6 @@ def test_an_unreachable_target_names_distance_and_reach():
         arm.solve(np.array([0.01, 0.0, -0.12]), DOWN, Elbow.POSITIVE)
 
 
-def test_a_target_out_of_the_plane_is_refused():
-    arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
-    with pytest.raises(InputError, match="10 mm out of the arm's plane"):
-        arm.solve(np.array([0.4, 0.01, 0.1]), DOWN, Elbow.POSITIVE)
-    with pytest.raises(InputError, match="does not lie in the arm's plane"):
-        arm.solve(np.array([0.4, 0.0, 0.1]), np.array([0.0, 1.0, -1.0]), Elbow.POSITIVE)
-
-
 def test_near_the_edge_of_the_reach_it_says_near_singular():
     arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
     edge = np.array([0.5999, 0.0, -0.12])

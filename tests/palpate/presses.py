@@ -21,6 +21,13 @@ def press_rows(run, speed_m_s, force_of, rng):
     return np.column_stack([np.arange(len(depth)) * period, depth, force, np.full(len(depth), run)])
 
 
+def write_table(path, **columns):
+    """A data file with columns by their names."""
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    return path
+
+
 def write_own_effect(folder):
     """An effect of somebody's own, "mine", as it is given to commands and studies."""
     file = folder / "mine.py"

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import write_own_effect
+from tests.palpate.presses import write_own_effect, write_table
 
 
 def add(data, folder, *arguments):
@@ -29,8 +29,7 @@ def test_without_a_word_on_it_the_model_of_the_newest_revision_goes_on(tmp_path)
     t = np.arange(1200) * 0.005
     torque = 0.2 * -9 * np.sin(3 * t) + 0.5 * 3 * np.cos(3 * t) + 2 * np.sin(np.sin(3 * t))
     torque += np.random.default_rng(0).normal(0, 0.01, len(t))
-    joint, rows = tmp_path / "joint.csv", np.column_stack([t, np.sin(3 * t), torque])
-    np.savetxt(joint, rows, delimiter=",", header="time_s,position_rad,torque_Nm", comments="", fmt="%.9f")
+    joint = write_table(tmp_path / "joint.csv", time_s=t, position_rad=np.sin(3 * t), torque_Nm=torque)
     add(joint, tmp_path, "quadratic_friction")
     first = add(joint, tmp_path, "bias", "--model", "pendulum")
     (second,) = add(joint, tmp_path, "coulomb_friction")

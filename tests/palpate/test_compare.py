@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import NOISE_N, write_presses
+from tests.palpate.presses import NOISE_N, write_presses, write_table
 
 pytestmark = pytest.mark.usefixtures("few_effects")
 
@@ -115,9 +115,7 @@ def test_a_base_model_that_does_far_better_is_pointed_out(tmp_path):
     w = 3.0 + 0.7 * run_number
     q, a = np.sin(w * t), -(w**2) * np.sin(w * t)
     torque = 0.2 * a + 2.0 * np.sin(q) + np.random.default_rng(0).normal(0, 0.01, len(t))
-    data = tmp_path / "swinging.csv"
-    rows = np.column_stack([t, run_number, q, torque])
-    np.savetxt(data, rows, delimiter=",", header="time_s,run,position_rad,torque_Nm", comments="", fmt="%.9f")
+    data = write_table(tmp_path / "swinging.csv", time_s=t, run=run_number, position_rad=q, torque_Nm=torque)
     for command in ("compare", "diagnose"):
         told = [words for words in next_commands(run(command, data)) if words[-2:] == ["--model", "pendulum"]]
         assert [words[0] for words in told] == [command]

@@ -75,17 +75,6 @@ def test_with_json_an_error_is_one_line_of_json_too(arguments, words):
     assert result.stderr == f"palpate: {told['error']}\n"
 
 
-def test_after_a_result_an_error_is_no_second_one(tmp_path, log_in_process):
-    deep, plan = tmp_path / "deep.yaml", tmp_path / "plan.yaml"
-    deep.write_text("object: {surface_height_m: -0.5}\n")
-    plan.write_text("speeds_m_s: [0.15]\nsearch_depth_m: 0.05\n")
-    asked = ("--scenario", deep, "--experiment", plan, "-o", tmp_path / "x.mcap", "--json")
-    result = run("probe", *asked)
-    assert result.exit_code == 1
-    assert json.loads(result.stdout)["failed_runs"]
-    assert result.stderr.startswith("palpate: ")
-
-
 @pytest.mark.parametrize(
     ("verdicts", "code"),
     [

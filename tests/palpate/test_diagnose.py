@@ -10,7 +10,7 @@ from estimation.design.next_experiment import sufficient
 from estimation.gate.gate import refuse
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import CUBIC, write_presses
+from tests.palpate.presses import CUBIC, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -133,10 +133,8 @@ def test_a_next_command_for_each_joint_says_which_it_is_for(tmp_path):
     q, v, a = np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
     noise = np.random.default_rng(0).normal(0.0, 0.005, (2, len(t)))
     torques = 0.05 * a + noise + [[0.4], [0.6]] * np.tanh(v / 0.02)
-    data = tmp_path / "joints.csv"
-    header = "time_s,run,position_1_rad,torque_1_Nm,position_2_rad,torque_2_Nm"
-    rows = np.column_stack([t, run_number, q, torques[0], q, torques[1]])
-    np.savetxt(data, rows, delimiter=",", header=header, comments="", fmt="%.7g")
+    joints = {"position_1_rad": q, "torque_1_Nm": torques[0], "position_2_rad": q, "torque_2_Nm": torques[1]}
+    data = write_table(tmp_path / "joints.csv", time_s=t, run=run_number, **joints)
     added = [words for words in next_commands(run("diagnose", data)) if words[0] == "add"]
     assert [words[-2:] for words in added] == [["--channel", "joint_1"], ["--channel", "joint_2"]]
 
@@ -156,6 +154,7 @@ def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
     assert f"--effect {file}:Waves" in report
 
 
+TIME = "(Parameter('t', 's', %s, %s, (0.1, 0.2)),)"
 OWN_EFFECT = """
 import numpy as np
 from estimation.channel import ChannelKind
@@ -173,86 +172,6 @@ class Waves(AdditiveEffect):
     def columns(self, data, inner):
         return np.where(data.engaged, np.sin(1500 * data.position), 0.0)[:, None]
 
-class Broken(Waves):
-    name = "broken"
-    def columns(self, data, inner):
-        return np.ones(3)
-
-class OldForm(Waves):
-    name = "old_form"
-    def known(self, data):
-        return np.zeros(len(data))
-
-class Short(Waves):
-    name = "short"
-    def known(self, data, inner):
-        return np.zeros(3)
-
-class Complex(Waves):
-    name = "complex"
-    def columns(self, data, inner):
-        return 1j * data.position[:, None]
-
-class Text(Waves):
-    name = "text"
-    def columns(self, data, inner):
-        return "hello"
-
-class Writes(Waves):
-    name = "writes"
-    def columns(self, data, inner):
-        data.position[:] = 0.0
-        return data.position[:, None]
-
-class Misnames(Waves):
-    name = "misnames"
-    def is_misnamed(self, data, parameters):
-        return True
-
-class Suits(Waves):
-    name = "suits"
-    def suited_to(self, data):
-        return None
-
-class Starts(Waves):
-    name = "starts"
-    inner = (Parameter("t", "s", 0.0, 1.0, (0.1, 0.2)),)
-    def starts(self, data):
-        return ({},)
-
-class Backwards(Waves):
-    name = "backwards"
-    inner = (Parameter("t", "s", 1.0, 0.0, (0.1, 0.2)),)
-
-class Simpler(Waves):
-    name = "simpler"
-    def simpler(self, columns):
-        raise KeyError("a")
-
-class Taken(Waves):
-    name = "bias"
-
-class Seven(Waves):
-    name = 7
-
-class Empty(Waves):
-    name = ""
-
-class Red(Waves):
-    name = "[red]x\\x1b[2J"
-
-class Five(Waves):
-    name = "five"
-    gains = 5
-
-class Fails(Waves):
-    name = "fails"
-    gains = (Parameter("a", "N", "0", 1.0, (0.1, 1.0)),)
-
-class Wordless(Waves):
-    name = "wordless"
-    physics = None
-
 class Nameless(AdditiveEffect):
     def columns(self, data, inner):
         return data.position[:, None]
@@ -260,50 +179,54 @@ class Nameless(AdditiveEffect):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("body", "words"),
     [
-        ("none.py:X", ("none.py", "no such file")),
-        ("FILE:Missing", ("Missing", "Waves")),
-        ("FILE", ("FILE.py:Class",)),
-        ("FILE:Broken", ("broken", "shape")),
-        ("FILE:OldForm", ("old_form", "known() takes 2 positional arguments")),
-        ("FILE:Short", ("short", "known gives an array of shape (3,)")),
-        ("FILE:Complex", ("complex", "complex128", "real numbers")),
-        ("FILE:Text", ("text", "real numbers")),
-        ("FILE:Writes", ("writes", "read-only", "mine.py")),
-        ("FILE:Misnames", ("misnames", "is_misnamed() takes 3 positional arguments")),
-        ("FILE:Suits", ("suited_to", "same name")),
-        ("FILE:Starts", ("starts gives", "t")),
-        ("FILE:Backwards", ("'t'", "ascending")),
-        ("FILE:Simpler", ("simpler", "KeyError")),
-        ("FILE:Taken", ("'bias' is taken", "another name")),
-        ("FILE:Nameless", ("states no", "name")),
-        ("FILE:Seven", ("mine.py:Seven", "its name is 7", "small letters")),
-        ("FILE:Empty", ("mine.py:Empty", "its name is ''")),
-        ("FILE:Red", ("mine.py:Red", r"its name is '[red]x\x1b[2J'")),
-        ("FILE:Five", ("mine.py:Five", "its gains are 5", "tuple of Parameter")),
-        ("FILE:Fails", ("mine.py:Fails", "TypeError")),
-        ("FILE:Wordless", ("mine.py:Wordless", "physics is None")),
+        ("def columns(self, data, inner): return np.ones(3)", ("odd", "shape")),
+        ("def known(self, data): return np.zeros(len(data))", ("odd", "known() takes 2 positional")),
+        ("def known(self, data, inner): return np.zeros(3)", ("odd", "known gives an array of shape (3,)")),
+        ("def columns(self, data, inner): return 1j * data.position[:, None]", ("complex128", "real number")),
+        ("def columns(self, data, inner): return 'hello'", ("odd", "real numbers")),
+        ("def columns(self, data, inner): data.position[:] = 0.0", ("odd", "read-only", "mine.py")),
+        ("def is_misnamed(self, data, parameters): return 1", ("is_misnamed() takes 3 positional",)),
+        ("def suited_to(self, data): return None", ("suited_to", "same name")),
+        (f"inner = {TIME % (0, 1)}; starts = lambda self, data: ({{}},)", ("starts gives", "t")),
+        (f"inner = {TIME % (1, 0)}", ("'t'", "ascending")),
+        ("def simpler(self, columns): raise KeyError('a')", ("odd", "KeyError")),
+        ("name = 'bias'", ("'bias' is taken", "another name")),
+        ("name = 7", ("mine.py:Odd", "its name is 7", "small letters")),
+        ("name = ''", ("mine.py:Odd", "its name is ''")),
+        (r"name = '[red]x\x1b[2J'", ("mine.py:Odd", r"its name is '[red]x\x1b[2J'")),
+        ("gains = 5", ("mine.py:Odd", "its gains are 5", "tuple of Parameter")),
+        ("gains = (Parameter('a', 'N', '0', 1.0, (0.1, 1.0)),)", ("mine.py", "TypeError")),
+        ("physics = None", ("mine.py:Odd", "physics is None")),
     ],
 )
-def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, words):
+def test_an_effect_that_is_none_is_refused_in_one_line(hardening, tmp_path, body, words):
     file = tmp_path / "mine.py"
-    file.write_text(OWN_EFFECT)
-    assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
+    file.write_text(f"{OWN_EFFECT}\nclass Odd(Waves):\n    name = 'odd'\n    {body}\n")
+    assert_refused(run("diagnose", hardening, "--effect", f"{file}:Odd"), *words)
 
 
 @pytest.mark.parametrize(
-    ("code", "words"),
+    ("text", "code", "words"),
     [
-        ("import a_module_that_is_not_there", "a_module_that_is_not_there"),
-        ("import sys; sys.exit(0)", "SystemExit"),
-        ("class End(BaseException): pass\nraise End('of the\\nworld')", "End: of the world"),
+        ("none.py:X", "", ("none.py", "no such file")),
+        ("FILE", OWN_EFFECT, ("FILE.py:Class",)),
+        ("FILE:Missing", OWN_EFFECT, ("Missing", "Waves")),
+        ("FILE:Nameless", OWN_EFFECT, ("states no", "name")),
+        ("FILE:X", "import a_module_that_is_not_there", ("mine.py", "a_module_that_is_not_there")),
+        ("FILE:X", "import sys; sys.exit(0)", ("mine.py", "SystemExit")),
+        (
+            "FILE:X",
+            "class End(BaseException): pass\nraise End('of the\\nworld')",
+            ("mine.py", "End: of the world"),
+        ),
     ],
 )
-def test_an_effect_file_that_fails_is_refused_in_one_line(code, words, hardening, tmp_path):
+def test_a_bad_effect_file_is_refused_in_one_line(hardening, tmp_path, text, code, words):
     file = tmp_path / "mine.py"
     file.write_text(code)
-    assert_refused(run("diagnose", hardening, "--effect", f"{file}:X"), "mine.py", words)
+    assert_refused(run("diagnose", hardening, "--effect", text.replace("FILE", str(file))), *words)
 
 
 def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_path):

@@ -9,10 +9,7 @@ from estimation.study.estimates import choose_estimators
 from palpate.render.estimates import with_interval
 from palpate.words import significant
 from tests.palpate.cli import as_json, assert_refused, done, run
-from tests.palpate.presses import write_presses
-
-HEADER = "time_s,displacement_m,force_N\n"
-ROWS = "".join(f"{i},{i},{i}\n" for i in range(2, 9))
+from tests.palpate.presses import write_presses, write_table
 
 
 def estimate_json(*arguments):
@@ -49,38 +46,26 @@ def test_one_run_and_some_estimators_can_be_chosen(probed):
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq", "robust"]
 
 
-def contact_csv(
-    path, stiffness=300.0, damping=15.0, force_scale=1.0, names="time_s,displacement_m,force_N,run"
-):
-    rng = np.random.default_rng(1)
-    rows = [names]
-    for number, speed in enumerate((0.02, 0.05)):
-        t = np.arange(0, 0.6, 0.002)
-        depth = 0.004 + speed * 0.1 * (1 - np.cos(2 * np.pi * t / 0.6))
-        rate = speed * 0.1 * 2 * np.pi / 0.6 * np.sin(2 * np.pi * t / 0.6)
-        force = stiffness * depth + damping * rate + rng.normal(0, 0.005, len(t))
-        rows += [
-            f"{a:.6f},{b:.9f},{force_scale * c:.6f},{number}" for a, b, c in zip(t, depth, force, strict=True)
-        ]
-    path.write_text("\n".join(rows) + "\n")
-    return path
+def contact_csv(path, force_scale=1.0, names=("time_s", "displacement_m", "force_N", "run")):
+    """Presses on a spring of 400 N/m beside a damper of 6 N s/m."""
+    t, depth, force, number = np.loadtxt(write_presses(path, cubic=0.0), delimiter=",", skiprows=1).T
+    return write_table(path, **dict(zip(names, (t, depth, force_scale * force, number), strict=True)))
 
 
 def test_a_data_file_is_estimated_directly(tmp_path):
     data = estimate_json(contact_csv(tmp_path / "mine.csv"), "--estimator", "lsq")
     parameters = data["channels"][0]["estimates"][0]["parameters"]
-    assert parameters["stiffness.k"]["value"] == pytest.approx(300, rel=0.01)
-    assert parameters["damping.c"]["value"] == pytest.approx(15, rel=0.05)
+    assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
+    assert parameters["damping.c"]["value"] == pytest.approx(6, rel=0.05)
     assert "truth" not in parameters["stiffness.k"]
     assert data["channels"][0]["truth"] == {}
 
 
 def test_a_model_that_does_not_fit_is_said_not_to(tmp_path):
-    file = tmp_path / "stiffening.csv"
     t = np.arange(0, 2, 0.002)
     depth = 0.006 - 0.005 * np.cos(6 * t)
     force = 2e6 * depth**2 + np.random.default_rng(0).normal(0, 0.02, len(t))
-    file.write_text(HEADER + "".join(f"{a},{b},{c}\n" for a, b, c in zip(t, depth, force, strict=True)))
+    file = write_table(tmp_path / "stiffening.csv", time_s=t, displacement_m=depth, force_N=force)
     shown = " ".join(run("estimate", file).stdout.split())
     assert "kelvin_voigt does not describe these data" in shown
     assert estimate_json(file)["channels"][0]["misfit"]["times"] > 30
@@ -110,24 +95,24 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
 )
 def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_path, column, bend, words):
     file = write_presses(tmp_path / "presses.csv", cubic=0.0)
-    sound = np.loadtxt(file, delimiter=",", skiprows=1)
+    columns = np.loadtxt(file, delimiter=",", skiprows=1).T
     assert estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"] is None
-    sound[:, column] = bend(sound[:, column])
-    np.savetxt(file, sound, delimiter=",", header=f"{HEADER.strip()},run", comments="", fmt="%.9g")
+    columns[column] = bend(columns[column])
+    write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
     shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
     assert words in shown.partition("do not rely on these estimates: ")[2]
     assert words in estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"]
 
 
 def test_other_names_and_units_are_given_as_options(tmp_path):
-    file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names="clock,depth,load,run")
+    file = contact_csv(tmp_path / "mine.csv", force_scale=1000.0, names=("clock", "depth", "load", "run"))
     options = []
     for pair in ("time_s=clock", "displacement_m=depth", "force_mN=load"):
         options += ["--column", pair]
     parameters = estimate_json(file, *options, "--estimator", "lsq")["channels"][0]["estimates"][0][
         "parameters"
     ]
-    assert parameters["stiffness.k"]["value"] == pytest.approx(300, rel=0.01)
+    assert parameters["stiffness.k"]["value"] == pytest.approx(400, rel=0.01)
 
 
 def test_an_imported_session_gives_what_its_file_gives(tmp_path):
@@ -151,10 +136,9 @@ def test_bad_options_are_refused(probed, options, words):
 
 
 def test_free_air_alone_is_no_contact(tmp_path):
-    file = tmp_path / "air.csv"
-    rows = "\n".join(f"{i / 100},{-0.01},{0.0}" for i in range(100))
-    file.write_text("time_s,displacement_m,force_N\n" + rows + "\n")
-    assert_refused(run("estimate", file), "contact")
+    t = np.arange(100) / 100
+    air = write_table(tmp_path / "air.csv", time_s=t, displacement_m=0 * t - 0.01, force_N=0 * t)
+    assert_refused(run("estimate", air), "contact")
 
 
 @pytest.fixture
@@ -166,10 +150,7 @@ def joint(tmp_path):
     velocity = 2.4 * np.cos(3 * t) + 2.2 * np.cos(11 * t)
     acceleration = -7.2 * np.sin(3 * t) - 24.2 * np.sin(11 * t)
     torque = 0.2 * acceleration + 0.5 * velocity + rng.normal(0, 0.01, len(t))
-    file = tmp_path / "joint.csv"
-    columns = np.column_stack([t, position, torque])
-    np.savetxt(file, columns, delimiter=",", header="time_s,position_rad,torque_Nm", comments="", fmt="%.9f")
-    return file
+    return write_table(tmp_path / "joint.csv", time_s=t, position_rad=position, torque_Nm=torque)
 
 
 def test_a_joint_is_estimated_with_a_joint_model(joint):
@@ -195,12 +176,11 @@ def test_a_model_with_many_parameters_gets_a_row_for_each(probed):
 
 def test_one_estimator_that_cannot_work_does_not_end_the_others(tmp_path):
     """Noise of newtons leaves RANSAC, with its threshold of 0.01 N, nothing to agree on."""
-    file = tmp_path / "rough.csv"
     rng = np.random.default_rng(3)
     depth = np.linspace(0.001, 0.02, 40)
     force = 500 * depth + rng.normal(0, 3, 40)
-    rows = "".join(f"{i / 100},{x:.6f},{f:.6f}\n" for i, (x, f) in enumerate(zip(depth, force, strict=True)))
-    file.write_text(HEADER + rows)
+    t = np.arange(40) / 100
+    file = write_table(tmp_path / "rough.csv", time_s=t, displacement_m=depth, force_N=force)
     (channel,) = estimate_json(file, "--estimator", "ransac,lsq")["channels"]
     assert [estimate["estimator"] for estimate in channel["estimates"]] == ["lsq"]
     assert "agree" in channel["failures"]["ransac"]

@@ -5,7 +5,6 @@ import pytest
 
 from control.loop.phases import Phase
 from estimation.effects import EFFECTS
-from estimation.study.revisions import KeptParameter, Revision
 from estimation.surface import Surface
 from palpate.export import export_scenario
 from palpate.export.scenario import FittedChannel
@@ -17,29 +16,13 @@ from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario
 from tests.palpate.cli import as_json, assert_refused, next_commands, run
 from tests.palpate.presses import write_presses
+from tests.revisions import revision
 
 
-def revision(channel, **parameters):
-    kept = {
-        name.replace("__", "."): KeptParameter(value=value, std_err=None, unit="")
-        for name, value in parameters.items()
-    }
-    return Revision(
-        number=0,
-        parent=None,
-        channel=channel,
-        model="m",
-        added="",
-        effects=[],
-        user_effects=[],
-        effort_unit="N",
-        rmse=1.0,
-        noise_floor=1.0,
-        parameters=kept,
-        data_sha256="",
-        created_utc="",
-        software_version="",
-    )
+def fitted(channel, runs=0, surface=None, **values):
+    told = {name.replace("__", "."): value for name, value in values.items()}
+    kept = {name: {"value": value, "std_err": None, "unit": ""} for name, value in told.items()}
+    return FittedChannel(revision(channel=channel, parameters=kept), surface, runs)
 
 
 def test_every_effect_of_the_simulator_is_reached_by_the_name_of_a_fitted_one():
@@ -61,8 +44,7 @@ def test_typical_values_of_every_effect_can_be_exported(terms, channel):
             low, high = parameter.typical
             parameters[f"{name}__{parameter.name}"] = float(np.sqrt(low * high)) if low > 0 else high / 2
         spring = {"stiffness__k": 500.0, "damping__c": 20.0} if channel == "contact" else {}
-        fitted = FittedChannel(revision(channel, **spring, **parameters), None, 3)
-        export = export_scenario(Scenario(), [fitted], "x")
+        export = export_scenario(Scenario(), [fitted(channel, 3, **spring, **parameters)], "x")
         if name == "hunt_crossley":
             assert export.left_out == () or "hunt_crossley" in export.left_out[0]
             continue
@@ -79,7 +61,7 @@ def test_friction_that_turns_round_at_once_is_exported_as_fast_as_can_be_simulat
 ):
     shown = {"force": 2.0, "presliding": presliding_m, "transition": 0.004}
     parameters = {"stiffness__k": 500.0} | {f"dry_friction__{name}": value for name, value in shown.items()}
-    export = export_scenario(Scenario(), [FittedChannel(revision("contact", **parameters), None, 0)], "x")
+    export = export_scenario(Scenario(), [fitted("contact", **parameters)], "x")
     (friction,) = export.scenario.hidden
     assert (friction.friction_n, friction.slip_m) == (2.0, slip_m)
     assert ["presliding of 1e-07 m and transition of 0.004 m/s" in line for line in export.left_out] == [
@@ -90,8 +72,8 @@ def test_friction_that_turns_round_at_once_is_exported_as_fast_as_can_be_simulat
 def test_what_belongs_to_the_whole_arm_is_exported_once():
     """Every joint shows the tilt of the base, and the dead band of the force sensor."""
     shown = {"gravity_tilt__tilt": 0.1, "force_deadband__width": 0.3}
-    fitted = [FittedChannel(revision(f"joint_{number}", **shown), None, 3) for number in (1, 2)]
-    export = export_scenario(Scenario(), fitted, "x")
+    joints = [fitted(f"joint_{number}", 3, **shown) for number in (1, 2)]
+    export = export_scenario(Scenario(), joints, "x")
     assert [(e.name, e.channels[0]) for e in export.scenario.hidden] == [
         ("gravity_tilt", "joint_1"),
         ("deadband", "contact"),
@@ -102,8 +84,7 @@ def test_what_belongs_to_the_whole_arm_is_exported_once():
 
 def pressed(**more):
     """A spring of 500 N/m that the sensor first shows at 49 mm along the press."""
-    contact = revision("contact", stiffness__k=500.0, damping__c=20.0, **more)
-    return FittedChannel(contact, Surface(0.049, 1e-6), 0)
+    return fitted("contact", 0, Surface(0.049, 1e-6), stiffness__k=500.0, damping__c=20.0, **more)
 
 
 def dead_bands(found):
@@ -111,14 +92,14 @@ def dead_bands(found):
 
 
 def test_a_dead_band_that_the_joints_found_hid_the_first_of_the_press_from_the_contact():
-    joint = FittedChannel(revision("joint_1", force_deadband__width=0.5), None, 3)
+    joint = fitted("joint_1", 3, force_deadband__width=0.5)
     found = export_scenario(load_scenario("default"), [pressed(), joint], "as fitted")
     assert dead_bands(found) == [0.5]
     assert found.scenario.object.surface_height_m == pytest.approx(-0.048)  # 0.5 N is 1 mm of the spring
 
 
 def test_a_dead_band_found_by_contact_and_joints_is_one():
-    joint = FittedChannel(revision("joint_1", force_deadband__width=0.5), None, 3)
+    joint = fitted("joint_1", 3, force_deadband__width=0.5)
     found = export_scenario(load_scenario("default"), [pressed(deadband__width=0.45), joint], "as fitted")
     assert dead_bands(found) == [0.45]
     assert found.scenario.object.surface_height_m == pytest.approx(-0.049)
@@ -126,18 +107,17 @@ def test_a_dead_band_found_by_contact_and_joints_is_one():
 
 
 def test_what_the_simulator_cannot_do_is_said():
-    fitted = FittedChannel(revision("contact", stiffness__k=500.0, mystery__a=1.0), None, 0)
-    export = export_scenario(Scenario(), [fitted], "x")
+    unknown = fitted("contact", stiffness__k=500.0, mystery__a=1.0)
+    export = export_scenario(Scenario(), [unknown], "x")
     assert export.left_out == ("contact: the simulator has no effect 'mystery'",)
-    negative = FittedChannel(revision("contact", stiffness__k=5.0, lag__tau=-1.0), None, 0)
+    negative = fitted("contact", stiffness__k=5.0, lag__tau=-1.0)
     assert "lag" in export_scenario(Scenario(), [negative], "x").left_out[0]
-    pushing = FittedChannel(revision("contact", stiffness__k=5.0, damping__c=-3.0), None, 0)
+    pushing = fitted("contact", stiffness__k=5.0, damping__c=-3.0)
     assert "a damping of -3 N s/m would feed energy in" in export_scenario(Scenario(), [pushing], "x").used[1]
 
 
 def test_a_wrong_motor_constant_is_turned_round():
-    fitted = FittedChannel(revision("joint_1", torque_gain__gain=0.8), None, 3)
-    (entry,) = export_scenario(Scenario(), [fitted], "x").scenario.hidden
+    (entry,) = export_scenario(Scenario(), [fitted("joint_1", 3, torque_gain__gain=0.8)], "x").scenario.hidden
     assert entry.gain == pytest.approx(1.25)
 
 

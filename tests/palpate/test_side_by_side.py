@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 from estimation.study.sides import ParameterDifference, side_by_side
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import write_presses
+from tests.palpate.presses import write_presses, write_table
 
 
 def law(stiffness):
@@ -170,9 +170,8 @@ def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
     ],
 )
 def test_what_cannot_be_put_side_by_side_is_refused(arguments, words, soft, stiff, tmp_path):
-    swing, t = tmp_path / "swing.csv", np.arange(0, 8, 0.02)
-    rows = np.column_stack([t, np.sin(3 * t), np.cos(t)])
-    np.savetxt(swing, rows, delimiter=",", header="time_s,position_rad,torque_Nm", comments="")
+    t = np.arange(0, 8, 0.02)
+    swing = write_table(tmp_path / "swing.csv", time_s=t, position_rad=np.sin(3 * t), torque_Nm=np.cos(t))
     files = {"SOFT": soft, "STIFF": stiff, "SWING": swing}
     assert_refused(run("compare", *(files.get(one, one) for one in arguments)), *words)
 

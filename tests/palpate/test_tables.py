@@ -9,7 +9,6 @@ from rich.console import Console
 
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
-from estimation.study import Revision
 from estimation.study.sides import ParameterDifference
 from palpate import console
 from palpate.render.estimates import estimate_table
@@ -25,6 +24,7 @@ from palpate.render.view import ParameterView
 from palpate.study import Study
 from palpate.study_view import view_of
 from palpate.words import count, safe
+from tests.revisions import revision
 
 
 def printed(what, width):
@@ -55,26 +55,12 @@ def test_a_table_that_is_too_wide_is_folded_and_not_cut(width):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
-    told = {"user_effects": [], "effort_unit": "N m", "rmse": 0.06928, "noise_floor": 0.05}
-    when = {
-        "created_utc": "2026-01-02T03:04:05",
-        "software_version": "0",
-        "parameters": {},
-        "data_sha256": "0",
-    }
     effects = ["force_deadband", "load_dependent_friction"]
+    told = {"channel": "joint_1", "model": "rigid_body", "effort_unit": "N m", "noise_floor": 0.05}
+    told |= {"created_utc": "2026-01-02T03:04:05", "parameters": {}}
     kept = [
-        Revision(
-            number=number,
-            parent=number - 1 if number else None,
-            channel="joint_1",
-            model="rigid_body",
-            added="".join(effects[:number][-1:]),
-            effects=effects[:number],
-            **told,
-            **when,
-        )
-        for number in range(3)
+        revision(n, 0.06928, parent=parent, effects=effects[:n], added=["", *effects][n], **told)
+        for n, parent in enumerate((None, 0, 1))
     ]
     words = listed(kept, width).split()
     assert {"joint_1", "rigid_body", "force_deadband", "load_dependent_friction", "0.06928", "1.39"} <= set(
@@ -149,11 +135,8 @@ def test_next_steps_are_told_below_the_command_where_a_line_is_too_short(monkeyp
 @pytest.mark.parametrize("width", [60, 120])
 @pytest.mark.parametrize("text", ["[/bold]", "a[red]b", "\x1b[2Jx", "\x9b2J\\"])
 def test_a_revision_that_was_edited_by_hand_is_shown_and_not_obeyed(text, width):
-    told = {"number": 0, "parent": None, "added": text, "rmse": 1.0, "noise_floor": 0.5, "parameters": {}}
-    told |= {"data_sha256": "0"}
-    names = dict.fromkeys(("channel", "model", "effort_unit", "created_utc", "software_version"), text)
-    kept = Revision(effects=[text], user_effects=[], **names, **told)
-    shown = listed([kept], width)
+    names = ("added", "channel", "model", "effort_unit", "created_utc", "software_version")
+    shown = listed([revision(effects=[text], **dict.fromkeys(names, text))], width)
     assert shown.replace("\n", "").isprintable()
     assert shown.count(safe(text).replace("\\[", "[").replace("\\\\", "\\")) == (5 if width > 100 else 4)
 

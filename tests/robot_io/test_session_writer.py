@@ -325,14 +325,6 @@ def test_the_first_error_is_the_one_that_is_raised(tmp_path):
     assert "is not complete" in caught.value.__notes__[0]
 
 
-def test_a_session_is_never_overwritten(tmp_path):
-    path = tmp_path / "s.mcap"
-    path.write_text("precious")
-    with pytest.raises(SessionError, match="exists already"):
-        SessionWriter(path, [TICK], METADATA)
-    assert path.read_text() == "precious"
-
-
 def test_mistakes_in_the_program_are_named(tmp_path):
     with pytest.raises(InputError, match="tick is there twice"):
         SessionWriter(tmp_path / "s", [TICK, TICK], METADATA)

@@ -94,14 +94,6 @@ def test_an_object_is_felt_below_its_surface_only():
     assert np.allclose(depth[depth <= 0], fall_m[depth <= 0] - 0.05, atol=2e-4)
 
 
-def test_a_hunt_crossley_object_rests_where_its_spring_carries_the_weight():
-    law = HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5)
-    truths = simulated(law, (0.001, 0.05), 4.0)
-    depth = column(truths, "depth_m")
-    assert depth[-1] == pytest.approx((MASS_KG * GRAVITY_M_S2 / 7000.0) ** (1 / 1.5), rel=1e-3)
-    assert truths[-1].force_n == pytest.approx(MASS_KG * GRAVITY_M_S2, rel=1e-3)
-
-
 def test_a_hunt_crossley_object_takes_a_touch_without_a_jump():
     law = HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5)
     touch = simulated(law, (-1e-4, 0.15), 0.01)

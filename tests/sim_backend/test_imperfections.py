@@ -239,8 +239,6 @@ def test_what_is_drawn_fits_its_world_and_shows_where_it_was_wanted(seed, channe
     [
         ({"channel": "joint_9"}, "channel 'joint_9'.*Valid: contact, joint_1, joint_2, joint_3"),
         ({"channel": "joint_3", "effect": "payload"}, "Valid: joint_1, joint_2"),
-        ({"effect": "contact_offset"}, "no probing run shows it"),
-        ({"effect": "gremlin"}, "no hidden effect is called 'gremlin'"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(options, words):

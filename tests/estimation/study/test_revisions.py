@@ -6,20 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from estimation.study import Revision, Revisions
+from estimation.study import Revisions
 from robot_io.errors import InputError
-
-SPRING = {
-    "stiffness.k": {"value": 1.0, "std_err": None, "unit": "N/m"},
-    "damping.c": {"value": 1.0, "std_err": None, "unit": "N s/m"},
-}
-
-
-def revision(number, rmse=1.0, **changes):
-    told = {"number": number, "parent": None, "channel": "contact", "model": "kelvin_voigt", "added": ""}
-    told |= {"effects": [], "user_effects": [], "effort_unit": "N", "rmse": rmse, "noise_floor": 0.5}
-    told |= {"parameters": SPRING, "data_sha256": "", "created_utc": "", "software_version": ""}
-    return Revision.model_validate(told | changes)
+from tests.revisions import SPRING, revision
 
 
 @pytest.mark.parametrize("links", [True, False])

@@ -80,25 +80,8 @@ def _diagnosis(named, others):
 
 
 def _diagnosis_of(*groups):
-    accepted = [
-        Accepted(
-            effect=named,
-            parameters={},
-            rmse_before=0.05,
-            rmse_after=0.01,
-            p_value=0.001,
-            confused_with=others,
-            physics="",
-            equation="",
-            signature="",
-        )
-        for named, others in groups
-    ]
-    return ChannelDiagnosis(
-        channel="joint_1",
-        verdict="missing",
-        reason="why",
-        effort_unit="N m",
-        complete=True,
-        accepted=accepted,
-    )
+    told = {"parameters": {}, "rmse_before": 0.05, "rmse_after": 0.01, "p_value": 0.001}
+    told |= dict.fromkeys(("physics", "equation", "signature"), "")
+    accepted = [Accepted(effect=named, confused_with=others, **told) for named, others in groups]
+    about = {"channel": "joint_1", "verdict": "missing", "reason": "why", "effort_unit": "N m"}
+    return ChannelDiagnosis(complete=True, accepted=accepted, **about)

@@ -134,17 +134,6 @@ def test_negative_values_are_negative(way):
         assert (sample.position_rad[0] - np.pi + step_rad + np.pi) % (2 * np.pi) == pytest.approx(np.pi)
 
 
-def test_what_is_sent_is_what_the_motors_exert(active):
-    wanted = np.array([0.7, -0.4, 0.11])
-    for _ in range(3):
-        active.read()
-        sent = active.torque.stage_torque(wanted)
-        active.bus.flush(active.clock.now_s())
-    active.clock.sleep_until(active.clock.now_s() + TICK_S)
-    np.testing.assert_allclose(sent, wanted, atol=0.004)
-    np.testing.assert_allclose(active.exerted_nm(), sent, rtol=1e-9)
-
-
 def test_a_calibrated_torque_constant_is_used():
     constant = {1: {"torque_constant_nm_a": 2.0}}
     with dynamixel_bench(bolted=constant) as bench:  # the servo is weaker than its data sheet says
@@ -213,21 +202,6 @@ def test_a_hardware_error_that_does_not_switch_off_is_a_fault_of_the_drives_alon
     assert fast.encoder.read_position().sampled_at_s == fast.bus.sample.sampled_at_s
 
 
-@pytest.mark.parametrize(
-    ("strike", "said"),
-    [
-        (lambda servo, now_s: servo.reboot(now_s, 0.0), "has lost its settings"),
-        (lambda servo, _: servo.memory.put(table.TORQUE_ENABLE, 0), "has switched its torque off"),
-    ],
-)
-def test_a_servo_that_has_restarted_or_was_switched_off_is_noticed_and_not_believed(active, strike, said):
-    good = active.tick()
-    strike(active.line.servos[2], active.clock.now_s())
-    with pytest.raises(DeviceError, match=rf"servo 2 \(joint 2\): {said}"):
-        active.read()
-    assert active.bus.sample is good
-
-
 def test_a_hardware_error_keeps_the_torque_off_until_a_reboot(fast):
     fast.befall(kind="alert", device=2, times=1)
     with pytest.raises(DeviceError):
@@ -287,19 +261,6 @@ def test_switching_off_that_nobody_confirms_is_an_error_that_says_what_follows(a
         active.torque.deactivate()
 
 
-def test_an_unplugged_port_is_an_error_and_the_watchdogs_let_go(active):
-    active.tick((0.5, 0.3, 0.1))
-    active.befall(kind="unplug", times=1)
-    for _ in range(3):
-        with pytest.raises(DeviceError, match="unplugged"):
-            active.tick()
-    with pytest.raises(DeviceError, match="torque not known to be off"):
-        active.torque.deactivate()
-    active.torque.deactivate()  # said once; there is nothing more to do
-    active.wait(1.1 * WATCHDOG_S)
-    assert (active.exerted_nm() == 0).all()
-
-
 @BOTH
 def test_a_port_that_failed_can_be_used_again(way, tmp_path):
     with dynamixel_bench(link=tmp_path / "port", **way) as bench:
@@ -326,10 +287,3 @@ def test_a_port_has_one_owner(active):
     ):
         other.bus.configure()
     assert active.tick() is not None
-
-
-def test_a_port_that_is_not_there_is_an_error():
-    with dynamixel_bench(port="/dev/no_such_port") as bench:
-        with pytest.raises(DeviceError, match="No such file"):
-            bench.bus.configure()
-        bench.torque.deactivate()  # nothing was ever powered

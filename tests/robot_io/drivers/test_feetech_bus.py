@@ -191,14 +191,6 @@ def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
     del servo.read
 
 
-def test_an_overload_is_named_and_its_position_still_sound(arm):
-    arm.start()
-    arm.strike("motors", FaultKind.ALERT, device=4, times=1)
-    measurement = arm.ticks(2)
-    assert measurement.torque_status is Status.FAULT
-    assert "servo 4 (joint 3): error: overload" in arm.problem
-
-
 @pytest.mark.parametrize(
     ("strike", "problem"),
     [

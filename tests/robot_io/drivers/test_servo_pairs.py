@@ -79,24 +79,12 @@ def test_a_difference_within_the_tolerance_is_shared_and_makes_no_fight(make, fa
     assert np.abs([shaft.torque_nm for shaft in shafts(arm)]).max() < 0.02
 
 
-@pytest.mark.parametrize(
-    ("kind", "said"),
-    [
-        (FaultKind.SLIPPED, "stand 0.1.. rad apart, pair_tolerance_rad is 0.035: has a horn slipped"),
-        (FaultKind.DROP, "servo {second} did not answer in time"),
-        (FaultKind.ALERT, r"servo {second} \(joint 1, second\): .*error: overload"),
-        (
-            FaultKind.REBOOT,
-            r"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 in place",
-        ),
-    ],
-)
-def test_what_is_wrong_with_the_second_is_named(make, family, kind, said):
+def test_a_second_that_has_restarted_is_named(make, family):
     arm = make(family).start()
     second = FAMILIES[family][2]
-    times = 1 if kind in (FaultKind.ALERT, FaultKind.REBOOT) else None
-    arm.strike("motors", kind, device=second, times=times, delay_s=0.001)
-    arm.ticks_until(lambda _: re.search(said.format(second=second), arm.problem), most=4)
+    arm.strike("motors", FaultKind.REBOOT, device=second, times=1, delay_s=0.001)
+    said = rf"servo {second} \(joint 1, second\): has lost|servo {second}: torque limit is 1000 in place"
+    arm.ticks_until(lambda _: re.search(said, arm.problem), most=4)
 
 
 @pytest.mark.parametrize("kind", [FaultKind.LIMP, FaultKind.REVERSED])
