@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 from functools import partial
-from itertools import chain, count, repeat
+from itertools import count
 
 import numpy as np
 import pytest
@@ -270,8 +270,13 @@ def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
     arm, task = Arm(), Swing(torque_nm=0.5)
-    presses = chain([number], repeat(signal.SIGINT))  # at each poll of the stop again
-    arm.on_poll = lambda: os.kill(os.getpid(), next(presses)) if task.steps == 100 else None
+
+    def press():
+        if task.steps == 100:  # at each poll of the stop again
+            os.kill(os.getpid(), number)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    arm.on_poll = press
     before = signal.getsignal(number)
     result, log = run(arm, task)
     assert result.outcome is Outcome.STOPPED
