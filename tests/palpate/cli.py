@@ -31,9 +31,9 @@ def as_json(*arguments) -> Any:
     return json.loads(done(*arguments, "--json").stdout)
 
 
-def run_process(*arguments, **options) -> "subprocess.CompletedProcess[str]":
-    """The command line as a process of its own."""
-    command = [sys.executable, "-m", "palpate.main", *map(str, arguments)]
+def run_process(*arguments, code: str = "", **options) -> "subprocess.CompletedProcess[str]":
+    """The command line, or `code` in Python, as a process of its own."""
+    command = [sys.executable, *(("-c", code) if code else ("-m", "palpate.main")), *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, check=False, cwd=options.pop("cwd", ROOT), **options
     )

@@ -117,9 +117,7 @@ def test_nothing_that_happens_at_the_very_end_changes_how_it_ended(code, end, ex
         f"main.run = lambda: sys.exit({code})\n"
         "main.main()\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    result = run_process(code=program)
     assert (result.returncode, result.stderr) == (expected, "")
 
 
@@ -139,6 +137,5 @@ def test_what_libraries_mutter_is_not_heard():
         "main.run = mutter\n"
         "main.main()\n"
     )
-    command = [sys.executable, "-c", program]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    result = run_process(code=program)
     assert (result.returncode, result.stderr) == (0, "")

@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 import tomllib
 
 import pytest
@@ -49,9 +47,7 @@ def asked_by_bash(typed):
 
 def test_the_program_itself_completes():
     code = "import sys; sys.argv = ['palpate']; from palpate.main import main; main()"
-    env = os.environ | asked_by_bash("palpate effects cubic")
-    command = [sys.executable, "-c", code]
-    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+    said = run_process(code=code, env=os.environ | asked_by_bash("palpate effects cubic"))
     assert said.stdout.split() == ["cubic_stiffness"], said.stderr
 
 

@@ -78,16 +78,11 @@ class TestReading:
         }
         assert same[device]
 
-    def test_a_repeat_is_stale_even_if_the_driver_calls_it_fresh(self, active, monkeypatch):
-        reading = active.force.read_force()
+    @pytest.mark.parametrize("ago_s", [0.0, DT], ids=["a repeat", "a late packet from the past"])
+    def test_what_is_not_new_is_stale_even_if_the_driver_calls_it_fresh(self, active, monkeypatch, ago_s):
+        reading = Reading(np.array([1.0]), active.force.read_force().sampled_at_s - ago_s)
         monkeypatch.setattr(active.force, "read_force", lambda: reading)
         assert reading.status is Status.OK
-        assert tick(active).force_status is Status.STALE
-
-    def test_a_late_packet_from_the_past_is_stale(self, active, monkeypatch):
-        older = Reading(np.array([1.0]), active.clock.now_s() - DT)
-        tick(active)
-        monkeypatch.setattr(active.force, "read_force", lambda: older)
         assert tick(active).force_status is Status.STALE
 
     def test_the_older_of_position_and_velocity_counts(self, active, monkeypatch):
