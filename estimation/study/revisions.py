@@ -79,7 +79,10 @@ class Revisions:
         """One revision. InputError: there is no such revision."""
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
-            there = ", ".join(str(n) for n in known) or "none yet"
+            there = (
+                ", ".join(str(n) for n in known)
+                or "none yet; leave out the start to begin with the base model"
+            )
             raise InputError(f"no revision {number} in {self._folder or 'memory'}. There are: {there}")
         return known[number]
 

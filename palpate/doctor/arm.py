@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Set
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +25,6 @@ from robot_io.interfaces import Component
 from robot_io.lifecycle import undo_all
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
-from sim_backend.emulators.faults import Faults
 from sim_backend.scenario import load_scenario
 
 _HELP = "see docs/hardware.md, 'First power-up'"
@@ -42,7 +41,6 @@ class ArmCheck:
     robot_file: RobotFile
     wired: bool = False  # emulate its devices
     as_built: RobotFile | None = None  # the emulated arm as it is put together; None: as its robot file says
-    faults: dict[str, Faults] = field(default_factory=dict)  # of emulated devices, by bus name
     move: bool = False  # whether its signs are looked at too
     may_power: Callable[[], bool] = lambda: False  # asked before the arm gets power
     drivers: tuple[str, ...] = ()  # packages with drivers beside palpate's own
@@ -93,7 +91,7 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
     """The clock, the robot file that leads to the devices, and who moves the arm."""
     if check.wired:
         clock, scenario = SimulatedClock(), load_scenario(DEFAULT_SCENARIO)
-        arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built, faults=check.faults)
+        arm = emulate(check.robot_file, scenario, clock, as_built=check.as_built)
         stack.callback(arm.bench.close)
         return clock, arm.robot_file, EmulatedHand(arm.plant, arm.robot_file)
     if not is_simulated(check.robot_file):
