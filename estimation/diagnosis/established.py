@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.candidates import Candidate, size
 from estimation.diagnosis.doubt import SMALL, gained
-from estimation.diagnosis.search import NEAR, Search, looked_back
+from estimation.diagnosis.search import LEVEL, NEAR, Search, looked_back
 from estimation.effect import SIGNALS, Effect
 from estimation.fit.flexible import flexible
 from estimation.fit.intervals import final, values
@@ -29,6 +30,7 @@ Complete = Callable[[Standing], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
 _OWN = 2.0  # times the noise, that an effect's own signals may still explain, or the small share
+_SURE = float(ndtri(1.0 - 0.5 * LEVEL) / ndtri(0.975))  # times a 95 % interval: that of `LEVEL`
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -180,11 +182,9 @@ def simplest(search: Search, end: Standing, readings: Readings, is_complete: Com
     """
     for name in names_in_order(search, end):
         (effect,) = (one for one in end.trial.model.effects if one.name == name)
-        others = (search.with_candidate(one) for one in _rivals(search, end, name, readings, size(effect)))
-        better = [
-            one for one in others if search.is_better(one, end) and (is_complete(one) or not is_complete(end))
-        ]
-        end = min(better, key=lambda one: (search.size(one), one.trial.held_out), default=end)
+        made = map(search.with_candidate, _rivals(search, end, name, readings, size(effect)))
+        kept = [one for one in made if search.is_better(one, end) and is_complete(one) >= is_complete(end)]
+        end = min(kept, key=lambda one: (search.size(one), one.trial.held_out), default=end)
     return end
 
 
@@ -269,7 +269,7 @@ def _outweighs_the_rest(before: Standing, end: Standing) -> bool:
 
 
 def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
-    """Whether the interval of each parameter that says how large an effect is holds zero, or is not known.
+    """Whether each parameter that says how large an effect is may be zero, by its interval at `LEVEL`.
 
     These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
     effect that takes away more of the squared error than is left, beside what windows took off the motion,
@@ -280,7 +280,7 @@ def _may_be_nothing(before: Standing, end: Standing, name: str) -> bool:
     (effect,) = (one for one in end.trial.model.effects if one.name == name)
     found = values(*final(end))
     sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
-    return not any(one.interval[0] > 0.0 or one.interval[1] < 0.0 for one in sizes)
+    return not any(abs(one.value) > 0.5 * _SURE * np.ptp(one.interval) for one in sizes)
 
 
 def _is_below_a_step(search: Search, end: Standing, name: str) -> bool:
