@@ -8,7 +8,6 @@ from zlib import crc32
 
 import numpy as np
 
-from estimation.arm.shared_gains import with_shared_gains
 from estimation.channel import ChannelData
 from estimation.design.next_experiment import FEW_READINGS
 from estimation.diagnosis.answer import Judgement, answer, insufficient
@@ -25,6 +24,7 @@ from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
 from estimation.gate import refuse, usable
 from estimation.model import Model
+from estimation.shared_gains import with_shared_gains
 
 _ALONE = 3  # effects that may be established alone where the model that leaves least is not
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out

@@ -8,11 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimation.arm.shared_gains import with_shared_gains
 from estimation.channel import ChannelData
 from estimation.diagnosis.candidates import library
 from estimation.effect import Effect
 from estimation.fit.trial import NOT_HELD
+from estimation.shared_gains import with_shared_gains
 from estimation.study import engine
 from estimation.study.channels import (
     ALL_CHANNELS,

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from estimation.arm.base_parameters import base_parameters
-from estimation.arm.shared_gains import with_shared_gains
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects import EFFECTS
 from estimation.fit.standing import stand
 from estimation.gate import usable
 from estimation.models import MODELS
+from estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
 
 COULOMB = (0.4, 0.0, 0.8, 0.0, 0.3, 0.0, 0.2)  # [N m]: friction in some joints only
