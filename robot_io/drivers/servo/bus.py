@@ -37,6 +37,7 @@ class ServoBus(JointBus, Examinable):
         self._reader: FeedbackReader[Any] | None = None
         self._turns_known = False
         self._powered = False
+        self._may_hold = False  # until the servos have been told to let go, however often that fails
         self._staged: bytes | None = None
         self.sample: ServoSample | None = None
         unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
@@ -165,6 +166,7 @@ class ServoBus(JointBus, Examinable):
             self._port.write(staged)
 
     def power_on(self) -> None:
+        self._may_hold = True
         self._switch_on()
         self._pairs.restart()
         self._powered = True
@@ -174,11 +176,11 @@ class ServoBus(JointBus, Examinable):
 
     def power_off(self) -> None:
         """See `JointBus.power_off`; does nothing on a port that was never opened."""
-        self._staged = None
-        powered, self._powered = self._powered, False
+        self._staged, self._powered = None, False
         if self._port.is_open:
             self._line.switch_off()
-        elif powered:
+            self._may_hold = False
+        elif self._may_hold:
             reason = self._port.failure or "the port is closed"
             last_resort = self._line.last_resort
             raise DeviceError(f"{self._port.path}: {reason}: torque not known to be off; {last_resort}")
