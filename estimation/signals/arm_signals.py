@@ -108,7 +108,8 @@ def _regressor(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: Flo
 def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> FloatArray:
     """Force at the tip beyond its reading (n,) [N], by torques that no link takes; in free air there is none.
 
-    Each joint counts by its lever and its noise, which its neighbouring samples tell.
+    Each joint counts by its lever and its noise, which its neighbouring samples tell. Where none has a lever
+    they say nothing: the reading is hardly off by more than the largest one (a normal prior).
 
     Args:
         data: any joint's channel.
@@ -118,7 +119,8 @@ def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> 
     touching, force = data.context["touching"], data.context["contact_force"]
     left = left - levers * force[:, None]
     weights = levers / np.maximum(np.var(np.diff(left, axis=0), axis=0), 1e-300)
-    beyond = np.sum(weights * left, axis=1) / np.maximum(np.sum(weights * levers, axis=1), 1e-300)
+    prior = 1.0 / np.maximum(np.max(force**2), 1e-300)
+    beyond = np.sum(weights * left, axis=1) / (np.sum(weights * levers, axis=1) + prior)
     return steadied(np.where(touching, beyond, -force), data.time_s, data.run)
 
 

@@ -84,3 +84,19 @@ def test_the_other_joints_say_what_the_force_sensor_misses(body, joint):
     found = with_rigid_body(data, body, joint).context["force_beyond_reading"]
     assert found[:170] == pytest.approx(-0.3)
     assert np.sqrt(np.mean((found - missed)[230:] ** 2)) < 0.05
+
+
+def test_joints_without_a_lever_say_nothing_of_the_force(body):
+    """Links in line, pressed along that line: two joints carry noise only, and a lever of next to nothing."""
+    n, rng = 400, np.random.default_rng(5)
+    q = np.tile([0.3, 0.5, 0.0], (n, 1))
+    jacobian = body.tip_jacobian(q[0])[:3]
+    along = np.cross(jacobian[:, 1], body.joint_axes()[1].axis_world) / np.linalg.norm(jacobian[:, 1])
+    along += 1e-6 * jacobian[:, 1] / np.linalg.norm(jacobian[:, 1])
+    assert np.abs(jacobian[:, 1:].T @ along).max() < 1e-5
+    torque = body.inverse_dynamics_along(q, 0.0 * q, 0.0 * q) + 5.0 * jacobian.T @ along
+    known = {"joint_position": q, "joint_torque": torque + rng.normal(0.0, 0.01, q.shape)}
+    known |= {"touching": np.ones(n), "press_direction_world": np.tile(along, (n, 1))}
+    pressed = resting(0, 5.0, n)
+    data = replace(pressed, time_s=0.001 * np.arange(n), context={**pressed.context, **known})
+    assert np.abs(with_rigid_body(data, body, 0).context["force_beyond_reading"]).max() < 0.1
