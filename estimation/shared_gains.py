@@ -15,9 +15,9 @@ import numpy as np
 from estimation.arm.normal_equations import arranged, information_of_others, shared_information
 from estimation.arm.prior import consistent_information
 from estimation.channel import ChannelData, SharedGains
+from estimation.data_quality import reject_reason, usable
 from estimation.effects.rigid_body_fitted import RigidBodyFitted
 from estimation.fit.standing import Standing, stand
-from estimation.gate import refuse, usable
 from estimation.model import Model
 
 
@@ -36,7 +36,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     of_arm = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
-        if _body_of(model) is not None and refuse(data, model) is None
+        if _body_of(model) is not None and reject_reason(data, model) is None
     ]
     effect = _body_of(models[of_arm[0]]) if of_arm else None
     if effect is None or effect.arm is None or effect.urdf is None:

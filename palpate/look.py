@@ -12,7 +12,7 @@ from estimation.channel import ChannelData
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import Table, read_table
-from estimation.gate.motion_and_effort import late_touch, mistaken_units
+from estimation.data_quality.motion_and_effort import late_touch, mistaken_units
 from estimation.signals.runwise import sample_time
 from palpate import console
 from palpate.render.palette import phase

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from pydantic import BaseModel, ConfigDict
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data_quality import SINGLE_RUN
 from estimation.design import Experiment, Rivals, choose
 from estimation.design.own_motion import changed_motions, extent
 from estimation.effect import Effect
 from estimation.fit.standing import Fit
-from estimation.gate.gate import SINGLE_RUN
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _RUNS = (

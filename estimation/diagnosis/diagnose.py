@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.data_quality import reject_reason, usable
 from estimation.design.next_experiment import FEW_READINGS
 from estimation.diagnosis.answer import Judgement, answer, insufficient
 from estimation.diagnosis.candidates import library
@@ -22,7 +23,6 @@ from estimation.effect import Effect
 from estimation.end_workers import end_when_told, end_workers
 from estimation.fit.readings import readings_of
 from estimation.fit.standing import Standing
-from estimation.gate import refuse, usable
 from estimation.model import Model
 from estimation.shared_gains import with_shared_gains
 
@@ -103,7 +103,7 @@ def diagnose_channel(
     progress: Progress = lambda what, share: None,
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
-    if reason := refuse(data, model):
+    if reason := reject_reason(data, model):
         return insufficient(data, reason)
     tried = search_of(data, model, usable(data), effects, rng, progress)
     is_complete = _Completeness(tried)

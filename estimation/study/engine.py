@@ -13,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from estimation import diagnosis
 from estimation.channel import ChannelData
+from estimation.data_quality import mention_held_out, reject_reason, usable
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.candidates import candidates, size, try_all
 from estimation.diagnosis.doubt import SMALL
@@ -25,7 +26,6 @@ from estimation.fit.load import LOAD, LUMPED, with_load
 from estimation.fit.memory import Memory
 from estimation.fit.standing import Standing, bench_of, stand
 from estimation.fit.trial import Bench, Trial, held_out_residual, rmse
-from estimation.gate import of_runs_left, refuse, usable
 from estimation.model import Model
 from estimation.physical import unphysical
 from estimation.study import glance as first_look
@@ -168,8 +168,8 @@ def fit(
     with _one_thread():
         if parent is not None:
             return Fitted(_extended(data, parent.standing, model.effects[-1], good), whole)
-        if reason := refuse(data, model):
-            said = of_runs_left(reason, len(data.runs), len((whole or data).runs))
+        if reason := reject_reason(data, model):
+            said = mention_held_out(reason, len(data.runs), len((whole or data).runs))
             raise InputError(f"channel '{data.name}': {said}")
         return Fitted(stand(data, model, {}, good), whole)
 

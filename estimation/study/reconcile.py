@@ -3,12 +3,12 @@
 import re
 from collections.abc import Mapping, Sequence
 
+from estimation.data_quality import mention_held_out
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.doubt import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
-from estimation.gate import of_runs_left
 from estimation.study.channels import StudyChannel
 from estimation.study.engine import Fitted
 from estimation.study.fits import Fits
@@ -20,7 +20,7 @@ MOST_FITTED = 3  # candidates that are fitted as `add` would
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
     if channel.held_out:  # a diagnosis judges each run that is fitted by the others
-        said = of_runs_left(found.reason, len(channel.to_fit.runs), len(channel.data.runs))
+        said = mention_held_out(found.reason, len(channel.to_fit.runs), len(channel.data.runs))
         return found.model_copy(update={"reason": said})
     if found.baseline is None or found.noise_floor is None:
         return found

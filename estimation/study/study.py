@@ -9,10 +9,10 @@ from typing import Any
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
+from estimation.data_quality import mention_held_out, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
-from estimation.gate import of_runs_left, refuse
 from estimation.study import engine
 from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
@@ -122,8 +122,8 @@ class Study(Fits):
 
     def refusal(self, channel: StudyChannel) -> str:
         """Why a channel cannot be judged; empty where it can."""
-        reason = refuse(channel.to_fit, channel.model) or ""
-        return of_runs_left(reason, len(channel.to_fit.runs), len(channel.data.runs))
+        reason = reject_reason(channel.to_fit, channel.model) or ""
+        return mention_held_out(reason, len(channel.to_fit.runs), len(channel.data.runs))
 
     def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.

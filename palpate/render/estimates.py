@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from estimation.channel import ChannelData
+from estimation.data_quality import contaminated
 from estimation.estimate import Estimate, Identifiability, ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
-from estimation.gate.gate import spoilt
 from estimation.rounding import in_steps, steps_spanned
 from estimation.statistics.misfit import Misfit, misfit
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
@@ -155,7 +155,7 @@ def remarks(found: ChannelEstimates, truth: Truth) -> list[str]:
 
 def spoilt_by(found: ChannelEstimates) -> str | None:
     """What is wrong with the data, so that no estimate of them means anything; None if nothing shows."""
-    return spoilt(found.channel, found.model)
+    return contaminated(found.channel, found.model)
 
 
 def misfit_of(found: ChannelEstimates) -> Misfit:

@@ -282,7 +282,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 def gates(bench: Bench) -> None:
     """The checklist of the gate."""
-    from estimation.gate import checklist  # noqa: PLC0415
+    from estimation.data_quality import checklist  # noqa: PLC0415
 
     one = bench.channel
     found = checklist(one.to_fit, one.model)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.channel import ChannelKind
+from estimation.data_quality import reject_reason
 from estimation.design.next_experiment import sufficient
-from estimation.gate.gate import refuse
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, write_presses, write_table
@@ -242,7 +242,7 @@ def test_what_an_effect_prints_does_not_stand_among_the_results(hardening, tmp_p
 def test_where_the_steps_are_too_coarse_the_next_motion_takes_more_effort():
     time_s, x, v, run = motion(np.random.default_rng(0))
     force = np.round(kelvin_voigt(x, v) / 4.0) * 4.0
-    reason = refuse(channel(force, time_s, x, v, run))
+    reason = reject_reason(channel(force, time_s, x, v, run))
     assert "finer" in sufficient(reason, ChannelKind.CONTACT).instruction
     assert "finer" not in sufficient("it rests", ChannelKind.REVOLUTE).instruction
 

@@ -6,9 +6,9 @@ import pytest
 from estimation.arm.base_parameters import base_parameters
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data_quality import usable
 from estimation.effects import EFFECTS
 from estimation.fit.standing import stand
-from estimation.gate import usable
 from estimation.models import MODELS
 from estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor

@@ -146,7 +146,7 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
         return found
 
     stubs = {
-        "refuse": lambda data, model: given.get("refused"),
+        "reject_reason": lambda data, model: given.get("refused"),
         "search_of": lambda *_: SimpleNamespace(start=base),
         "_Completeness": Judge,
         "search": searching,

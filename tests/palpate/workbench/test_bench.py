@@ -11,9 +11,9 @@ import palpate
 from estimation.channel import ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import read_table
+from estimation.data_quality import checklist
 from estimation.effects import EFFECTS
 from estimation.fit import long_data
-from estimation.gate import checklist
 from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _bench
 from palpate.data_options import DataArguments

@@ -6,17 +6,17 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.colour import ORDER, Colour
-from estimation.fit.frame import PIECES, block_length, frame_of
-from estimation.gate.motion_and_effort import (
+from estimation.data_quality.motion_and_effort import (
     angle_in_degrees,
     misaligned,
     mistaken_times,
     mistaken_units,
     no_contact,
 )
-from estimation.gate.readings import at_its_end, copied, too_coarse, unchanging
-from estimation.gate.rectified import rectified
+from estimation.data_quality.readings import at_its_end, copied, too_coarse, unchanging
+from estimation.data_quality.rectified import rectified
+from estimation.fit.colour import ORDER, Colour
+from estimation.fit.frame import PIECES, block_length, frame_of
 from estimation.model import Model
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray
@@ -44,7 +44,7 @@ def usable(data: ChannelData) -> BoolArray:
     return good if np.mean(~good) <= _MOST_GLITCHES else np.ones(len(data), dtype=np.bool_)
 
 
-def refuse(data: ChannelData, model: Model | None = None) -> str | None:
+def reject_reason(data: ChannelData, model: Model | None = None) -> str | None:
     """The reason why this channel cannot be diagnosed, and the remedy; None if it can.
 
     Args:
@@ -56,24 +56,24 @@ def refuse(data: ChannelData, model: Model | None = None) -> str | None:
     return _first((check for _, check in _checks(model)), good) or angle_in_degrees(good, model)
 
 
-def spoilt(data: ChannelData, model: Model) -> str | None:
+def contaminated(data: ChannelData, model: Model) -> str | None:
     """What is wrong with the readings or the motion, whatever is asked of them; None if nothing shows.
 
-    Unlike `refuse`, it asks for nothing to be held out.
+    Unlike `reject_reason`, it asks for nothing to be held out.
     """
     good = data.select(usable(data))
     of_it = (check for kind, check in _CHECKS if kind != "enough" and check is not _blocks)
     return _first(of_it, good) or angle_in_degrees(good, model)
 
 
-def of_runs_left(reason: str, left: int, recorded: int) -> str:
-    """A reason of `refuse` where some runs were held out by choice: it says how many are left of all."""
+def mention_held_out(reason: str, left: int, recorded: int) -> str:
+    """Say in a reason of `reject_reason` how many runs are left of all, where some are held out."""
     few = f"{SINGLE_RUN} is left of {recorded}, the others are held out"
     return reason.replace(SINGLE_RUN, few, 1) if left < recorded else reason
 
 
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
-    """What of each kind of check of `refuse` speaks against this channel; empty where nothing does.
+    """What of each kind of check of `reject_reason` speaks against this channel; empty where nothing does.
 
     Keys: "enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",
     "saturation". Where one of the first two fails, the others make no sense and are left out.
@@ -156,7 +156,7 @@ def _blocks(data: ChannelData) -> str | None:
 
 
 _Check = Callable[[ChannelData], str | None]
-_CHECKS: tuple[tuple[str, _Check], ...] = (  # by kind; in the order in which `refuse` asks
+_CHECKS: tuple[tuple[str, _Check], ...] = (  # by kind; in the order in which `reject_reason` asks
     ("enough", _length),
     ("enough", _size),
     ("excitation", unchanging),

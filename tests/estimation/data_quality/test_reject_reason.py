@@ -7,8 +7,8 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.gate import refuse, spoilt, usable
-from estimation.gate.motion_and_effort import late_touch
+from estimation.data_quality import contaminated, reject_reason, usable
+from estimation.data_quality.motion_and_effort import late_touch
 from estimation.models import MODELS
 from estimation.tare import Tare
 from tests.estimation.presses import kelvin_voigt, session
@@ -109,7 +109,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("words", REFUSED)
 def test_bad_data_is_refused_with_a_remedy(words):
-    assert words in refuse(REFUSED[words]())
+    assert words in reject_reason(REFUSED[words]())
 
 
 def coarsely_read(step, noise=0.0):
@@ -204,22 +204,22 @@ JUDGED = {
 
 @pytest.mark.parametrize("name", JUDGED)
 def test_what_only_looks_bad_is_judged(name):
-    assert refuse(JUDGED[name]()) is None
+    assert reject_reason(JUDGED[name]()) is None
 
 
 @pytest.mark.parametrize("step", [0.0, 0.05])
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 30.0])
 def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, step):
     data = coarsely_read(step)
-    reason = refuse(replace(data, velocity=factor * data.velocity))
+    reason = reject_reason(replace(data, velocity=factor * data.velocity))
     assert float(reason.split()[3]) == pytest.approx(factor, rel=0.05)
-    assert "check times" in spoilt(replace(data, time_s=data.time_s / factor), model("pendulum"))
+    assert "check times" in contaminated(replace(data, time_s=data.time_s / factor), model("pendulum"))
 
 
 @pytest.mark.parametrize(("correlation", "step_n"), [(0.0, 0.02), (0.6, 0.01), (0.9, 0.001)])
 def test_a_copy_is_told_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
-    assert "is a copy of run 0" in refuse(replace(again, effort=stepped(again.effort, step_n)))
+    assert "is a copy of run 0" in reject_reason(replace(again, effort=stepped(again.effort, step_n)))
 
 
 @pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
@@ -227,14 +227,14 @@ def test_a_copy_is_told_by_its_noise(correlation, step_n):
 def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_not(step_n, correlation):
     made = session(3, correlation=correlation)
     force = stepped(made.effort, step_n)
-    assert refuse(replace(made, effort=np.maximum(force, 0.0))) is None
+    assert reject_reason(replace(made, effort=np.maximum(force, 0.0))) is None
     if correlation == 0.0:  # else the noise is less than two steps from sample to sample
-        assert "rectified" in refuse(replace(made, effort=np.abs(force)))
+        assert "rectified" in reject_reason(replace(made, effort=np.abs(force)))
 
 
 def test_a_tare_does_not_hide_that_readings_were_folded():
     tare = Tare(DATA.runs, np.full(len(DATA.runs), 0.04), np.full(len(DATA.runs), 0.01))
-    assert "rectified" in refuse(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))
+    assert "rectified" in reject_reason(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))
 
 
 def slowly(torque, *, one_way=False):
@@ -275,7 +275,7 @@ TURNS = {
 @pytest.mark.parametrize("name", TURNS)
 def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
     base, made, is_refused = TURNS[name]
-    reason = refuse(made(), model(base))
+    reason = reject_reason(made(), model(base))
     assert ("in degrees" in reason) if is_refused else reason is None
 
 
@@ -289,7 +289,7 @@ def test_glitches_are_set_aside_and_steps_are_kept():
 
 
 def test_what_was_measured_well_is_spoilt_by_nothing_though_one_run_is_too_few_to_diagnose():
-    assert spoilt(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
+    assert contaminated(DATA.of_runs(DATA.runs[:1]), model("kelvin_voigt")) is None
 
 
 @pytest.mark.parametrize(

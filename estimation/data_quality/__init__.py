@@ -1,0 +1,12 @@
+"""Checks before fitting: whether a recording can be judged, and what in it is implausible."""
+
+from estimation.data_quality.checks import (
+    SINGLE_RUN,
+    checklist,
+    contaminated,
+    mention_held_out,
+    reject_reason,
+    usable,
+)
+
+__all__ = ["SINGLE_RUN", "checklist", "contaminated", "mention_held_out", "reject_reason", "usable"]
