@@ -137,7 +137,8 @@ class DataArguments(ReadOptions):
             held_out=_run_numbers(self.held_out),
             **vars(self.options),
         )
-        console.say_read(study.source.read, study.source.notes)
+        warnings = (f"{name}: {one}" for name, several in study.warnings.items() for one in several)
+        console.say_read(study.source.read, (*study.source.notes, *warnings))
         return study
 
     def refuse_unknown(self, model: str | None) -> None:

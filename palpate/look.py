@@ -12,7 +12,7 @@ from estimation.channel import ChannelData
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import Table, read_table
-from estimation.data_quality.motion_and_effort import late_touch, mistaken_units
+from estimation.data_quality import quality_warnings
 from estimation.signals.runwise import sample_time
 from palpate import console
 from palpate.render.palette import phase
@@ -35,7 +35,7 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
         "written": table.words,
         "columns": {name: roles.get(name) for name in table.names},
         "channels": facts(imported),
-        "notes": [*imported.notes, *doubts(imported)],
+        "notes": [*imported.notes, *implausible(imported)],
     }
 
 
@@ -78,16 +78,14 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         out.print(_runs(channel, imported.run_labels))
         if phases := _phases(channel):
             out.print(f"phases: {phases}")
-    for note in (*imported.notes, *doubts(imported)):
+    for note in (*imported.notes, *implausible(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
     return imported.roles
 
 
-def doubts(imported: Imported) -> list[str]:
-    """What is hardly in the unit, or from the zero, that it is said to be, in one sentence each."""
-    checks = (mistaken_units, late_touch)
-    checked = ((channel.name, check(channel)) for channel in imported.channels for check in checks)
-    return [f"{name}: {doubt}" for name, doubt in checked if doubt]
+def implausible(imported: Imported) -> list[str]:
+    """What in the channels is implausible, in one sentence each."""
+    return [f"{one.name}: {warning}" for one in imported.channels for warning in quality_warnings(one)]
 
 
 def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:

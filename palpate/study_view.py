@@ -20,7 +20,8 @@ def view_of(
     """
     shown = study.results() if results is None else results
     source = study.source
-    notes = (*([f"read: {source.read}"] if source.read else []), *source.notes)
+    warnings = (f"{name}: {one}" for name, several in study.warnings.items() for one in several)
+    notes = (*([f"read: {source.read}"] if source.read else []), *source.notes, *warnings)
     return StudyView(
         source.name, tuple(map(result_view, shown)), _facts(study, shown), tuple(commands), notes
     )

@@ -5,8 +5,17 @@ from estimation.data_quality.checks import (
     checklist,
     contaminated,
     mention_held_out,
+    quality_warnings,
     reject_reason,
     usable,
 )
 
-__all__ = ["SINGLE_RUN", "checklist", "contaminated", "mention_held_out", "reject_reason", "usable"]
+__all__ = [
+    "SINGLE_RUN",
+    "checklist",
+    "contaminated",
+    "mention_held_out",
+    "quality_warnings",
+    "reject_reason",
+    "usable",
+]

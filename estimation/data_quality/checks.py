@@ -1,6 +1,10 @@
-"""Whether a channel can be diagnosed at all; if not, the reason and the remedy in one sentence."""
+"""Checks before fitting: what cannot be judged is rejected, what is implausible is reported and judged.
 
-from collections.abc import Callable, Iterable
+Data are rejected only where nothing can be computed, or where signals contradict each other. Each sentence
+has the figure and the remedy, such as the option that overrides what was taken.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -8,13 +12,23 @@ from scipy.ndimage import median_filter
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data_quality.motion_and_effort import (
     angle_in_degrees,
+    late_touch,
     misaligned,
     mistaken_times,
     mistaken_units,
     no_contact,
+    unrelated,
 )
-from estimation.data_quality.readings import at_its_end, copied, too_coarse, unchanging
-from estimation.data_quality.rectified import rectified
+from estimation.data_quality.readings import (
+    at_lower_end,
+    copied,
+    copied_runs,
+    saturated,
+    stuck_in_air,
+    too_coarse,
+    unchanging,
+)
+from estimation.data_quality.rectified import folded, folded_in_contact, rectified
 from estimation.fit.colour import ORDER, Colour
 from estimation.fit.frame import PIECES, block_length, frame_of
 from estimation.model import Model
@@ -28,42 +42,76 @@ _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
 _TRAVELLED = 3.0  # ranges of positions, that a single recording goes through for parts of it to be held out
+_OF_READINGS = frozenset({"sync", "readings", "saturation"})  # kinds of checks
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
-_DEEP, _RELEASED = 0.5, 0.1  # of the deepest indentation: a press goes from the one to the other
 
 
 def usable(data: ChannelData) -> BoolArray:
-    """Samples that are no glitches of the reader, shape (n,): single readings far off both neighbours."""
+    """Select the samples that a fit may use.
+
+    Left out are glitches (single readings far off both neighbours), runs that are copies of others, and
+    readings of a contact that the sensor folded or cut off in free air.
+
+    Args:
+        data: the channel, n samples.
+
+    Returns:
+        Mask of shape (n,).
+    """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
     smooth = per_run(lambda effort: np.asarray(median_filter(effort, 5)), data.effort, data.run)
     off = np.abs(data.effort - smooth)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
-    level = max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth)))
-    good = np.asarray(off <= level)
-    return good if np.mean(~good) <= _MOST_GLITCHES else np.ones(len(data), dtype=np.bool_)
+    good = np.asarray(off <= max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth))))
+    if np.mean(~good) > _MOST_GLITCHES:
+        good = np.ones(len(data), dtype=np.bool_)
+    return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
 
 
 def reject_reason(data: ChannelData, model: Model | None = None) -> str | None:
-    """The reason why this channel cannot be diagnosed, and the remedy; None if it can.
+    """Say why a channel cannot be judged, and the remedy.
+
+    Args:
+        data: the channel.
+        model: what is to explain it; None where no model is known yet.
+
+    Returns:
+        One sentence, or None if the channel can be judged.
+    """
+    good = data.select(usable(data))
+    return _first((check for _, check in _REJECTED), good)
+
+
+def quality_warnings(data: ChannelData, model: Model | None = None) -> list[str]:
+    """Say what in a channel is implausible, though it can be computed.
 
     Args:
         data: the channel.
         model: what is to explain it. One with nothing to fit knows what readings at the end of a sensor's
-            range should have been, so that these are no reason.
+            range should have been, so that these are nothing to warn of.
+
+    Returns:
+        Sentences with their figures, and the options that override what was taken.
     """
-    good = data.select(usable(data))
-    return _first((check for _, check in _checks(model)), good) or angle_in_degrees(good, model)
+    return [warning for _, warning in _warnings(data, model)]
 
 
 def contaminated(data: ChannelData, model: Model) -> str | None:
-    """What is wrong with the readings or the motion, whatever is asked of them; None if nothing shows.
+    """Say what is wrong with readings or motion, whatever is asked of them.
 
-    Unlike `reject_reason`, it asks for nothing to be held out.
+    Unlike `reject_reason`, it does not ask whether runs are left to be held out. Warnings of readings and
+    times count too; those of units do not.
+
+    Returns:
+        One sentence, or None if nothing shows.
     """
     good = data.select(usable(data))
-    of_it = (check for kind, check in _CHECKS if kind != "enough" and check is not _blocks)
-    return _first(of_it, good) or angle_in_degrees(good, model)
+    checks = (check for kind, check in _REJECTED if kind != "enough" and check is not _blocks)
+    affected = (
+        warning for kind, warning in _warnings(data, model) if kind in {"sync", "readings", "saturation"}
+    )
+    return _first(checks, good) or next(affected, None)
 
 
 def mention_held_out(reason: str, left: int, recorded: int) -> str:
@@ -73,19 +121,42 @@ def mention_held_out(reason: str, left: int, recorded: int) -> str:
 
 
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
-    """What of each kind of check of `reject_reason` speaks against this channel; empty where nothing does.
+    """Say for each kind of check what speaks against a channel, be it a reason or a warning.
 
-    Keys: "enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",
-    "saturation". Where one of the first two fails, the others make no sense and are left out.
+    Returns:
+        By kind ("enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",
+        "saturation"), empty where nothing does. Where there is not enough data, or the times contradict the
+        motion, the other checks make no sense and are left out.
     """
-    good, found = data.select(usable(data)), dict[str, str]()
+    good, result = data.select(usable(data)), dict[str, str]()
     for kind in ("enough", "units", "sync", "excitation", "readings", "saturation"):
-        if any(found.get(first) for first in ("enough", "units")):
-            break
-        found[kind] = _first((check for its, check in _checks(model) if its == kind), good) or ""
-    if "units" in found and not found["units"]:
-        found["units"] = angle_in_degrees(good, model) or ""
-    return found
+        result[kind] = _first((check for group, check in _REJECTED if group == kind), good) or ""
+        if kind in {"enough", "units"} and result[kind]:
+            return result
+    for kind, warning in _warnings(data, model):
+        result[kind] = result[kind] or warning
+    return result
+
+
+def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str]]:
+    """Warnings with the kind of check that each belongs to."""
+    if len(data) < LEAST_SAMPLES:
+        return
+    if copies := copied_runs(data):
+        yield "enough", copied(copies)
+    for kind, warning in (("readings", folded(data)), ("saturation", stuck_in_air(data))):
+        if warning:
+            yield kind, warning
+    good = data.select(usable(data))
+    if len(good) < LEAST_SAMPLES:
+        return
+    for kind, check in _IMPLAUSIBLE:
+        if warning := check(good):
+            yield kind, warning
+    if (model is None or model.gains or model.inner) and (warning := saturated(good)):
+        yield "saturation", warning
+    if warning := angle_in_degrees(good, model):
+        yield "units", warning
 
 
 def _length(data: ChannelData) -> str | None:
@@ -115,23 +186,10 @@ def _runs(data: ChannelData) -> str | None:
         if len(touching) == 1:
             return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
         return None
-    if data.kind is ChannelKind.CONTACT:
-        presses = _presses(data)
-        if presses > 1:
-            return f"{SINGLE_RUN} with {presses} presses; number them in a column `run` of the data file"
-        return f"{SINGLE_RUN}, so there is no other to judge by; record at least three runs"
     travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
     if travelled < _TRAVELLED * np.ptp(data.position):
         return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
     return None
-
-
-def _presses(data: ChannelData) -> int:
-    """How often the object was pressed to half of the deepest indentation, after it was let go."""
-    deepest = float(data.position.max())
-    sides = np.where(data.position > _DEEP * deepest, 1, np.where(data.position < _RELEASED * deepest, -1, 0))
-    met = sides[sides != 0]
-    return int(np.count_nonzero((met[1:] > 0) & (met[:-1] < 0)) + (len(met) > 0 and met[0] > 0))
 
 
 def _blocks(data: ChannelData) -> str | None:
@@ -156,27 +214,23 @@ def _blocks(data: ChannelData) -> str | None:
 
 
 _Check = Callable[[ChannelData], str | None]
-_CHECKS: tuple[tuple[str, _Check], ...] = (  # by kind; in the order in which `reject_reason` asks
+_REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
     ("enough", _length),
     ("enough", _size),
     ("excitation", unchanging),
     ("enough", _runs),
-    ("enough", copied),
-    ("units", mistaken_units),
     ("units", mistaken_times),
-    ("sync", misaligned),
     ("excitation", no_contact),
     ("readings", too_coarse),
     ("readings", rectified),
     ("excitation", _blocks),
-    ("saturation", at_its_end),
 )
-
-
-def _checks(model: Model | None) -> tuple[tuple[str, _Check], ...]:
-    """Those that concern a channel which this model is to explain."""
-    known = model is not None and not model.gains and not model.inner
-    return tuple(one for one in _CHECKS if not (known and one[0] == "saturation"))
+_IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
+    ("units", mistaken_units),
+    ("sync", misaligned),
+    ("excitation", unrelated),
+    ("excitation", late_touch),
+)
 
 
 def _first(checks: Iterable[_Check], data: ChannelData) -> str | None:

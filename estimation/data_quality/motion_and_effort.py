@@ -26,6 +26,7 @@ _LATE, _STANDS_OUT = 0.2, 0.25  # shares: of the deepest indentation, and of a s
 _TO_SIGMA = 1.4826  # of the median deviation, for normal noise
 _SHIFTS_S = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # as of clocks that were started by hand
 _JOINED, _APART = 0.9, 0.5  # correlations of depth and force: any spring's is above the one
+_FALLS = -0.5  # correlation of depth and force, below which one of them counts the other way
 _LEAST_EXPLAINED = 0.1  # share of a force's variance that depth and velocity explain, whatever the object is
 _SEVERAL = 2.0  # turns: with fewer, a spring and a weight may be told from each other by their shape alone
 _SLOWLY = 0.1  # of the effort's variance, a third of its amplitude, that goes slowly with the angle
@@ -41,19 +42,26 @@ _CLEARLY = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
-    """Which unit is hardly the one it is said to be; None if nothing says so."""
+    """Say which unit is hardly the one it is said to be; None if nothing says so."""
     if data.kind is ChannelKind.CONTACT:
-        deepest = float(data.position.max())
+        deepest = float(np.abs(data.position).max())
         if deepest > _LONGEST_CONTACT_M:
-            return f"the deepest indentation is {deepest:.3g} m; is the displacement in millimetres?"
-        pressed = data.engaged
-        if pressed.any():
-            slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
-            if not _SOFTEST_N_M < slope < _STIFFEST_N_M:
-                return f"force over depth is {slope:.3g} N/m; check the units of both"
-    if data.kind is ChannelKind.REVOLUTE and float(np.quantile(np.abs(data.velocity), 0.9)) > _FASTEST_RAD_S:
+            return (
+                f"the deepest indentation is {deepest:.3g} m, more than {_LONGEST_CONTACT_M:g} m; if the "
+                "displacement is in millimetres, say --unit displacement=mm"
+            )
+        slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
+        if slope > 0.0 and not _SOFTEST_N_M < slope < _STIFFEST_N_M:
+            return (
+                f"force over depth is {slope:.3g} N/m, outside {_SOFTEST_N_M:g} to {_STIFFEST_N_M:g} N/m; if "
+                "a unit is another one, say it, such as --unit force=mN or --unit displacement=mm"
+            )
+    fast = float(np.quantile(np.abs(data.velocity), 0.9))
+    if data.kind is ChannelKind.REVOLUTE and fast > _FASTEST_RAD_S:
         return (
-            "the joint turns faster than 300 rad/s most of the time; is the angle in degrees, or time in ms?"
+            f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s, {fast:.3g} rad/s in a tenth of the "
+            "samples; if the angle is in degrees or the time in milliseconds, say --unit position=deg or "
+            "--unit time=ms"
         )
     return None
 
@@ -83,8 +91,11 @@ def mistaken_times(data: ChannelData) -> str | None:
 
 
 def misaligned(data: ChannelData) -> str | None:
-    """Effort and motion must belong to the same moment: look for a shift that joins them far better."""
-    if data.kind is not ChannelKind.CONTACT:
+    """Say by which shift of time effort and motion go together far better; None if by none.
+
+    A damper's force goes with the velocity, which in a periodic motion is the position of another moment.
+    """
+    if data.kind is not ChannelKind.CONTACT or not data.engaged.any() or _share_explained(data) > _APART:
         return None
     pressed = np.where(data.engaged, data.position, 0.0)
     step = sample_time(data.time_s, data.run)
@@ -94,7 +105,11 @@ def misaligned(data: ChannelData) -> str | None:
         if shift and abs(shift) < len(pressed) // 4:
             then = likeness(np.roll(pressed, shift), data.effort)
             if then > _JOINED and now < _APART:
-                return f"the force belongs to the motion of {-seconds:+.1f} s; align their times"
+                side = "late" if seconds > 0.0 else "early"
+                return (
+                    f"the force is {abs(seconds):.1f} s {side} against the motion (correlation {then:.2f} if "
+                    f"shifted, {now:.2f} as recorded); align their times in the file"
+                )
     return None
 
 
@@ -107,11 +122,16 @@ def no_contact(data: ChannelData) -> str | None:
         return "no contact: the displacement is never positive; press the object"
     if not pressed.all():
         level, noise = _of_air(data)
-        if np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise:
+        is_noise = np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise
+        if is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"
-    if likeness(np.where(pressed, data.position, 0.0), data.effort) < 0.0:
-        return "force falls with depth; check the sign of force and displacement"
-    return _unrelated(data)
+    falls = likeness(np.where(pressed, data.position, 0.0), data.effort)
+    if falls < _FALLS and misaligned(data) is None:
+        return (
+            f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "
+            "--unit force=-1N turns the force"
+        )
+    return None
 
 
 def late_touch(data: ChannelData) -> str | None:
@@ -147,17 +167,29 @@ def _of_air(data: ChannelData) -> tuple[float, float]:
     return level, _ABOVE_AIR * _TO_SIGMA * float(np.median(np.abs(air - level)))
 
 
-def _unrelated(data: ChannelData) -> str | None:
-    """A force that has next to nothing to do with the motion."""
+def unrelated(data: ChannelData) -> str | None:
+    """Say that a force has next to nothing to do with the motion; None if it has."""
+    if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
+        return None
+    share = _share_explained(data)
+    if share < _LEAST_EXPLAINED:
+        return (
+            f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together? "
+            "--column force=COLUMN takes another one"
+        )
+    return None
+
+
+def _share_explained(data: ChannelData) -> float:
+    """Share of the variance of a force that depth and velocity explain while pressed, 0 to 1."""
     pressed = data.select(data.engaged)
+    if np.ptp(pressed.effort) == 0.0:
+        return 0.0
     motion = np.column_stack([pressed.position, pressed.velocity, np.ones(len(pressed))])
     size = np.linalg.norm(motion, axis=0)
     motion = motion / np.where(size > 0.0, size, 1.0)
     left = pressed.effort - motion @ np.linalg.lstsq(motion, pressed.effort, rcond=1e-9)[0]
-    share = 1.0 - float(np.var(left) / np.var(pressed.effort)) if np.ptp(pressed.effort) > 0.0 else 0.0
-    if share < _LEAST_EXPLAINED:
-        return f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together?"
-    return None
+    return 1.0 - float(np.var(left) / np.var(pressed.effort))
 
 
 def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
@@ -180,7 +212,8 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
         return None
     return (
         f"the joint turns {turns:.0f} times, and its effort does not come back with each turn as weight "
-        "does; is the angle in degrees, or that of a motor ahead of its gear?"
+        "does; if the angle is in degrees, say --unit position=deg; that of a motor ahead of its gear has to "
+        "be divided by the ratio"
     )
 
 

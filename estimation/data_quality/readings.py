@@ -1,10 +1,12 @@
 """What is wrong with a sensor's readings by themselves: constant, coarse, at the end of its range, copied."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.blocks import rows_of_runs
-from robot_io.types import FloatArray
+from robot_io.types import BoolArray, FloatArray
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
 _STILL = 1e-3  # of the range of positions, that a held one stays within
@@ -42,8 +44,8 @@ def too_coarse(data: ChannelData) -> str | None:
     return None
 
 
-def at_its_end(data: ChannelData) -> str | None:
-    """Where the sensor's range ended before the effort did; None if it did not."""
+def saturated(data: ChannelData) -> str | None:
+    """Say where the sensor's range ended before the effort did; None if it did not."""
     if len(np.unique(data.effort)) < _FEW_LEVELS:
         return None  # coarse steps, of which the last is often met
     size = np.abs(data.effort)
@@ -53,42 +55,62 @@ def at_its_end(data: ChannelData) -> str | None:
         share = float(np.mean(stuck[loaded]))
         moves = float(np.ptp(data.position[stuck])) > _STILL * float(np.ptp(data.position))
         if share > _STUCK_SHARE and moves:  # in data without noise, a hold shows one reading too
-            return f"{100 * share:.0f} % of the loaded samples show {extreme:.6g}: the sensor is at its end"
-    return _stuck_in_air(data)
+            unit = data.kind.effort_unit
+            return (
+                f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is at its "
+                "end, and what lies beyond is unknown; repeat with less load or a larger range"
+            )
+    return None
 
 
-def _stuck_in_air(data: ChannelData) -> str | None:
-    """A lower end that free air lies beyond: one reading there, not zero, and noise as soon as it is left.
+def at_lower_end(data: ChannelData) -> BoolArray:
+    """Select readings of a contact at the lower end of the sensor's range, which free air lies beyond.
 
-    A dead band about zero reads zero; a sensor with coarse steps, and data without noise, may well show one
-    reading in free air.
+    One reading there, not zero, and noise as soon as it is left. A dead band about zero reads zero; a sensor
+    with coarse steps, and data without noise, may well show one reading in free air.
+
+    Returns:
+        Mask of shape (n,).
     """
+    none = np.zeros(len(data), dtype=np.bool_)
+    if data.kind is not ChannelKind.CONTACT or data.tare is not None or data.engaged.all():
+        return none
     lowest = float(data.effort.min())
-    air, above = data.effort[~data.engaged], data.effort[data.effort > lowest]
-    if data.kind is not ChannelKind.CONTACT or data.tare is not None or not len(air):
-        return None
-    share = float(np.mean(air == lowest))
+    stuck = np.asarray(data.effort == lowest)
+    above = data.effort[~stuck]
     off_zero = abs(lowest) > _OFF_ZERO * float(np.ptp(data.effort))
-    if share < _MOST_OF_AIR or not off_zero or len(np.unique(above)) < _FINE * len(above):
-        return None
-    bends = np.diff(data.effort, 2)[data.effort[1:-1] > lowest]
-    if len(bends) < _FEWEST_BENDS or not _turn_like_noise(bends):
+    few_stuck = np.mean(stuck[~data.engaged]) < _MOST_OF_AIR
+    if few_stuck or not off_zero or len(np.unique(above)) < _FINE * len(above):
+        return none
+    bends = np.diff(data.effort, 2)[~stuck[1:-1]]
+    return stuck if len(bends) >= _FEWEST_BENDS and _turn_like_noise(bends) else none
+
+
+def stuck_in_air(data: ChannelData) -> str | None:
+    """Say that free air lies beyond the sensor's lower end; None if it does not."""
+    stuck = at_lower_end(data)
+    if not stuck.any():
         return None
     return (
-        f"{100 * share:.0f} % of free air shows exactly {lowest:.6g}, and nothing shows less: "
-        "the sensor is at its lower end; shift its range, or preload it"
+        f"{100 * np.mean(stuck[~data.engaged]):.0f} % of free air shows exactly {data.effort.min():.6g} "
+        f"{data.kind.effort_unit}, and nothing shows less: the sensor is at its lower end, and such samples "
+        "are left out; shift its range, or preload it"
     )
 
 
-def copied(data: ChannelData) -> str | None:
-    """Which run is another one's copy, number for number; None if none is.
+def copied_runs(data: ChannelData) -> dict[int, int]:
+    """Find runs that are copies of others, number for number.
 
     Held out, a copy tells nothing that is not known already. Times may differ. No sensor with noise reads the
     same twice over a whole run; what was made without noise may, and so may a joint at rest whose reader is
     coarse.
+
+    Returns:
+        For each copy the run that it is a copy of.
     """
     range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
     seen: dict[tuple[bytes, bytes], int] = {}
+    copies: dict[int, int] = {}
     for rows in rows_of_runs(data.run):
         effort, position = data.effort[rows], data.position[rows]
         if np.ptp(position) <= _STILL * range_of_all or not _is_noisy(effort):
@@ -96,11 +118,18 @@ def copied(data: ChannelData) -> str | None:
         run = int(data.run[rows[0]])
         first = seen.setdefault((effort.tobytes(), position.tobytes()), run)
         if first != run:
-            return (
-                f"run {run} is a copy of run {first}, number for number, and says nothing of its own; leave "
-                "it out, or record it again"
-            )
-    return None
+            copies[run] = first
+    return copies
+
+
+def copied(copies: Mapping[int, int]) -> str:
+    """Say which runs are left out as copies; see `copied_runs`."""
+    (run, first), more = next(iter(copies.items())), len(copies) - 1
+    others = f" (and {more} more)" if more else ""
+    return (
+        f"run {run} is a copy of run {first}, number for number{others}, and says nothing of its own: it is "
+        "left out; record it again"
+    )
 
 
 def _is_noisy(effort: FloatArray) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.runwise import per_run
-from robot_io.types import BoolArray, FloatArray
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 _FEWEST = 50  # readings within the noise of zero, of which none is below: by chance in 1 of 2^50 cases
 # Of the readings in the farther half of that noise, that lie in the nearer. Folded noise is densest at zero:
@@ -20,50 +20,88 @@ _OFTEN, _FINE = 0.3, 50
 # to 1.1, also beside an effect at ten times the noise. A dead band takes its width from all of it: 3 and
 # more, less where a weight goes through so little of its turn that it looks like a constant.
 _WITHOUT_CONSTANT = 1.5
+_CLEAR = 4.0  # times the noise, above which no reading is a folded one
+_FOLDED = (
+    "no reading is below zero, though {count} lie within their noise of it, {noise:.2g} {unit}: "
+    "the signal was rectified"
+)
 _TO_SIGMA = 1.4826 / np.sqrt(6.0)  # of the median bend: normal quantile, and variance of a second difference
 
 
 def rectified(data: ChannelData) -> str | None:
-    """Why the readings are those of a rectified signal; None if they are not.
+    """Say why the readings of a joint are those of a rectified signal: half of the law is lost then.
 
     Where an effort comes within its noise of zero, half of the readings lie below. If none does, and they are
     as dense just above zero as a little farther up, they were folded there. A reading whose least was set to
-    zero thins out towards it instead. An object can only push, so that what a converter cuts off below zero
-    is but free air's noise, and takes nothing from what is asked; of a joint it is half of the law.
+    zero thins out towards it instead.
 
     Args:
         data: the channel; a tare that was taken off is put back.
+
+    Returns:
+        One sentence, or None if they are not rectified.
     """
-    effort = data.effort if data.tare is None else data.effort + data.tare.of(data.run)
+    if data.kind is ChannelKind.CONTACT:
+        return None
+    effort = _as_read(data)
     if len(effort) == 0 or effort.min() < 0.0:
         return None
-    if data.kind is not ChannelKind.CONTACT and _is_cut_off(data, effort):
+    if _is_cut_off(data, effort):
         share = float(np.mean(effort == 0.0))
         return (
             f"no reading is below zero, and {100 * share:.0f} % are exactly zero: was the sign "
             "cut off? record the signal with its sign"
         )
-    noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, data.run))))
-    count = _folded(effort, noise)
-    if count < _FEWEST:
+    count, noise = _folded(effort, data.run)
+    said = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    return f"{said}; record it with its sign" if count else None
+
+
+def folded_in_contact(data: ChannelData) -> BoolArray:
+    """Select readings of a contact so near to zero that the sensor folded their noise there.
+
+    An object can only push, so that what a converter cuts off below zero is but free air's noise. What is
+    folded has a mean above zero, which would pass for a bias.
+
+    Returns:
+        Mask of shape (n,).
+    """
+    effort = _as_read(data)
+    if data.kind is not ChannelKind.CONTACT or len(effort) == 0 or effort.min() < 0.0:
+        return np.zeros(len(data), dtype=np.bool_)
+    count, noise = _folded(effort, data.run)
+    return np.asarray(effort <= _CLEAR * noise) if count else np.zeros(len(data), dtype=np.bool_)
+
+
+def folded(data: ChannelData) -> str | None:
+    """Say that a contact's readings near zero were rectified; None if they were not."""
+    near = folded_in_contact(data)
+    if not near.any():
         return None
-    return (
-        f"no reading is below zero, though {count} lie within their noise of it, {noise:.2g} "
-        f"{data.kind.effort_unit}: the signal was rectified; record it with its sign"
-    )
+    count, noise = _folded(_as_read(data), data.run)
+    said = _FOLDED.format(count=count, noise=noise, unit=data.kind.effort_unit)
+    share = f"{100 * np.mean(near):.0f} % of the samples, up to {_CLEAR:.0f} times that, are left out"
+    return f"{said}, and {share}; record it with its sign"
 
 
-def _folded(effort: FloatArray, noise: float) -> int:
-    """How many readings (n,) lie within their noise of zero; 0 if they are no folded ones."""
+def _as_read(data: ChannelData) -> FloatArray:
+    """The effort (n,) before a tare was taken off."""
+    return data.effort if data.tare is None else data.effort + data.tare.of(data.run)
+
+
+def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
+    """How many readings (n,) lie within their noise of zero, and that noise; 0 if they are no folded ones."""
+    noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, run))))
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():
-        return 0  # steps too coarse to say how dense they lie
+        return 0, noise  # steps too coarse to say how dense they lie
     step = float(near.min())
     half = step * (np.floor(0.5 * noise / step) + 0.5)  # as many steps in the nearer half as in the farther
     inner = int(np.count_nonzero(near <= half))
     outer = int(np.count_nonzero((effort > half) & (effort <= 2.0 * half - 0.5 * step)))
     zeros, next_to_zero = np.count_nonzero(effort == 0.0), np.count_nonzero(near < 1.5 * step)
-    return len(near) if inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero else 0
+    is_folded = inner >= _FLAT * outer and zeros <= _MOST_ZEROS * next_to_zero and len(near) >= _FEWEST
+    return len(near) if is_folded else 0, noise
 
 
 def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:

@@ -108,6 +108,7 @@ class ChannelDiagnosis(_Entry):
     next_experiment: NextExperiment | None = None  # what would tell more; None if nothing would
     # How a recording of very many samples was averaged, and why nothing is lost; else empty.
     averaged: str = ""
+    warnings: list[str] = Field(default_factory=list)  # what in the data is implausible, with its figure
 
 
 class Diagnosis(_Entry):

@@ -9,7 +9,7 @@ from typing import Any
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
-from estimation.data_quality import mention_held_out, reject_reason
+from estimation.data_quality import mention_held_out, quality_warnings, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
@@ -109,8 +109,16 @@ class Study(Fits):
             effects = [one for one in self.effects if not isinstance(one, of_runs)]
             judged = judge(data, models, effects, progress, self._file)
             found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
-            said = self.source.averaged
-            found = [one.model_copy(update={"averaged": said.get(one.channel, "")}) for one in found]
+            said, warnings = self.source.averaged, self.warnings
+            found = [
+                one.model_copy(
+                    update={
+                        "averaged": said.get(one.channel, ""),
+                        "warnings": list(warnings.get(one.channel, ())),
+                    }
+                )
+                for one in found
+            ]
             with self._lock:
                 self._diagnoses |= dict(zip(map(about, chosen), found, strict=True))
         answers = [self._diagnoses[about(one)] for one in chosen]
@@ -124,6 +132,12 @@ class Study(Fits):
         """Why a channel cannot be judged; empty where it can."""
         reason = reject_reason(channel.to_fit, channel.model) or ""
         return mention_held_out(reason, len(channel.to_fit.runs), len(channel.data.runs))
+
+    @property
+    def warnings(self) -> dict[str, list[str]]:
+        """What is implausible in the data, in sentences with figures, by channel; none where nothing is."""
+        found = {one.name: quality_warnings(one.measured, one.model) for one in self.channels}
+        return {name: sentences for name, sentences in found.items() if sentences}
 
     def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
         """The error that a complete model would leave: one number for a channel, in the unit of the effort.

@@ -16,7 +16,7 @@ from estimation.data.session_streams import import_extra, import_streams
 from palpate import console
 from palpate.data_options import ReadOptions, retyped
 from palpate.files import existing_file, open_session, output_session
-from palpate.look import doubts, facts, look_as_data, look_at
+from palpate.look import facts, implausible, look_as_data, look_at
 from palpate.option_sets import takes
 from palpate.render.progress import import_progress
 from palpate.words import as_command, count, duration, shown, typed
@@ -64,7 +64,7 @@ def command(
             _metadata(found, imported),
             progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
         )
-    notes = (*imported.notes, *doubts(imported))
+    notes = (*imported.notes, *implausible(imported))
     console.say_read(imported.read, notes)
     if as_json:
         console.print_json({"session": str(session), "channels": facts(imported), "notes": list(notes)})

@@ -1,5 +1,7 @@
 """`palpate estimate` on sessions and data files."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -88,7 +90,6 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
     ("column", "bend", "words"),
     [
         (2, lambda force: np.full(len(force), 3.0), "the effort never changes"),
-        (1, lambda depth: 1e3 * depth, "is the displacement in millimetres?"),
         (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is at its end"),
         (2, np.abs, "was rectified"),
     ],
@@ -102,6 +103,18 @@ def test_data_that_mean_nothing_are_said_to_in_the_words_of_the_diagnosis(tmp_pa
     shown = " ".join(run("estimate", file, "--estimator", "lsq").stdout.split())
     assert words in shown.partition("do not rely on these estimates: ")[2]
     assert words in estimate_json(file, "--estimator", "lsq")["channels"][0]["spoilt"]
+
+
+def test_what_is_implausible_is_said_and_estimated(tmp_path):
+    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
+    columns = np.loadtxt(file, delimiter=",", skiprows=1).T
+    columns[1] *= 100.0
+    write_table(file, **dict(zip(("time_s", "displacement_m", "force_N", "run"), columns, strict=True)))
+    result = done("estimate", file, "--estimator", "lsq", "--json")
+    words = "contact: the deepest indentation is 1 m, more than 0.2 m; if the displacement is in millimetres"
+    assert words in " ".join(result.stderr.split())
+    estimate = json.loads(result.stdout)["channels"][0]["estimates"][0]
+    assert estimate["parameters"]["stiffness.k"]["value"] == pytest.approx(4.0, rel=0.02)
 
 
 def test_other_names_and_units_are_given_as_options(tmp_path):

@@ -1,4 +1,4 @@
-"""What is refused, each with its remedy, and what looks like it and is not."""
+"""What is rejected or reported, each with its figure and remedy, and what only looks like it."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data_quality import contaminated, reject_reason, usable
+from estimation.data.joining import joined_channels
+from estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
 from estimation.data_quality.motion_and_effort import late_touch
 from estimation.models import MODELS
 from estimation.tare import Tare
@@ -28,12 +29,13 @@ def shuffled_in_contact():
 
 
 def very_long():
-    """The same runs again and again, slowly sampled, so that each sample is a block."""
+    """The same motion again and again, slowly sampled, so that each sample is a block."""
     times = 300_000 // len(DATA) + 1
     number = np.repeat(np.arange(times), len(DATA))
     again = DATA.select(np.tile(COUNT, times))
     time_s, run = 10.0 * again.time_s + 1e4 * number, again.run + 6 * number
-    return replace(again, time_s=time_s, velocity=0.1 * again.velocity, run=run)
+    effort = again.effort + np.random.default_rng(0).normal(0, 0.01, len(again))
+    return replace(again, time_s=time_s, velocity=0.1 * again.velocity, effort=effort, run=run)
 
 
 def copies(data=DATA):
@@ -73,43 +75,92 @@ def moving_in_one_run(phase):
 
 
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
-REFUSED = {
+REJECTED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
-    "6 presses; number them in a column `run`": lambda: replace(DATA, run=0 * DATA.run),
-    "judge by; record at least three runs": lambda: DATA.of_runs(DATA.runs[:1]),
+    "goes through its motion once; record at least three runs": lambda: DATA.of_runs(DATA.runs[:1]),
     "of 6 touches; record at least three that do": lambda: replace(
         DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
     "motion once; record at least three": lambda: one_recording(lambda t: t),
     "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
     "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
-    "in millimetres": lambda: replace(DATA, position=1e3 * X, velocity=1e3 * DATA.velocity),
-    "units of both": lambda: replace(DATA, effort=1e7 * F),
-    "faster than 300 rad/s": lambda: replace(swinging(), velocity=200.0 * swinging().velocity),
     "check times and units": lambda: replace(DATA, velocity=1e3 * DATA.velocity),
     "check the sign": lambda: replace(DATA, effort=-F),
-    "the sensor is at its end": lambda: replace(DATA, effort=np.minimum(F, 3.0)),
-    "shift its range": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
     "too coarse": lambda: replace(DATA, effort=4.0 * np.round(F / 4.0)),
     "2 different readings": lambda: replace(swinging(), effort=np.sign(swinging().effort)),
-    "align their times": lambda: replace(DATA, effort=np.roll(F, 250)),
     "runs with --where run=N,N": very_long,
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
     "record at least 100": lambda: DATA.select(COUNT[:50]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
-    "is a copy of run 0": copies,
-    "was rectified; record it with its sign": lambda: replace(DATA, effort=np.abs(F)),
+    "a single run": copies,
+    "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
     "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
     "runs go on for": lambda: replace(DATA, run=COUNT // 8),
     "in one run at most something moves": lambda: moving_in_one_run(phase=1),
-    "do they belong together": lambda: replace(DATA, effort=shuffled_in_contact()),
 }
 
 
-@pytest.mark.parametrize("words", REFUSED)
-def test_bad_data_is_refused_with_a_remedy(words):
-    assert words in reject_reason(REFUSED[words]())
+@pytest.mark.parametrize("words", REJECTED)
+def test_what_cannot_be_computed_is_rejected_with_a_remedy(words):
+    assert words in reject_reason(REJECTED[words]())
+
+
+def in_millimetres():
+    return replace(DATA, position=1e3 * X, velocity=1e3 * DATA.velocity, acceleration=1e3 * DATA.acceleration)
+
+
+IMPLAUSIBLE = {  # what is said of it, and how often
+    f"the deepest indentation is {1e3 * X.max():.3g} m, more than 0.2 m; if": in_millimetres,
+    f"force over depth is {1e7 * np.ptp(F) / X.max():.3g} N/m, outside 0.01 to 1e+07 N/m": lambda: replace(
+        DATA, effort=1e7 * F
+    ),
+    "faster than 300 rad/s, 551 rad/s in a tenth": lambda: replace(
+        swinging(), position=200.0 * swinging().position, velocity=200.0 * swinging().velocity
+    ),
+    "90 % of the loaded samples show 3 N: the sensor is at its end": lambda: replace(
+        DATA, effort=np.minimum(F, 3.0)
+    ),
+    "of free air shows exactly 1 N, and nothing shows less": lambda: replace(DATA, effort=np.maximum(F, 1.0)),
+    "the force is 0.5 s late against the motion (correlation 0.99 if shifted": lambda: replace(
+        DATA, effort=np.roll(F, 250)
+    ),
+    "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
+    "explain 0 % of the force; do they belong together?": lambda: replace(DATA, effort=shuffled_in_contact()),
+    "run 6 is a copy of run 0, number for number, and": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
+}
+
+
+def joined(first, second):
+    """Runs of the second after those of the first."""
+    return joined_channels([first, replace(second, time_s=second.time_s + 100.0)])
+
+
+@pytest.mark.parametrize("words", IMPLAUSIBLE)
+def test_what_is_implausible_is_reported_with_its_figure_and_judged(words):
+    data = IMPLAUSIBLE[words]()
+    assert reject_reason(data) is None
+    assert words in " ".join(quality_warnings(data))
+    assert quality_warnings(data)[0] in checklist(data).values()
+
+
+def test_what_is_plausible_gives_no_warning():
+    assert quality_warnings(DATA) == []
+    assert quality_warnings(swinging(), model("pendulum")) == []
+
+
+def test_a_damper_under_a_sine_is_not_out_of_step_with_its_force():
+    t, run = np.tile(np.arange(2000) * 0.005, 4), np.repeat(np.arange(4), 2000)
+    x, v = 0.01 * np.sin(np.pi * t), 0.01 * np.pi * np.cos(np.pi * t)
+    force = 200.0 * v + np.random.default_rng(0).normal(0.0, 0.01, len(t))
+    data = ChannelData("contact", ChannelKind.CONTACT, t, x, v, -(np.pi**2) * x, force, run, 0 * run - 1)
+    both_ways = replace(data, touching=np.ones(len(t), dtype=np.bool_))
+    assert not [warning for warning in quality_warnings(both_ways) if "align" in warning]
+    assert reject_reason(both_ways) is None
+
+
+def test_several_presses_in_one_run_are_judged_by_parts_of_it():
+    assert reject_reason(replace(DATA, run=0 * DATA.run)) is None
 
 
 def coarsely_read(step, noise=0.0):
@@ -219,7 +270,9 @@ def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, s
 @pytest.mark.parametrize(("correlation", "step_n"), [(0.0, 0.02), (0.6, 0.01), (0.9, 0.001)])
 def test_a_copy_is_told_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
-    assert "is a copy of run 0" in reject_reason(replace(again, effort=stepped(again.effort, step_n)))
+    again = replace(again, effort=stepped(again.effort, step_n))
+    assert "is a copy of run 0, number for number (and 2 more)" in quality_warnings(again)[0]
+    assert set(again.run[usable(again)]) == {0}
 
 
 @pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])
@@ -229,12 +282,16 @@ def test_a_converter_that_cuts_off_free_air_passes_and_one_that_folds_it_does_no
     force = stepped(made.effort, step_n)
     assert reject_reason(replace(made, effort=np.maximum(force, 0.0))) is None
     if correlation == 0.0:  # else the noise is less than two steps from sample to sample
-        assert "rectified" in reject_reason(replace(made, effort=np.abs(force)))
+        rectified = replace(made, effort=np.abs(force))
+        assert "rectified" in quality_warnings(rectified)[0]
+        left = usable(rectified)
+        assert reject_reason(rectified) is None
+        assert abs(np.mean(rectified.effort[left] - kelvin_voigt(made.position, made.velocity)[left])) < 2e-3
 
 
 def test_a_tare_does_not_hide_that_readings_were_folded():
     tare = Tare(DATA.runs, np.full(len(DATA.runs), 0.04), np.full(len(DATA.runs), 0.01))
-    assert "rectified" in reject_reason(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))
+    assert "rectified" in quality_warnings(replace(DATA, effort=np.abs(F) - 0.04, tare=tare))[0]
 
 
 def slowly(torque, *, one_way=False):
@@ -274,9 +331,12 @@ TURNS = {
 
 @pytest.mark.parametrize("name", TURNS)
 def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
-    base, made, is_refused = TURNS[name]
-    reason = reject_reason(made(), model(base))
-    assert ("in degrees" in reason) if is_refused else reason is None
+    base, made, is_told = TURNS[name]
+    data = made()
+    assert reject_reason(data, model(base)) is None
+    assert ["if the angle is in degrees" in words for words in quality_warnings(data, model(base))] == (
+        [True] if is_told else []
+    )
 
 
 def test_glitches_are_set_aside_and_steps_are_kept():

@@ -1,0 +1,23 @@
+"""Implausible recordings are diagnosed, and their result carries the warnings."""
+
+import json
+
+import numpy as np
+
+from tests.palpate.cli import done
+from tests.palpate.presses import write_presses, write_table
+
+
+def test_warnings_reach_the_diagnosis_in_its_file_and_on_the_screen(tmp_path):
+    file = write_presses(tmp_path / "presses.csv", cubic=0.0)
+    time_s, x, force, run = np.loadtxt(file, delimiter=",", skiprows=1).T
+    write_table(file, time_s=time_s, displacement_m=50.0 * x, force_N=force, run=run)
+    result = done("diagnose", file, "--json", "--out", tmp_path / "out")
+    (channel,) = json.loads(result.stdout)["channels"]
+    assert channel["verdict"] == "adequate"
+    words = "the deepest indentation is 0.5 m, more than 0.2 m"
+    assert words in channel["warnings"][0]
+    assert words in " ".join(result.stderr.split())
+    kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert kept["channels"][0]["warnings"] == channel["warnings"]
+    assert words in (tmp_path / "out" / "report.html").read_text()
