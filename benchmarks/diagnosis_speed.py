@@ -13,7 +13,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from synthetic.scene import Scene, make
 
 from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
@@ -79,11 +78,20 @@ def diagnosed(path: Path, channel: str) -> str:
 
 
 def long_joint() -> ChannelData:
-    """One joint with 50,000 samples and Coulomb friction at ten times the noise."""
-    made = make(Scene(ChannelKind.REVOLUTE, {"coulomb_friction": 10.0}))
-    if made is None:
-        raise SystemExit("no such friction can be hidden")
-    return made.data.select(np.arange(50_000))
+    """One joint at 1 kHz with five runs of 10,000 samples and Coulomb friction at ten times the noise."""
+    rng, run = np.random.default_rng(0), np.repeat(np.arange(5), 10_000)
+    time_s, hz = np.arange(len(run)) * 1e-3 + 2.0 * run, rng.uniform(0.1, 1.2, (5, 3))
+    omega = 2.0 * np.pi * hz[run]
+    angle, size = omega * time_s[:, None], 0.3 / (1.0 + hz[run] / 0.6)
+    position = (size * np.sin(angle)).sum(axis=1)
+    velocity = (size * omega * np.cos(angle)).sum(axis=1)
+    acceleration = -(size * omega**2 * np.sin(angle)).sum(axis=1)
+    torque = 0.05 * acceleration + 0.15 * velocity + 2.0 * np.sin(position) + 0.2 * np.tanh(velocity / 1e-3)
+    torque += 0.02 * rng.standard_normal(len(run))
+    phase = np.full(len(run), -1)
+    return ChannelData(
+        "joint_1", ChannelKind.REVOLUTE, time_s, position, velocity, acceleration, torque, run, phase
+    )
 
 
 def hour_of_joint(swing_hz: float, moving_s: float) -> str:

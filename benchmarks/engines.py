@@ -10,18 +10,20 @@ finding about one.
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
-from swept import Row, worked_out
 
 from control.probing.plan import ProbingPlan
-from palpate.sweep import Case, Cluster
+from palpate.render.progress import sweep_progress
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
 from palpate.sweep.grid import DIAGNOSE, shipped_grid
 from palpate.sweep.works.probing import NOTHING
 from sim_backend.hidden import draw_hidden, noise_scale
@@ -36,6 +38,7 @@ FINE = {
     "torque": {"noise_std_nm": 0.0, "resolution_nm": 1e-9, "command_resolution_nm": 1e-9},
 }
 """Sensors without noise, whose steps are too small to count."""
+Row = Mapping[str, Any]
 UNSEEN = 20.0  # strength of an effect that no probing run shows, over the noise
 
 
@@ -76,9 +79,15 @@ def diagnosis_case(effect: str, seed: int, *, all_channels: bool) -> Case:
 def of_pairs(
     pairs: Sequence[tuple[Case, Case]], options: argparse.Namespace
 ) -> Iterator[tuple[list[Row], list[Row]]]:
-    """Rows of each pair of cases."""
+    """Rows of each pair of cases; results that are in the folder already are not computed again."""
     cases = [case for pair in pairs for case in pair]
-    rows = worked_out(cases, options.results, Cluster(workers=options.processes))
+    with ExitStack() as stack:
+        store = ResultStore(options.results or Path(stack.enter_context(TemporaryDirectory())))
+        cluster = Cluster(workers=options.processes)
+        run_cases(cases, store, cluster, stack.enter_context(sweep_progress()))
+        rows = [store.rows([case.address]) for case in cases]
+    for row in (row for case_rows in rows for row in case_rows if row["error"]):
+        raise SystemExit(row["error"])
     yield from zip(rows[::2], rows[1::2], strict=True)
 
 

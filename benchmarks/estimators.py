@@ -16,9 +16,9 @@ import numpy as np
 import statsmodels.api as sm
 from command_line import arguments
 from filterpy.kalman import KalmanFilter
+from presses import Noise, Press
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
-from synthetic.press import Noise, Press
 
 from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS

@@ -1,13 +1,15 @@
 """Judges the diagnosis on cases from a second world, whose author had read only the vocabulary.
 
     python benchmarks/second_world.py [--sample N] [--seed S] [--kind contact|revolute] [--processes 2]
-                                      [--case NUMBER] [--one-recording] [--out FILE [--resume]]
+                                      [--case NUMBER] [--one-recording] [--removed] [--out FILE [--resume]]
     python benchmarks/second_world.py --table FILE | --compare BEFORE AFTER
 
 Some 250 cases: nothing hidden, one effect at 3, 10 or 30 floors, two effects, and laws outside the
 vocabulary. A floor is the RMS that noise of effort and position make; a strength is the RMS of what
 the simple model cannot mimic. A case follows from seed and number. `--out` writes one JSON line a case, of
 which `--table` makes the tables again, and by which `--compare` holds two engines against each other.
+With `--removed` the cases with one effect are diagnosed by a library that lacks it and every law that
+contains it: the right verdict is unexplained.
 """
 
 import multiprocessing
@@ -49,6 +51,7 @@ def main() -> None:
     parser.add_argument("--kind", choices=["contact", "revolute"])
     parser.add_argument("--case", type=int, help="this one only")
     parser.add_argument("--one-recording", action="store_true", help="no column says where runs begin")
+    parser.add_argument("--removed", action="store_true", help="one effect, which the library lacks")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--out", type=Path, help="JSON lines")
     parser.add_argument("--resume", action="store_true", help="leave out what --out holds already")
@@ -63,6 +66,8 @@ def main() -> None:
         compare_engines(*options.compare)
         return
     every = [replace(job, one_recording=options.one_recording) for job in grid()]
+    if options.removed:
+        every = [replace(job, sort="removed") for job in every if job.sort == "one"]
     jobs = [job for job in every if options.kind in (None, job.kind)][: options.sample]
     if options.case is not None:
         jobs = [job for job in every if job.number == options.case]

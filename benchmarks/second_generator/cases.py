@@ -34,7 +34,7 @@ class Job:
 
     number: int  # in the grid, the same whatever part of the grid is run
     kind: str  # "contact" or "revolute"
-    sort: str  # "nothing", "one", "two" or "outside"
+    sort: str  # "nothing", "one", "two", "outside", or "removed" (from the library)
     hidden: tuple[str, ...]  # names
     strength: float  # RMS of what the simple law cannot mimic, in floors, of each effect alone
     one_recording: bool = False  # without a column of runs

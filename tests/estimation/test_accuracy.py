@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.press import Noise, Press
+from benchmarks.presses import Noise, Press
 from estimation.contact_estimator import ContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimators.lsq import Lsq
