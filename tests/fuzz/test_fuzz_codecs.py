@@ -1,5 +1,9 @@
-"""A short run of benchmarks/fuzz_codecs.py, and that its judges can judge."""
+"""Every codec refuses damaged frames, and each judge notices a broken codec.
 
+More inputs: PALPATE_FUZZ_INPUTS=1000000 pytest tests/fuzz/test_fuzz_codecs.py
+"""
+
+import os
 import re
 import struct
 from dataclasses import replace
@@ -7,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.fuzzers import Fuzzer, all_fuzzers, run_fuzzer
 from robot_io.drivers.dynamixel import protocol as dynamixel
 from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
@@ -16,13 +19,14 @@ from robot_io.drivers.moteus import protocol as moteus
 from robot_io.drivers.odrive import protocol as odrive
 from robot_io.drivers.serial_force import lorenz_protocol, mark10, microcontroller_cell, text
 from robot_io.errors import ProtocolError
+from tests.fuzz.codecs import CODECS, Codec, run
 
-INPUTS = 4000
+INPUTS = int(os.environ.get("PALPATE_FUZZ_INPUTS", "4000"))
 
 
-@pytest.mark.parametrize("name", list(all_fuzzers()))
+@pytest.mark.parametrize("name", list(CODECS))
 def test_damaged_frames_are_refused_and_nothing_else_happens(name):
-    result = run_fuzzer(all_fuzzers()[name](), INPUTS, np.random.default_rng(1))
+    result = run(CODECS[name], INPUTS, np.random.default_rng(1))
     assert not result.crashes
     assert not result.wrong
     assert result.accepted > INPUTS // 50  # it is not simply deaf
@@ -44,7 +48,7 @@ class AnyPair(Anything, tuple):
     """And a pair, for `==` to look no further."""
 
 
-BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what is made of that
+BREAKS = [  # a codec, and how it is broken: module, name there, what replaces it
     ("dynamixel_packet", dynamixel, "_STUFFED", lambda old: b"never"),
     ("dynamixel_stream", dynamixel, "_STUFFED", lambda old: b"never"),
     ("dynamixel_packet", dynamixel, "_STATUS", lambda old: Anything()),  # so is an instruction
@@ -79,7 +83,7 @@ BREAKS = [  # a fuzzer, and how its codec is broken: where, which name, and what
 @pytest.mark.parametrize(("name", "codec", "part", "broken"), BREAKS, ids=[f"{b[0]}-{b[2]}" for b in BREAKS])
 def test_a_broken_codec_is_found_out(name, codec, part, broken, monkeypatch):
     monkeypatch.setattr(codec, part, broken(getattr(codec, part, None)), raising=False)
-    assert run_fuzzer(all_fuzzers()[name](), INPUTS, np.random.default_rng(1)).wrong
+    assert run(CODECS[name], INPUTS, np.random.default_rng(1)).wrong
 
 
 def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
@@ -93,7 +97,7 @@ def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
         return [self._factor * int.from_bytes(value, "big", signed=True) for value in cut]
 
     monkeypatch.setattr(lorenz_protocol.LorenzStream, "feed", feed)
-    assert run_fuzzer(all_fuzzers()["lorenz_stream"](), INPUTS, np.random.default_rng(1)).wrong
+    assert run(CODECS["lorenz_stream"], INPUTS, np.random.default_rng(1)).wrong
 
 
 def test_swapped_fields_are_found_out(monkeypatch):
@@ -104,26 +108,21 @@ def test_swapped_fields_are_found_out(monkeypatch):
         return replace(state, velocity_rad_s=2.0 * state.torque_nm, torque_nm=0.5 * state.velocity_rad_s)
 
     monkeypatch.setattr(mit, "decode_state", swap)
-    assert run_fuzzer(all_fuzzers()["mit"](), INPUTS, np.random.default_rng(1)).wrong
+    assert run(CODECS["mit"], INPUTS, np.random.default_rng(1)).wrong
 
 
-class Gullible(Fuzzer):
-    """Believes everything, and stumbles over an empty input."""
+def test_a_codec_that_believes_everything_is_found_out():
+    """It stumbles over an empty input, and refuses long ones."""
 
-    def frame(self, rng):
-        return b"\x01\x02"
-
-    def decode(self, data):
+    def decode(data):
         if len(data) > 30:
             raise ProtocolError("too long")
         return [data[0]]
 
-    def is_wrong(self, data, accepted):
-        return data != b"\x01\x02"
-
-
-def test_a_gullible_codec_is_found_out():
-    result = run_fuzzer(Gullible(), 500, np.random.default_rng(0))
+    gullible = Codec(
+        lambda rng, number: b"\x01\x02", lambda: decode, lambda data, seen, value: data != b"\x01\x02"
+    )
+    result = run(gullible, 500, np.random.default_rng(0))
     assert result.wrong
     assert any("IndexError" in crash for crash in result.crashes)
     assert result.refused

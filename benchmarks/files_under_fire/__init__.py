@@ -1,1 +1,0 @@
-"""Damaged and hostile files, kind by kind; see `fuzz_files.py`."""

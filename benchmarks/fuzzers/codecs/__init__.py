@@ -1,1 +1,0 @@
-"""One file per protocol; a new one is found by its `name`."""
