@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.teleop.devices import HandArm, SpringDamper, presses
-from benchmarks.teleop.link import Line, LinkFaults
-from benchmarks.teleop.run import SimulatedLink, given_back_j, run
+from benchmarks.teleop_simulation import (
+    DelayLine,
+    HandArm,
+    LinkFaults,
+    SimulatedLink,
+    SpringDamper,
+    given_back_j,
+    presses,
+    run,
+)
 from control.teleop.couplings.catalogue import COUPLINGS
 from control.teleop.couplings.channel import Newest, Playout
 from control.teleop.couplings.coupling import Port, Tracking
@@ -38,7 +45,7 @@ def motions(draw, steps=800):
 def energy_made_j(coupling, leader_m, follower_m, faults, seed):
     """What the coupling gave to both devices above what it got from them, at most so far [J]."""
     sides = coupling.leader(), coupling.follower()
-    lines = [Line(faults, np.random.default_rng([seed, way])) for way in (0, 1)]
+    lines = [DelayLine(faults, np.random.default_rng([seed, way])) for way in (0, 1)]
     channels = coupling.channel(), coupling.channel()
     made = most = 0.0
     held_n = [0.0, 0.0]  # what hand and tool push back with, in the sign of `Port`
@@ -110,7 +117,7 @@ def test_the_follower_presses_by_itself_within_its_limit_and_then_rests():
 
 def received(channel, faults: LinkFaults, steps: int = 20_000) -> tuple[np.ndarray, np.ndarray]:
     """Ages of what a channel gives in each step, and the numbers; a packet holds the step it was sent in."""
-    line, seen = Line(faults, np.random.default_rng(3)), []
+    line, seen = DelayLine(faults, np.random.default_rng(3)), []
     for tick in range(steps):
         line.send((float(tick),), tick * DT_S)
         for number, packet in line.arrived(tick * DT_S):

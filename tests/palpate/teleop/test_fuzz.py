@@ -1,13 +1,16 @@
 """Mutated frames into both sides: none that was damaged is taken, and none crashes anything."""
 
+import os
+
 import pytest
 
-from benchmarks.teleop.driven import drive
-from benchmarks.teleop.fuzz import fuzz
 from robot_io.link import Target
 from robot_io.link.seal import CHECKSUM, key_seal
+from tests.palpate.teleop.driven import drive
+from tests.palpate.teleop.link_fuzz import fuzz
 
 DOWN = (0.0, 0.0, -1.0)
+FRAMES = int(os.environ.get("PALPATE_FUZZ_INPUTS", "1000"))
 OURS = key_seal(b"of the pair")
 
 
@@ -16,16 +19,16 @@ OURS = key_seal(b"of the pair")
     [(2, (CHECKSUM, None)), (3, (OURS, None)), (3, (OURS, CHECKSUM)), (2, (OURS, key_seal(b"no")))],
 )
 def test_no_frame_that_was_damaged_or_made_without_the_key_moves_the_arm_or_is_felt(seed, seals):
-    result = fuzz(1000, seed, *seals)
-    assert result.counts["refused as malformed"] == 2000  # on both sides
+    result = fuzz(FRAMES, seed, *seals)
+    assert result.counts["refused as malformed"] == 2 * FRAMES  # on both sides
     assert result.targets == set()
     assert result.felt == 0
 
 
 def test_frames_with_a_checksum_that_fits_crash_neither_side():
     """Whoever makes these can as well send whole ones: that is what a key, plan and guard are for."""
-    result = fuzz(1000, 2, CHECKSUM, CHECKSUM)
-    assert result.counts["refused as malformed"] > 1500
+    result = fuzz(FRAMES, 2, CHECKSUM, CHECKSUM)
+    assert result.counts["refused as malformed"] > 1.5 * FRAMES
     for target in result.targets:
         assert all(abs(value) <= 100.0 for value in target.position_world_m)
 

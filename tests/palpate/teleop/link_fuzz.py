@@ -4,7 +4,6 @@ import random
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from benchmarks.teleop.samples import MESSAGES, REPORT
 from control.teleop.conversation import Conversation
 from control.teleop.peer import Arrival
 from control.teleop.target_queue import TargetQueue
@@ -12,12 +11,14 @@ from palpate.teleop.probed import Probed
 from robot_io.clock import SimulatedClock
 from robot_io.errors import InputError
 from robot_io.link import (
+    ContactModel,
     Frame,
     FrameError,
     Heard,
     Intent,
     Message,
     ObjectEstimate,
+    Parameter,
     Report,
     Target,
     decode,
@@ -26,6 +27,27 @@ from robot_io.link import (
 from robot_io.link.seal import CHECKSUM, Seal
 from sim_backend.scenario import Scenario
 
+DOWN = (0.0, 0.0, -1.0)
+MODEL = ContactModel("kelvin_voigt", ("stiffness_n_m", "damping_n_s_m"), (500.0, 20.0))
+INTENT = Intent((Target(0, (0.40, 0.0, 0.05), DOWN), Target(1, (0.42, 0.0, 0.05), DOWN)), (5,), (3,), False)
+REPORT = Report(
+    4, 0, (0.4, 0.0, 0.05), 0.1, DOWN, 9.8, (0, 1), (1, 0), "target 7 refused: out of reach", False
+)
+ESTIMATE = ObjectEstimate(
+    revision=3,
+    target=0,
+    surface_world_m=(0.4, 0.0, 0.05),
+    direction_world=DOWN,
+    model=(MODEL,),
+    parameters=(Parameter("stiffness.k", "N/m", 500.0, 499.0, 501.0),),
+    verdict="adequate",
+    words="nothing is missing",
+    rmse_n=0.02,
+    noise_n=0.02,
+    runs=3,
+    measured_s=12.5,
+)
+MESSAGES = (INTENT, REPORT, ESTIMATE)
 SENDER, HEARER = 77, 78
 _TIP_M = (0.4, 0.0, 0.06)
 _HEARD = Heard(HEARER, 0.0, 0.0)
@@ -130,7 +152,7 @@ def _leader(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
         probed.in_words(_TIP_M, 1.0)
 
 
-def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | None:  # noqa: ANN001
+def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | None:
     """What a side that hears its peer takes of a frame, if it says something else than was sent."""
     line, taken = FedLine(seal), []
 

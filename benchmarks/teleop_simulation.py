@@ -1,0 +1,256 @@
+"""Couplings between a leader and a follower on one simulated axis.
+
+A hand holds the leader's device, the follower's arm meets an object, and a link in one process delays,
+jitters and loses packets each way. Nothing here shares code with what renders forces (control/teleop).
+Positions are positive into the object, whose surface is at 0.
+"""
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from control.teleop.couplings.channel import Packet
+from control.teleop.couplings.coupling import Coupling, Port
+
+DT_S = 1e-3
+SUBSTEP_S = 0.25e-3
+SUBSTEPS = round(DT_S / SUBSTEP_S)
+DEVICE_LIMIT_N = 60.0  # of both devices' motors
+WALL_M = 0.25  # neither device goes further
+START_M = -0.02
+FORCE_NOISE_N = 0.02
+ENCODER_STEP_M = 5e-6
+T = TypeVar("T")
+_ROUNDING_S = 1e-9
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """F = k x + c v, never pulling."""
+
+    k: float
+    c: float
+
+    def push_n(self, x: float, v: float) -> float:
+        """Compression [N] at depth `x` [m] and rate `v` [m/s]."""
+        return max(0.0, self.k * x + self.c * v) if x > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class SoftSphere:
+    """F = h x^n (1 + d v), never pulling: stiffens with depth, loses energy as it is compressed."""
+
+    h: float
+    d: float
+    n: float
+
+    def push_n(self, x: float, v: float) -> float:
+        """Compression [N] at depth `x` [m] and rate `v` [m/s]."""
+        return self.h * math.pow(x, self.n) * max(0.0, 1.0 + self.d * v) if x > 0.0 else 0.0
+
+
+@dataclass
+class Mass:
+    """A mass on a rail with friction, between two walls."""
+
+    mass_kg: float
+    friction_n_s_m: float
+    x: float
+    v: float = 0.0
+
+    def advance(self, force_n: float, dt_s: float) -> None:
+        """Semi-implicit Euler over one substep."""
+        self.v += dt_s * (force_n - self.friction_n_s_m * self.v) / self.mass_kg
+        self.x += dt_s * self.v
+        if abs(self.x) > WALL_M:
+            self.x, self.v = math.copysign(WALL_M, self.x), 0.0
+
+
+@dataclass(frozen=True)
+class HandArm:
+    """Spring and damper of a human arm towards where it wants to be (de Vlugt et al., Biol. Cybern. 2002)."""
+
+    plan: Callable[[float], tuple[float, float]]  # time [s] to position [m] and velocity [m/s]
+    stiffness_n_m: float = 600.0
+    damping_n_s_m: float = 12.0
+
+    def force_n(self, time_s: float, x: float, v: float) -> float:
+        """Push on the device [N]."""
+        wanted_m, wanted_m_s = self.plan(time_s)
+        return self.stiffness_n_m * (wanted_m - x) + self.damping_n_s_m * (wanted_m_s - v)
+
+
+def limited(force_n: float) -> float:
+    """What a device's motor gives."""
+    return max(-DEVICE_LIMIT_N, min(DEVICE_LIMIT_N, force_n))
+
+
+def presses(
+    depth_m: float, clear_m: float, times_s: tuple[tuple[float, float], ...], ramp_s: float = 0.5
+) -> Callable[[float], tuple[float, float]]:
+    """A plan: `depth_m` inside between each pair of times, `clear_m` outside otherwise; smooth ramps."""
+
+    def plan(time_s: float) -> tuple[float, float]:
+        share = rate = 0.0
+        for begin_s, end_s in times_s:
+            for at_s, sign in ((begin_s, 1.0), (end_s, -1.0)):
+                u = min(1.0, max(0.0, (time_s - at_s) / ramp_s))
+                share += sign * u * u * (3.0 - 2.0 * u)
+                rate += sign * 6.0 * u * (1.0 - u) / ramp_s
+        way_m = depth_m + clear_m
+        return -clear_m + way_m * share, way_m * rate
+
+    return plan
+
+
+@dataclass(frozen=True)
+class LinkFaults:
+    """What the link does to packets, each way."""
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0  # largest additional delay, uniformly distributed; packets may overtake each other
+    loss: float = 0.0  # share of packets that never come, independently
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.delay_s:.0f} ms + {1e3 * self.jitter_s:.0f} ms, {100 * self.loss:.0f} %"
+
+
+class DelayLine(Generic[T]):
+    """One direction of the link, for packets of any kind."""
+
+    def __init__(self, faults: LinkFaults, rng: np.random.Generator) -> None:
+        self._faults, self._rng = faults, rng
+        self._under_way: list[tuple[float, int, T]] = []
+        self._number = -1
+
+    def send(self, packet: T, time_s: float) -> None:
+        """Put a packet on the way at `time_s` [s]."""
+        self._number += 1
+        late, lost = self._rng.random(2)
+        if lost >= self._faults.loss:
+            arrives_s = time_s + self._faults.delay_s + late * self._faults.jitter_s
+            heapq.heappush(self._under_way, (arrives_s, self._number, packet))
+
+    @property
+    def next_s(self) -> float:
+        """When the next packet arrives [s]; infinity while none is under way."""
+        return self._under_way[0][0] if self._under_way else math.inf
+
+    def arrived(self, time_s: float) -> list[tuple[int, T]]:
+        """Packets that have arrived by `time_s` [s] since the last call, each with its number."""
+        arrived = []
+        while self.next_s <= time_s + _ROUNDING_S:
+            arrived.append(heapq.heappop(self._under_way)[1:])
+        return arrived
+
+
+class SimulatedObject(Protocol):
+    """Anything that pushes back."""
+
+    def push_n(self, x: float, v: float) -> float:
+        """Compression [N] at depth [m] and rate [m/s]."""
+        ...
+
+
+class SimulatedLink:
+    """A link with the same faults in both directions."""
+
+    def __init__(self, faults: LinkFaults, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self._to_leader, self._to_follower = DelayLine(faults, rng), DelayLine(faults, rng)
+
+    def exchange(self, time_s: float, to_follower: Packet, to_leader: Packet) -> None:
+        """Send one packet in each direction at `time_s` [s]."""
+        self._to_follower.send(to_follower, time_s)
+        self._to_leader.send(to_leader, time_s)
+
+    def arrived(self, time_s: float) -> tuple[list[tuple[int, Packet]], list[tuple[int, Packet]]]:
+        """Packets that have come to the leader and to the follower by `time_s` [s], each with its number."""
+        return self._to_leader.arrived(time_s), self._to_follower.arrived(time_s)
+
+
+@dataclass
+class Trace:
+    """What happened, one value a step; true values, free of sensors."""
+
+    time_s: list[float] = field(default_factory=list)
+    hand_m: list[float] = field(default_factory=list)  # the leader's device
+    hand_m_s: list[float] = field(default_factory=list)
+    felt_n: list[float] = field(default_factory=list)  # leader's motor against the hand, positive outwards
+    follower_m: list[float] = field(default_factory=list)
+    object_n: list[float] = field(default_factory=list)  # the real object on the follower
+    driven_n: list[float] = field(default_factory=list)  # the follower's motor
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The same as arrays."""
+        return {name: np.array(values) for name, values in vars(self).items()}
+
+
+def run(
+    coupling: Coupling,
+    thing: SimulatedObject,
+    hand: HandArm | Callable[[float], tuple[float, float]],
+    link: SimulatedLink,
+    duration_s: float,
+    seed: int = 0,
+) -> dict[str, np.ndarray]:
+    """Let a hand work on an object through a coupling.
+
+    Args:
+        coupling: leader and follower.
+        thing: the object.
+        hand: an arm that yields to forces, or a motion (time to position and velocity) that does not.
+        link: both ways.
+        duration_s: how long [s].
+        seed: of the force sensor's noise.
+
+    Returns:
+        The arrays of `Trace`.
+    """
+    noise_n = FORCE_NOISE_N * np.random.default_rng([seed, 1]).standard_normal(round(duration_s / DT_S))
+    leader, follower = coupling.leader(), coupling.follower()
+    channels = coupling.channel(), coupling.channel()
+    device, arm, trace = Mass(0.15, 0.5, START_M), Mass(1.0, 5.0, START_M), Trace()
+    led_n = 0.0
+    yielding = isinstance(hand, HandArm)
+    for tick, noise in enumerate(noise_n):
+        time_s = tick * DT_S
+        if not yielding:
+            device.x, device.v = hand(time_s)
+        hand_n = hand.force_n(time_s, device.x, device.v) if yielding else -led_n
+        push_n = thing.push_n(arm.x, arm.v)
+        for channel, packets in zip(channels, link.arrived(time_s), strict=True):
+            for number, packet in packets:
+                channel.take(number, packet)
+        at_leader, at_follower = (channel.packet() for channel in channels)
+        led_n, to_follower = leader.step(Port(_read(device.x), device.v, hand_n), at_leader, DT_S)
+        driven_n, to_leader = follower.step(Port(_read(arm.x), arm.v, push_n + noise), at_follower, DT_S)
+        link.exchange(time_s, to_follower, to_leader)
+        led_n, driven_n = limited(led_n), limited(driven_n)
+        for values, value in zip(
+            vars(trace).values(), (time_s, device.x, device.v, -led_n, arm.x, push_n, driven_n), strict=True
+        ):
+            values.append(value)
+        for substep in range(SUBSTEPS):
+            if yielding:
+                at_s = time_s + substep * SUBSTEP_S
+                device.advance(led_n + hand.force_n(at_s, device.x, device.v), SUBSTEP_S)
+            arm.advance(driven_n - thing.push_n(arm.x, arm.v), SUBSTEP_S)
+    return trace.arrays()
+
+
+def _read(position_m: float) -> float:
+    """What an encoder shows."""
+    return round(position_m / ENCODER_STEP_M) * ENCODER_STEP_M
+
+
+def given_back_j(trace: dict[str, np.ndarray]) -> np.ndarray:
+    """Energy that the leader's motor has given to the hand, above what it took; at each step [J].
+
+    Everything behind that motor begins at rest: if it is passive, this never rises above zero.
+    """
+    return np.concatenate([[0.0], np.cumsum(-trace["felt_n"][:-1] * np.diff(trace["hand_m"]))])
