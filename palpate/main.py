@@ -18,6 +18,8 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):  # what is half written is taken away on this way out
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, lambda ended_by, _: sys.exit(128 + ended_by))
+    # A child that multiprocessing or dask starts would search the current folder for code before the library.
+    os.environ["PYTHONSAFEPATH"] = "1"
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _keep_libraries_quiet()

@@ -143,7 +143,7 @@ def run_demo(
 
 
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
-    program = [sys.executable, "-m", "palpate.main", "teleop"]
+    program = [sys.executable, "-P", "-m", "palpate.main", "teleop"]
     until_s, running = time.monotonic() + _LIMIT_S, {}
     valid = {0}
     try:

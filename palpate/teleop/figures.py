@@ -23,6 +23,7 @@ def draw(path: Path, joined: Joined, felt: Felt, modelled: Felt) -> Path:
     """
     import matplotlib as mpl  # noqa: PLC0415, half a second that nobody else should wait for
 
+    mpl.rcdefaults()  # not what a matplotlibrc in the current folder says
     mpl.use("Agg")
     from matplotlib import pyplot as plt  # noqa: PLC0415
 

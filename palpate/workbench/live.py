@@ -128,7 +128,7 @@ async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
         What it said wrong, in one line; empty if it did what it should.
     """
     process = await asyncio.create_subprocess_exec(
-        *[sys.executable, "-m", "palpate.main", *arguments],
+        *[sys.executable, "-P", "-m", "palpate.main", *arguments],
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -30,21 +31,12 @@ def browser():
 
 
 @pytest.fixture
-def serve(tmp_path, monkeypatch):
+def serve(tmp_path, tmp_path_factory):
     """Starts the command in a folder of its own; gives the address."""
-    started = []
+    started, program = [], install_program(tmp_path_factory.mktemp("installed"))
 
     def begin(*arguments):
-        command = [
-            sys.executable,
-            "-m",
-            "palpate.main",
-            "workbench",
-            *map(str, arguments),
-            "--port",
-            "0",
-            "--no-browser",
-        ]
+        command = [sys.executable, program, "workbench", *map(str, arguments), "--port", "0", "--no-browser"]
         paths = {"PYTHONPATH": str(Path(__file__).parents[3]), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
         process = subprocess.Popen(command, cwd=tmp_path, env=paths, stdout=subprocess.PIPE, text=True)
         started.append(process)
@@ -338,3 +330,15 @@ def test_a_probing_is_followed_while_it_goes_on(opened, tmp_path):
     tab.page.wait_for_selector("text=+ gravity_tilt")
     tab.page.click('[data-effect="payload"] .picture:has-text("about")')  # needs an arm: has no picture
     tab.page.wait_for_selector(".gallery:has-text('payload')")
+
+
+def test_nothing_that_lies_beside_a_recording_is_executed(opened, tmp_path, tmp_path_factory, press):
+    """Neither by what fits ahead, nor by the diagnosis, nor by a probing."""
+    with planted_modules(tmp_path, tmp_path_factory.mktemp("mark") / "executed"):
+        tab = opened(press)
+        tab.page.wait_for_selector('[data-effect="cubic_stiffness"] .evidence .strong')
+        tab.page.click("button:has-text('Diagnose')")
+        tab.page.wait_for_selector(".verdict.missing")
+        tab.page.click("button:has-text('Open')")
+        tab.page.click("text=Probe the simulated arm")
+        tab.page.wait_for_selector(".file:has-text('workbench-1.mcap')")
