@@ -1,7 +1,7 @@
 """What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +20,8 @@ from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 Bounds = tuple[float, float]
+_Runs = tuple[tuple[int, ...], tuple[int, ...]]  # left out, held out
+_Step = tuple["Choice", _Runs]  # of undo and redo
 _MOST_STEPS = 100  # that can be undone
 
 
@@ -32,6 +34,13 @@ class Choice:
     # Parameters that the fit leaves where they are, by "effect.parameter".
     held: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
+    # Values that sliders were pulled to: drawn, and not fitted; a new fit puts the sliders back.
+    pulled: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def fitted(self) -> "Choice":
+        """The same choice with all sliders at the fitted values."""
+        return replace(self, pulled={})
 
     def with_effects(self, effects: Sequence[str]) -> "Choice":
         """The same with other effects; what was said of parameters that are gone is dropped."""
@@ -53,6 +62,11 @@ class Shown:
     floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
     is_rough: bool = False  # a first look, until the fit is there
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters as drawn: the fitted values, and those that sliders were pulled to."""
+        return {**self.fitted.values, **self.choice.pulled}
+
     def error_at(self, values: Mapping[str, float]) -> float:
         """Root mean square error of the model at other parameters, where the error is judged."""
         judged = self.base.judged
@@ -73,8 +87,9 @@ class Bench:
         self.whole: Bench | None = None  # with the runs that were taken out, as the page was opened
         self.out: tuple[int, ...] = ()
         self.judging: Elsewhere | None = None  # the diagnosis that goes on
-        self._past: deque[Choice] = deque(maxlen=_MOST_STEPS)
-        self._future: list[Choice] = []
+        self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
+        self._future: list[_Step] = []
+        self._pulling = ""  # parameter whose slider is being pulled
         first = next((one for one in study.channels if not study.refusal(one)), study.channels[0])
         self.choice = self._start_of(first.name)
 
@@ -133,11 +148,31 @@ class Bench:
             InputError: it cannot be fitted.
         """
         shown = self.show(choice)
+        self.set_choice(choice)
+        return shown
+
+    def set_choice(self, choice: Choice) -> None:
+        """Make a choice the present one without a fit; undo goes back to the one before."""
+        self._pulling = ""
         if choice != self.choice:
-            self._past.append(self.choice)
+            self._past.append(self._step)
             self._future.clear()
             self.choice = choice
-        return shown
+
+    def pull(self, name: str, value: float) -> None:
+        """Note that a slider was pulled to a value: one step of undo until `release`."""
+        if self.choice.pulled.get(name) == value:  # said twice by the browser
+            return
+        choice = replace(self.choice, pulled={**self.choice.pulled, name: value})
+        if self._pulling == name:
+            self.choice = choice
+        else:
+            self.set_choice(choice)
+            self._pulling = name
+
+    def release(self) -> None:
+        """Note that the slider was let go."""
+        self._pulling = ""
 
     def toggled(self, effect: str) -> Choice:
         """The present choice with an effect added, or taken away if it is there."""
@@ -150,7 +185,8 @@ class Bench:
         """The present choice with a parameter held at a value; None to free it."""
         held = {other: at for other, at in self.choice.held.items() if other != name}
         bounds = {other: pair for other, pair in self.choice.bounds.items() if other != name}
-        return replace(self.choice, held=held if value is None else held | {name: value}, bounds=bounds)
+        held = held if value is None else held | {name: value}
+        return replace(self.choice, held=held, bounds=bounds, pulled={})
 
     def with_bounds(self, name: str, bounds: Bounds) -> Choice:
         """The present choice with a parameter bounded.
@@ -164,29 +200,43 @@ class Bench:
                 "the second"
             )
         held = {other: at for other, at in self.choice.held.items() if other != name}
-        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds})
+        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, pulled={})
 
+    @property
     def can_undo(self) -> bool:
         """Whether there is a step to go back to."""
         return bool(self._past)
 
+    @property
     def can_redo(self) -> bool:
         """Whether a step was undone."""
         return bool(self._future)
 
-    def undo(self) -> Shown:
-        """Go back one step."""
-        if self._past:
-            self._future.append(self.choice)
-            self.choice = self._past.pop()
-        return self.show()
+    def undo(self) -> "Bench":
+        """Go back one step.
 
-    def redo(self) -> Shown:
-        """Go forward again."""
-        if self._future:
-            self._past.append(self.choice)
-            self.choice = self._future.pop()
-        return self.show()
+        Returns:
+            This bench; another one of the same measurement if the last step was to use its runs otherwise.
+        """
+        return self._moved(self._past, self._future)
+
+    def redo(self) -> "Bench":
+        """Go forward again; see `undo`."""
+        return self._moved(self._future, self._past)
+
+    def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "Bench":
+        self._pulling = ""
+        if not source:
+            return self
+        target.append(self._step)
+        choice, runs = source.pop()
+        bench = self if runs == self._step[1] else self._using(*runs)
+        bench.choice, bench._past, bench._future = choice, self._past.copy(), self._future.copy()
+        return bench
+
+    @property
+    def _step(self) -> _Step:
+        return self.choice, (self.out, self.study.held_out)
 
     def to_channel(self, name: str) -> Shown:
         """Show another channel, with what was last added to it."""
@@ -242,15 +292,21 @@ class Bench:
         Raises:
             InputError: nothing would be left of a channel, or nothing to be fitted to.
         """
+        bench = self._using(tuple(sorted(out)), tuple(sorted(set(held_out) - set(out))))
+        bench.choice = Choice(self.choice.channel, self.choice.effects)
+        bench._past = deque([*self._past, self._step], _MOST_STEPS)
+        bench._future = []
+        return bench
+
+    def _using(self, out: tuple[int, ...], held_out: tuple[int, ...]) -> "Bench":
         whole = self.whole or self
-        held = sorted(set(held_out) - set(out))
-        if not out and held == list(whole.study.held_out):
+        if not out and held_out == whole.study.held_out:
             return whole
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):
             raise InputError("leave at least one run of each channel in")
-        bench = self._with(source, held)
-        bench.source, bench.whole, bench.out = self.source, whole, tuple(sorted(out))
+        bench = self._with(source, held_out)
+        bench.source, bench.whole, bench.out = self.source, whole, out
         return bench
 
     def _with(self, source: Source, held_out: Sequence[int]) -> "Bench":

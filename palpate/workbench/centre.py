@@ -66,19 +66,15 @@ class Centre:
             return
         if self._map is None:
             with self._map_card:
-                figure = curves.map_figure(
-                    self._motion, self._shown.base.residual, self._shown.fitted.residual
-                )
-                self._map = Plot(figure)
+                self._map = Plot(curves.map_figure(self._motion, self._shown.base.residual, self._drawn[1]))
         else:
-            self._map.restyle(curves.map_update(self._motion, self._shown.fitted.residual))
+            self._map.restyle(curves.map_update(self._motion, self._drawn[1]))
 
     def preview(self, effort: FloatArray) -> None:
         """Draw another prediction (n,) than that of the fit, while a slider is pulled."""
-        self._model(
-            effort,
-            np.where(self._shown.base.judged, self._data.effort - effort, np.nan) if self._shown else effort,
-        )
+        if self._shown is not None:
+            self._drawn = effort, np.where(self._shown.base.judged, self._data.effort - effort, np.nan)
+            self._model(*self._drawn)
 
     def _model(self, effort: FloatArray, left: FloatArray) -> None:
         self._time.restyle(curves.model_update(self._motion, effort, left, self._span_s))
@@ -126,9 +122,8 @@ class Centre:
         self._motion = Motion.of(self._data, drawn)
         self._span_s = None
         self._redraw()
-        if self._map is not None and self._shown is not None:
-            shown = self._shown
-            self._map.replace(curves.map_figure(self._motion, shown.base.residual, shown.fitted.residual))
+        if self._map is not None and self._shown is not None and self._drawn is not None:
+            self._map.replace(curves.map_figure(self._motion, self._shown.base.residual, self._drawn[1]))
 
     def _zoomed(self, event: events.GenericEventArguments) -> None:
         span = event.args

@@ -35,25 +35,28 @@ async def compose(home: Home) -> None:
     bench = home.bench
     gallery = Gallery(bench)
 
-    def below(page: Page) -> None:
-        card = DiagnosisCard(bench, page.apply, page.found)
+    def below(page: Page) -> Callable[[Sequence[str]], None]:
+        card = DiagnosisCard(bench, page.add, page.found)
         if home.riddle:
             from palpate.workbench.riddle import RiddleCard  # noqa: PLC0415, with the simulator
 
             RiddleCard(bench, card.start).build()
         card.build(lambda: _next_step(home, bench))
+        return card.offer
 
-    page = Page(bench, lambda: _opening(home))
+    def show(other: Bench) -> None:
+        home.bench = other
+        ui.navigate.reload()
+
+    page = Page(bench, lambda: _opening(home), show, home.serve_report)
 
     async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
         if (tuple(sorted(out)), tuple(sorted(held_out))) == (bench.out, bench.study.held_out):
             return
         try:
-            home.bench = await asyncio.to_thread(bench.with_runs, out, held_out)
+            show(await asyncio.to_thread(bench.with_runs, out, held_out))
         except PalpateError as error:
             ui.notify(str(error), type="warning")
-            return
-        ui.navigate.reload()
 
     await page.build(below, gallery.open, use_runs)
 

@@ -144,18 +144,41 @@ def state_figure(motion: Motion, predicted: FloatArray | None) -> Figure:
     model = np.full(len(rows), np.nan, dtype=np.float32) if predicted is None else picked(predicted, rows)
     traces = []
     for number, values in enumerate((motion.position, motion.velocity)):
-        place = {"xaxis": f"x{number + 1}" if number else "x", "showlegend": False}
+        place = _panel(number) | {"showlegend": False}
         x = picked(values, rows)
         traces.append(curve("measured", x, effort, palette.MEASURED, 1.3, unit, **place))
         traces.append(curve("model", x, model, palette.MODEL, 1.2, unit, **place))
     layout = layout_of(
         270,
         xaxis=axis(motion.axes.position, domain=[0.0, 0.48]),
-        xaxis2=axis(motion.axes.velocity, domain=[0.52, 1.0]),
+        xaxis2=axis(motion.axes.velocity, domain=[0.52, 1.0], anchor="y2"),
         yaxis=axis(motion.axes.effort),
+        yaxis2=_beside(motion.axes.effort),
         uirevision=motion.data.name,
     )
-    return {"data": traces, "layout": layout}
+    return {"data": traces, "layout": layout, "narrow": _stacked(500)}
+
+
+def _panel(number: int) -> dict[str, str]:
+    """The axes of the first or second of two panels."""
+    return {"xaxis": "x2", "yaxis": "y2"} if number else {"xaxis": "x", "yaxis": "y"}
+
+
+def _beside(title: str) -> dict[str, Any]:
+    """The vertical axis of the second of two panels: that of the first, said once."""
+    return axis(title, anchor="x2", matches="y") | {"showticklabels": False, "title": {"text": ""}}
+
+
+def _stacked(height: int) -> Figure:
+    """How the layout of two panels differs where there is no room for them side by side."""
+    upper, lower = [0.58, 1.0], [0.0, 0.42]
+    return {
+        "height": height,
+        "xaxis": {"domain": [0.0, 1.0]},
+        "xaxis2": {"domain": [0.0, 1.0]},
+        "yaxis": {"domain": upper},
+        "yaxis2": {"domain": lower, "showticklabels": True},
+    }
 
 
 def state_update(motion: Motion, predicted: FloatArray) -> Restyle:
@@ -180,7 +203,7 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
             "zmax": reach,
             "colorscale": [list(stop) for stop in palette.RESIDUAL],
             "showscale": number == 1,
-            "xaxis": "x2" if number else "x",
+            **_panel(number),
             "colorbar": {"thickness": 10, "title": {"text": f"left [{unit}]", "side": "right"}},
             "hovertemplate": f"%{{x:.3g}}, %{{y:.3g}}: %{{z:.3g}} {unit}<extra></extra>",
         }
@@ -189,12 +212,13 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
     layout = layout_of(
         250,
         xaxis=axis(motion.axes.position, domain=[0.0, 0.48], showgrid=False),
-        xaxis2=axis(motion.axes.position, domain=[0.52, 1.0], showgrid=False),
+        xaxis2=axis(motion.axes.position, domain=[0.52, 1.0], anchor="y2", showgrid=False),
         yaxis=axis(motion.axes.velocity, showgrid=False),
-        annotations=[_above("base model", 0.24), _above("model", 0.76)],
+        yaxis2=_beside(motion.axes.velocity) | {"showgrid": False},
+        annotations=[_above("base model", "x", "y"), _above("model", "x2", "y2")],
         uirevision=motion.data.name,
     )
-    return {"data": traces, "layout": layout}
+    return {"data": traces, "layout": layout, "narrow": _stacked(480)}
 
 
 def map_update(motion: Motion, residual: FloatArray) -> Restyle:
@@ -220,8 +244,9 @@ def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
     return {"shapes": lines, "annotations": letters}
 
 
-def _above(text: str, x: float) -> dict[str, Any]:
-    place = {"xref": "paper", "yref": "paper", "x": x, "y": 1.0, "yanchor": "bottom"}
+def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
+    """A title in the middle above the panel of these axes."""
+    place = {"xref": f"{x_axis} domain", "yref": f"{y_axis} domain", "x": 0.5, "y": 1.0, "yanchor": "bottom"}
     return {**place, "text": text, "showarrow": False}
 
 

@@ -1,7 +1,8 @@
 """The card of the diagnosis: started, followed and stopped from any tab, its steps applied by a click."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 
 from nicegui import ui
 
@@ -21,9 +22,10 @@ class DiagnosisCard:
     """Starts a diagnosis, shows how far it is and what it says, and applies its steps."""
 
     def __init__(
-        self, bench: Bench, apply: Callable[[tuple[str, ...]], Awaitable[None]], found: Callable[[], None]
+        self, bench: Bench, add: Callable[[Sequence[str]], Awaitable[None]], found: Callable[[], None]
     ) -> None:
-        self._bench, self._apply, self._found = bench, apply, found
+        self._bench, self._add, self._found = bench, add, found
+        self._buttons: ui.element | None = None
         self._judging: Elsewhere | None = None  # as the page shows it
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
@@ -98,6 +100,20 @@ class DiagnosisCard:
         for element in (self._stop, self._bar, self._what):
             element.set_visibility(now)
 
+    def offer(self, chosen: Sequence[str]) -> None:
+        """Offer what the diagnosis names, step by step, but for what is chosen already."""
+        if self._buttons is None:
+            return
+        self._buttons.clear()
+        found = self._bench.diagnosis
+        missing = [] if found is None else [e.effect for e in found.accepted if e.effect not in chosen]
+        with self._buttons:
+            for count in range(1, len(missing) + 1):
+                names = missing[:count]
+                ui.button(f"Add {' + '.join(names)}", on_click=partial(self._add, names)).props(
+                    "dense outline no-caps"
+                ).mark(f"add-{count}")
+
     def _show(self) -> None:
         try:
             found = self._bench.diagnosis
@@ -105,6 +121,7 @@ class DiagnosisCard:
             ui.notify(str(error), type="warning")
             return
         self._answer.clear()
+        self._buttons = None
         if found is None:
             return
         said = diagnosed(found)
@@ -118,12 +135,8 @@ class DiagnosisCard:
                 ui.label(said.sentence)
                 for remark in said.remarks:
                     ui.label(remark).classes("quiet")
-            names = tuple(entry.effect for entry in found.accepted)
-            if names:
-                for count in range(1, len(names) + 1):
-                    ui.button(
-                        f"Add {' + '.join(names[:count])}", on_click=lambda c=count: self._apply(names[:c])
-                    ).props("dense outline no-caps").mark(f"apply-{count}")
+            self._buttons = ui.element("div").classes("steps")
+            self.offer(self._bench.choice.effects)
             if found.next_experiment is not None:
                 ui.label(f"Next: {found.next_experiment.instruction}").props(
                     f'title="To {found.next_experiment.purpose}."'

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from secrets import token_urlsafe
 from threading import Thread
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ class Home:
     promised: set[Path] = field(default_factory=set)  # what a tab is about to write
     reading: str = ""  # what is being read; empty once that is done
     error: str = ""  # why it could not be
+    reports: dict[str, Path] = field(default_factory=dict)  # that were written from the page, by their key
     feed: "Feed | None" = None  # for Foxglove, if that was asked for
     open: "Callable[[Path, ImportOptions], Bench] | None" = None  # makes a bench of a file
 
@@ -34,6 +36,12 @@ class Home:
     def waiting(self) -> str:
         """What is shown while the data is being read, as HTML."""
         return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
+
+    def serve_report(self, path: Path) -> str:
+        """Make a report available to the browser; returns its address, which nobody can guess."""
+        key = token_urlsafe(16)
+        self.reports[key] = path
+        return f"/report/{key}"
 
     def read(self, make: "Callable[[], Bench]", what: str) -> None:
         """Make the bench in another thread; the page shows what was measured and waits for it."""

@@ -1,7 +1,8 @@
 """The page: composes its parts, and carries out what is clicked; one fit at a time, the newest last."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,23 @@ _NEXT_S = 0.03  # for the browser to draw what was sent before
 class Page:
     """One browser's view of the bench."""
 
-    def __init__(self, bench: Bench, opening: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        opening: Callable[[], None],
+        show_bench: Callable[[Bench], None],
+        serve_report: Callable[[Path], str],
+    ) -> None:
+        """Show a bench.
+
+        Args:
+            bench: what is shown.
+            opening: offers another file.
+            show_bench: shows another bench in place of this page.
+            serve_report: makes a report available to the browser; returns its address.
+        """
         self.bench, self._opening = bench, opening
+        self._show_bench, self._serve_report = show_bench, serve_report
         self._busy = asyncio.Lock()
         self._idle = asyncio.Event()
         self._idle.set()
@@ -36,18 +52,25 @@ class Page:
 
     async def build(
         self,
-        below: Callable[["Page"], None],
+        below: Callable[["Page"], Callable[[Sequence[str]], None]],
         gallery: Callable[[str], Awaitable[None]],
         use_runs: UseRuns,
     ) -> None:
-        """Put everything in its place: raw curves first, then the fit, then the evidence."""
-        self._header()
+        """Put everything in its place: raw curves first, then the fit, then the evidence.
+
+        Args:
+            below: builds what belongs above the effects; returns what is told which effects are chosen.
+            gallery: opens the picture of an effect.
+            use_runs: uses runs otherwise.
+        """
         refused = self.bench.study.refusal(self.bench.channel)
+        self._error = Error()
+        self._header(refused)
         with ui.element("div").classes("desk"):
             with ui.element("div").classes("left"):
                 if refused:
                     gates(self.bench)
-                below(self)
+                self._offer = below(self)
                 self._effects = Effects(self.bench, self.tick, gallery)
                 if not refused:
                     self._effects.build()
@@ -55,8 +78,8 @@ class Page:
                 self._centre = Centre(self.bench, use_runs)
                 self._centre.build()
             with ui.element("div").classes("right"):
-                self._error, self._lines = Error(), Lines(self.bench)
-                self._parameters = Parameters(self.bench, self.choose, self._preview)
+                self._lines = Lines(self.bench)
+                self._parameters = Parameters(self.bench, self.choose, self._pulled)
                 if not refused:
                     self._error.build()
                     self._parameters.build()
@@ -82,9 +105,10 @@ class Page:
         """Show another choice."""
         await self._change(lambda: self.bench.choose(choice), lambda: choice)
 
-    async def apply(self, effects: tuple[str, ...]) -> None:
-        """Show the base model with these effects, as a diagnosis proposes."""
-        await self.choose(Choice(self.bench.choice.channel, effects))
+    async def add(self, effects: Sequence[str]) -> None:
+        """Tick effects, as a diagnosis proposes."""
+        choice = self.bench.choice
+        await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
     def found(self) -> None:
         """A diagnosis is there: the error is measured by its noise floor, and groups by its word."""
@@ -131,8 +155,10 @@ class Page:
                 self._centre.show_map()
                 found, verdict = await asyncio.to_thread(lambda: (shown.fitted.parameters, judged(shown)))
                 if turn == self._turn:
-                    self._parameters.show_intervals(dict(found))
+                    self._parameters.show_intervals(found)
                     self._error.judge(verdict)
+                    if self._shown is not None and self._shown.choice.pulled:
+                        self._draw_pulled(self._shown)
         finally:
             if turn == self._turn:
                 self._idle.set()
@@ -163,31 +189,48 @@ class Page:
         self._centre.show(shown)
         self._lines.show()
         self._enable_steps()
+        if shown.choice.pulled:
+            self._draw_pulled(shown)
 
     def _show_beside(self, shown: Shown) -> None:
         """What takes the browser longer, and is looked at later."""
         self._parameters.show(shown)
         self._effects.show(shown.choice.effects)
+        self._offer(shown.choice.effects)
         self._centre.show_state()
 
-    def _preview(self, values: dict[str, float] | None) -> None:
-        shown = self._shown
-        if shown is None:
-            return
-        if values is None:
-            self._error.show(shown)
-            self._centre.show(shown)
-            return
-        effort = shown.fitted.at(values)
-        self._centre.preview(effort)
-        unit = axes_of(shown.fitted.data.kind).effort_unit
-        self._error.preview(shown.error_at(values), unit, shown.floor)
+    async def _pulled(self, name: str, value: float) -> None:
+        """Draw the model with the slider of a parameter at a value: curves first, then all other views."""
+        if (
+            self._shown is None
+            or name not in self._shown.fitted.values
+            or self._shown.choice.fitted != self.bench.choice.fitted
+        ):
+            return  # another model is being fitted
+        self.bench.pull(name, value)
+        shown = self._shown = replace(self._shown, choice=self.bench.choice)
+        self._draw_pulled(shown)
+        self._parameters.mark_pulled(shown)
+        self._enable_steps()
+        await asyncio.sleep(_NEXT_S)
+        if shown is self._shown:
+            self._centre.show_state()
+            await asyncio.sleep(_NEXT_S)
+        if shown is self._shown:
+            self._centre.show_map()
 
-    def _header(self) -> None:
+    def _draw_pulled(self, shown: Shown) -> None:
+        self._centre.preview(shown.fitted.at(shown.values))
+        unit = axes_of(shown.fitted.data.kind).effort_unit
+        self._error.preview(shown.error_at(shown.values), unit, shown.floor)
+
+    def _header(self, refused: str | None) -> None:
         study, choice = self.bench.study, self.bench.choice
         with ui.element("div").classes("top"):
             ui.html('<b class="brand">palpate</b>', sanitize=False)
             ui.label(study.source.name).classes("file")
+            if not refused:
+                self._error.build_number()
             options = {
                 one.name: f"{one.name.replace('_', ' ')} · {kind_in_words(one.kind)}"
                 for one in study.channels
@@ -206,14 +249,14 @@ class Page:
             _button("Report", "description", self._report, about, look="unelevated")
 
     def _enable_steps(self) -> None:
-        self._undo.set_enabled(self.bench.can_undo())
-        self._redo.set_enabled(self.bench.can_redo())
+        self._undo.set_enabled(self.bench.can_undo)
+        self._redo.set_enabled(self.bench.can_redo)
 
     async def _channel_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
         try:
             await asyncio.to_thread(self.bench.to_channel, event.value)
         except InputError:  # it cannot be judged: its raw curves and the reason are shown
-            self.bench.choice = Choice(event.value)
+            self.bench.set_choice(Choice(event.value))
         ui.navigate.reload()
 
     async def _undone(self) -> None:
@@ -222,11 +265,15 @@ class Page:
     async def _redone(self) -> None:
         await self._step(self.bench.redo)
 
-    async def _step(self, work: Callable[[], Shown]) -> None:
+    async def _step(self, work: Callable[[], Bench]) -> None:
         before = self.bench.choice.channel
-        await self._change(work)
-        if self.bench.choice.channel != before:
+        bench = await asyncio.to_thread(work)
+        if bench is not self.bench:
+            self._show_bench(bench)
+        elif bench.choice.channel != before:
             ui.navigate.reload()
+        else:
+            await self._change(bench.show)
 
     async def _key(self, event: events.KeyEventArguments) -> None:
         if event.action.keydown and event.modifiers.ctrl and event.key.name in {"z", "Z", "y"}:
@@ -255,7 +302,8 @@ class Page:
             ui.notify(str(error), type="warning")
             return
         self._list_revisions()
-        ui.notify(f"report: {written}", type="positive", multi_line=True, timeout=10_000)
+        link = f'<a href="{self._serve_report(written)}" target="_blank">report: {escape(str(written))}</a>'
+        ui.notify(link, type="positive", multi_line=True, timeout=10_000, html=True)
 
     def _list_revisions(self) -> None:
         self._revisions.clear()
@@ -276,8 +324,10 @@ class Page:
 
 def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:
     """A button of the header."""
-    made = ui.button(text, icon=icon, on_click=work).mark(text.lower())
-    return made.props(f'{look} dense no-caps title="{about}"')
+    made = ui.button(text, icon=icon, on_click=work).mark(text.lower()).props(f"{look} dense no-caps")
+    made.props["aria-label"] = text  # a narrow window shows the icon alone
+    made.props["title"] = f"{text}: {about}"
+    return made
 
 
 def gates(bench: Bench) -> None:

@@ -1,11 +1,11 @@
 """The right of the page: error, waterfall, parameters, and the lines that do the same."""
 
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from nicegui import events, ui
+from nicegui import ui
 
 from estimation.estimate import ParameterEstimate
 from palpate.render.sentences import impossible
@@ -41,13 +41,14 @@ class Error:
     def __init__(self) -> None:
         self._judged: Judged | None = None
 
+    def build_number(self) -> None:
+        """Put the number where it is always in sight."""
+        self._number = ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
+
     def build(self) -> None:
-        """Put the elements."""
-        with ui.element("section").classes("card"):
+        """Put what explains the number."""
+        with ui.element("section").classes("card waterfall"):
             ui.html("<h2>Error in held-out runs</h2>", sanitize=False).props(f'title="{words.ERROR}"')
-            self._number = (
-                ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
-            )
             self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
             self._fall = ui.html("", sanitize=False).props(f'title="{words.FALL}"').mark("waterfall")
 
@@ -57,7 +58,7 @@ class Error:
         self._number.set_content(_number(error, unit, shown.floor, words.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
         self._wrong.set_text("")
-        if self._judged is not None and shown is self._judged.shown:
+        if self._judged is not None and shown.fitted is self._judged.shown.fitted:
             self.judge(self._judged)
 
     def judge(self, found: "Judged") -> None:
@@ -72,6 +73,7 @@ class Error:
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
+        self._wrong.set_text("")  # it is said of the fit
         self._number.set_content(_number(error, unit, floor, "at these values"))
 
 
@@ -107,11 +109,10 @@ def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> 
 class Parameters:
     """Sliders, intervals, and what is held or bounded."""
 
-    def __init__(
-        self, bench: Bench, choose: Choose, preview: Callable[[dict[str, float] | None], None]
-    ) -> None:
-        self._bench, self._choose, self._preview = bench, choose, preview
+    def __init__(self, bench: Bench, choose: Choose, pulled: Callable[[str, float], Awaitable[None]]) -> None:
+        self._bench, self._choose, self._pulled = bench, choose, pulled
         self._shown: Shown | None = None
+        self._estimates: dict[str, ParameterEstimate] = {}  # of the fit that is shown, once they are known
         self._listed: Choice | None = None  # whose parameters have rows
         self._values: dict[str, float] = {}
         self._intervals: dict[str, ui.label] = {}
@@ -120,7 +121,7 @@ class Parameters:
 
     def build(self) -> None:
         """Put the elements."""
-        with ui.element("section").classes("card"):
+        with ui.element("section").classes("card sliders"):
             with ui.row().classes("bar"):
                 ui.html("<h2>Parameters</h2>", sanitize=False).props(f'title="{words.SLIDER}"')
                 ui.space()
@@ -131,41 +132,65 @@ class Parameters:
             self._list = ui.element("div").classes("parameters")
 
     def show(self, shown: Shown) -> None:
-        """List the parameters of a fit; its intervals come later."""
-        self._shown, self._values = shown, dict(shown.fitted.values)
-        self._back.set_visibility(False)
-        if shown.choice == self._listed:
+        """List the parameters of a fit; its intervals come later, unless they are known already."""
+        if self._shown is None or shown.fitted is not self._shown.fitted:
+            self._estimates = {}
+        self._shown, self._values = shown, shown.values
+        self._back.set_visibility(bool(shown.choice.pulled))
+        if shown.choice.fitted == self._listed:
             for name, value in self._values.items():
-                self._numbers[name].set_text(self._worded(name, value))
-                self._intervals[name].set_text(self._said(name))
+                self._state(name)
                 self._sliders[name].set_value(value)
             return
-        self._listed = shown.choice
+        self._listed = shown.choice.fitted
         self._list.clear()
         self._intervals, self._numbers, self._sliders = {}, {}, {}
         with self._list:
-            for name, value in self._values.items():
-                self._row(name, value)
+            for name in self._values:
+                self._row(name)
             if not self._values:
                 ui.label("nothing is fitted in this model").classes("quiet")
 
-    def show_intervals(self, found: dict[str, ParameterEstimate]) -> None:
+    def show_intervals(self, estimates: Mapping[str, ParameterEstimate]) -> None:
         """State the 95 % intervals."""
-        for name, one in found.items():
-            if name in self._intervals:
-                half = (one.interval[1] - one.interval[0]) / 2.0
-                said = f"± {half:.2g}" if math.isfinite(half) else NOT_DETERMINED
-                self._intervals[name].set_text(self._said(name, said))
-                self._numbers[name].set_text(self._worded(name, one.value))
-                self._values[name] = one.value
+        assert self._shown is not None  # noqa: S101, set by `show`
+        self._estimates = dict(estimates)
+        self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)
+        for name in self._numbers:
+            self._state(name)
 
-    def _said(self, name: str, interval: str = "± …") -> str:
-        if name in self._bench.choice.held:
+    def mark_pulled(self, shown: Shown) -> None:
+        """State the values that sliders were pulled to."""
+        self._shown = shown
+        self._values |= shown.choice.pulled
+        self._back.set_visibility(True)
+        for name in shown.choice.pulled:
+            self._state(name)
+
+    def _state(self, name: str) -> None:
+        """Write value and interval of a parameter."""
+        self._numbers[name].set_text(self._worded(name, self._values[name]))
+        self._intervals[name].set_text(self._interval(name))
+
+    def _interval(self, name: str) -> str:
+        """The 95 % interval of a parameter; beside a slider that was pulled, with the fitted value."""
+        assert self._shown is not None  # noqa: S101, set by `show`
+        choice = self._shown.choice
+        if name in choice.held and name not in choice.pulled:
             return "held"
-        if name in self._bench.choice.bounds:
-            low, high = self._bench.choice.bounds[name]
-            return f"within {low:.3g} to {high:.3g}, {interval}"
-        return interval
+        estimate = self._estimates.get(name)
+        if estimate is None:
+            text = "± …"
+        else:
+            half = (estimate.interval[1] - estimate.interval[0]) / 2.0
+            text = f"± {half:.2g}" if math.isfinite(half) else NOT_DETERMINED
+        if name in choice.pulled:
+            fitted = self._shown.fitted.values[name] if estimate is None else estimate.value
+            return f"held at {fitted:.4g}" if name in choice.held else f"fit: {fitted:.4g} {text}"
+        if name in choice.bounds:
+            low, high = choice.bounds[name]
+            return f"within {low:.3g} to {high:.3g}, {text}"
+        return text
 
     def _worded(self, name: str, value: float) -> str:
         assert self._shown is not None  # noqa: S101, set by `show`
@@ -174,7 +199,9 @@ class Parameters:
         unit = {**model.gains, **model.inner}[name].unit
         return f"{value:.4g} {unit.format(effort=kind.effort_unit, position=kind.position_unit)}"
 
-    def _row(self, name: str, value: float) -> None:
+    def _row(self, name: str) -> None:
+        assert self._shown is not None  # noqa: S101, set by `show`
+        value = self._values[name]
         effect, _, parameter = name.partition(".")
         with ui.element("div").classes("parameter").props(f'data-parameter="{name}"'):
             ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>", sanitize=False).classes(
@@ -182,13 +209,18 @@ class Parameters:
             )
             self._numbers[name] = ui.label(self._worded(name, value)).classes("value")
             self._intervals[name] = (
-                ui.label(self._said(name)).classes("interval").props(f'title="{words.INTERVAL}"')
+                ui.label(self._interval(name)).classes("interval").props(f'title="{words.INTERVAL}"')
             )
-            low, high = self._ends(name, value)
+            low, high = self._ends(name, self._shown.fitted.values[name])
             slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props(
                 f'dense aria-label="{name}" title="{words.SLIDER}"'
             )
-            slider.on("update:model-value", lambda event, name=name: self._pulled(event, name), throttle=0.05)
+            slider.on(
+                "update:model-value",
+                lambda event, name=name: self._pulled(name, float(event.args)),
+                throttle=0.05,
+            )
+            slider.on("change", lambda event, name=name: self._released(name, float(event.args)))
             self._sliders[name] = slider
             held = name in self._bench.choice.held
             ui.button(
@@ -232,16 +264,13 @@ class Parameters:
         low, high = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
         return (low, high) if low < high else (value - reach, value + reach)
 
-    def _pulled(self, event: events.GenericEventArguments, name: str) -> None:
-        self._values[name] = float(event.args)
-        self._numbers[name].set_text(self._worded(name, self._values[name]))
-        self._back.set_visibility(True)
-        self._preview(self._values)
+    async def _released(self, name: str, value: float) -> None:
+        """Draw where a slider was let go, and end the step of undo."""
+        await self._pulled(name, value)
+        self._bench.release()
 
-    def _reset(self) -> None:
-        if self._shown is not None:
-            self.show(self._shown)
-            self._preview(None)
+    async def _reset(self) -> None:
+        await self._choose(self._bench.choice.fitted)
 
     async def _hold(self, name: str) -> None:
         held = name in self._bench.choice.held

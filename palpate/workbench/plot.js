@@ -1,8 +1,11 @@
 // A plotly figure that changes trace by trace, and is drawn only while somebody sees it.
 export default {
-  template: '<div class="plot" :style="{ minHeight: figure.layout?.height + \'px\' }"></div>', // what is below stays
+  template: '<div class="plot" :style="{ minHeight: height + \'px\' }"></div>', // what is below stays
   props: { figure: Object },
   emits: ["ready", "zoom", "point"],
+  data() {
+    return { height: this.figure.layout?.height };
+  },
   async mounted() {
     this.now = JSON.parse(JSON.stringify(this.figure)); // Vue's watched copies are slow to read
     this.stale = true;
@@ -13,7 +16,7 @@ export default {
       this.paint();
     }, { rootMargin: "50px" });
     this.watch.observe(this.$el);
-    this.resizing = new ResizeObserver(() => this.begun && this.visible && Plotly.Plots.resize(this.$el));
+    this.resizing = new ResizeObserver(() => this.resize());
     this.resizing.observe(this.$el);
     this.$emit("ready");
   },
@@ -35,6 +38,24 @@ export default {
       this.stale = true;
       this.paint();
     },
+    resize() {
+      if (this.narrow !== this.isNarrow()) {
+        this.stale = true;
+        this.paint();
+      } else if (this.begun && this.visible) this.Plotly.Plots.resize(this.$el);
+    },
+    isNarrow() {
+      return Boolean(this.now.narrow) && this.$el.clientWidth < 460;
+    },
+    layout() {
+      this.narrow = this.isNarrow();
+      const layout = { ...this.now.layout };
+      if (this.narrow)
+        for (const [name, value] of Object.entries(this.now.narrow))
+          layout[name] = typeof value === "object" ? { ...layout[name], ...value } : value;
+      this.height = layout.height;
+      return layout;
+    },
     relayout(layout) {
       if (this.visible && !this.stale) return void this.Plotly.relayout(this.$el, layout);
       Object.assign(this.now.layout, layout);
@@ -44,7 +65,7 @@ export default {
     paint() {
       if (!this.Plotly || !this.visible || !this.stale || !this.now.data) return;
       this.stale = false;
-      this.Plotly.react(this.$el, this.now.data, this.now.layout, { displaylogo: false, ...this.now.config });
+      this.Plotly.react(this.$el, this.now.data, this.layout(), { displaylogo: false, ...this.now.config });
       if (!this.begun) this.listen();
       this.begun = true;
     },

@@ -1,10 +1,12 @@
 """Serves the page on this machine alone, while the data is still being read."""
 
 import asyncio
+from http import HTTPStatus
 from socket import socket
 
 import uvicorn
-from fastapi import FastAPI
+from fastapi import FastAPI, HTTPException
+from fastapi.responses import FileResponse
 from nicegui import app, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
@@ -34,6 +36,13 @@ def serve(home: Home, listening: socket) -> None:
 
         await compose(home)
         ui.run_javascript("document.getElementById('waiting')?.remove()")
+
+    @app.get("/report/{key}")
+    def report(key: str) -> FileResponse:
+        if key not in home.reports:
+            raise HTTPException(HTTPStatus.NOT_FOUND)
+        # The file holds text of a measurement: in an origin of its own, it cannot press buttons of the page.
+        return FileResponse(home.reports[key], headers={"Content-Security-Policy": "sandbox allow-scripts"})
 
     app.on_shutdown(lambda: _end(home))
     served = FastAPI()

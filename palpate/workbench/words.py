@@ -24,7 +24,7 @@ INTERVAL = (
 SLIDER = (
     "Pull to see the curves at another value, the other parameters as they are; nothing is fitted meanwhile."
 )
-SAME = "The command line and Python do what the page shows, number for number; copy these lines."
+SAME = "The command line and Python give this fit, number for number; copy these lines."
 STOP = "End the diagnosis; nothing is changed."
 BACK = "Put the sliders back to the fitted values."
 HOLD = "Keep this parameter at this value, and fit the others again."

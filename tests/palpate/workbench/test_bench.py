@@ -69,11 +69,44 @@ def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(bench):
     bench.choose(bench.toggled("cubic_stiffness"))
     bench.choose(bench.with_held("stiffness.k", 300.0))
     assert bench.undo().choice.held == {}
-    assert bench.undo().fitted.rmse == plain_error
-    assert not bench.can_undo()
+    assert bench.undo().show().fitted.rmse == plain_error
+    assert not bench.can_undo
     assert bench.redo().choice.effects == ("cubic_stiffness",)
     bench.choose(bench.toggled("cubic_stiffness"))
-    assert not bench.can_redo()
+    assert not bench.can_redo
+
+
+def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(bench):
+    fitted = bench.choose(bench.toggled("cubic_stiffness")).fitted
+    for value in (410.0, 420.0, 430.0):
+        bench.pull("stiffness.k", value)
+    bench.release()
+    bench.pull("stiffness.k", 430.0)  # said again by the browser: no step
+    bench.pull("stiffness.k", 500.0)
+    bench.pull("damping.c", 3.0)
+    assert bench.show().values == {**fitted.values, "stiffness.k": 500.0, "damping.c": 3.0}
+    pulled = [bench.undo().choice.pulled for _ in range(3)]
+    assert pulled == [{"stiffness.k": 500.0}, {"stiffness.k": 430.0}, {}]
+    assert bench.choice.effects == ("cubic_stiffness",)
+    assert bench.redo().choice.pulled == {"stiffness.k": 430.0}
+    assert bench.choose(bench.with_held("damping.c", 3.0)).choice.pulled == {}
+
+
+def test_another_use_of_runs_can_be_undone(bench):
+    bench.choose(bench.toggled("cubic_stiffness"))
+    less = bench.with_runs((1,), ())
+    held = less.with_runs((1,), (2,))
+    held.choose(held.toggled("adhesion"))
+    back = held.undo()
+    assert (back, back.choice.effects) == (held, ("cubic_stiffness",))
+    back = back.undo()
+    assert (back.out, back.study.held_out) == ((1,), ())
+    back = back.undo()
+    assert (back.out, back.choice.effects) == ((), ("cubic_stiffness",))
+    assert back.undo().choice.effects == ()
+    for _ in range(3):
+        back = back.redo()
+    assert (back.out, back.study.held_out, back.choice.effects) == ((1,), (2,), ("cubic_stiffness",))
 
 
 def test_what_is_held_goes_with_its_effect(bench):

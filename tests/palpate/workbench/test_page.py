@@ -55,8 +55,8 @@ def serve(tmp_path, tmp_path_factory):
 class Tab:
     """One tab that notes what it should never see."""
 
-    def __init__(self, browser, address, width=1400):
-        self.page = browser.new_page(viewport={"width": width, "height": 900})
+    def __init__(self, browser, address, width=1400, height=900):
+        self.page = browser.new_page(viewport={"width": width, "height": height})
         self.page.set_default_timeout(WAIT_MS)
         self.wrong = []
         self.page.on(
@@ -119,7 +119,10 @@ def test_tick_error_falls_undo_keep_report(opened, press):
     page.click("text=Redo")
     assert tab.wait_for_other_error(before) == after
     page.click("button:has-text('Report')")
-    page.wait_for_selector("text=/report: .*report.html/")
+    with page.expect_popup() as opened_report:
+        page.click("a:has-text('report.html')")
+    opened_report.value.wait_for_selector("text=cubic_stiffness")
+    assert opened_report.value.evaluate("origin") == "null"  # it cannot reach the page's own origin
     report = press.parent / "press-palpate" / "report.html"
     assert "cubic_stiffness" in report.read_text()
     page.wait_for_selector(".revision:has-text('cubic_stiffness')")
@@ -174,9 +177,60 @@ def test_a_slider_shows_another_value_and_a_held_one_is_fitted_around(opened, pr
     pulled = float(page.get_attribute(slider, "aria-valuenow"))
     assert page.inner_text(lock) == "lock"
     page.click("text=Undo")
-    assert tab.wait_for_other_error(held) == before
     page.wait_for_selector(f"{lock}:has-text('lock_open')")
+    page.wait_for_selector("text=at these values")
+    assert float(page.get_attribute(slider, "aria-valuenow")) == pulled
+    page.click("text=back to the fit")
+    page.wait_for_function(
+        "before => +document.querySelector('[data-error]').dataset.error === before", arg=before
+    )
     assert float(page.get_attribute(slider, "aria-valuenow")) < pulled
+
+
+def test_every_view_follows_a_slider_and_undo_takes_it_back(opened, press):
+    tab = opened(press)
+    page, before = tab.page, tab.error()
+    tab.box("cubic_stiffness").click()
+    after = tab.wait_for_other_error(before)
+    page.wait_for_selector("text=/± [0-9]/")
+    page.fill('[aria-label="A [s]"]', "0.9")
+    page.wait_for_selector(".reading:has-text('model')")
+    page.wait_for_function("() => document.querySelectorAll('.middle div.plot').length === 3")
+    model = (
+        "n => JSON.stringify("
+        "document.querySelectorAll('.middle div.plot')[n].data?.[1]?.[n === 2 ? 'z' : 'y'] ?? '')"
+    )
+    for number in (1, 2):  # a plot is drawn when it is seen
+        page.locator(".middle div.plot").nth(number).scroll_into_view_if_needed()
+        page.wait_for_function(f"n => ({model})(n) !== '\"\"'", arg=number)
+    drawn = [page.evaluate(model, number) for number in (1, 2)]
+    reading = page.inner_text(".reading")
+    interval = page.inner_text('[data-parameter="stiffness.k"] .interval')
+    page.focus('[aria-label="stiffness.k"] [tabindex="0"]')
+    page.keyboard.press("PageUp")
+    pulled = tab.wait_for_other_error(after)
+    assert pulled > after
+    for number, earlier in zip((1, 2), drawn, strict=True):
+        page.locator(".middle div.plot").nth(number).scroll_into_view_if_needed()
+        page.wait_for_function(f"([n, earlier]) => ({model})(n) !== earlier", arg=[number, earlier])
+    shown = page.inner_text(".reading")
+    assert shown != reading
+    force, predicted = (float(text.split()[1]) for text in shown.replace("A", "force").split(", ")[:2])
+    at_cursor = (
+        "() => { const [, , m] = document.querySelector('.middle div.plot').data; "
+        "const i = m.x.findIndex(t => t >= 0.9); return m.y[i] }"
+    )
+    assert predicted == pytest.approx(page.evaluate(at_cursor), rel=0.01)
+    assert force == pytest.approx(6.0, rel=0.05)
+    assert page.inner_text('[data-parameter="stiffness.k"] .interval').startswith("fit: ")
+    page.keyboard.press("Control+z")
+    assert tab.wait_for_other_error(pulled) == after
+    assert tab.box("cubic_stiffness").get_attribute("aria-checked") == "true"
+    page.wait_for_function(
+        "text => document.querySelector('[data-parameter=\"stiffness.k\"] .interval').innerText === text",
+        arg=interval,
+    )
+    assert page.inner_text(".reading").split(", left")[0] == reading.split(", left")[0]
 
 
 def test_bounds_need_two_numbers_and_are_shown_again(opened, press):
@@ -234,7 +288,12 @@ def test_a_diagnosis_outlives_a_reload_can_still_be_stopped_and_its_step_applied
     page.reload()
     page.wait_for_selector(".verdict.missing")
     page.click("button:has-text('Add cubic_stiffness')")
-    assert tab.wait_for_other_error(before) < before
+    after = tab.wait_for_other_error(before)
+    assert after < before
+    page.wait_for_function("() => !document.querySelector('.steps button')")  # it is ticked
+    tab.box("cubic_stiffness").click()
+    assert tab.wait_for_other_error(after) == before
+    page.wait_for_selector("button:has-text('Add cubic_stiffness')")
 
 
 def test_a_dropped_file_that_cannot_be_read_is_not_kept(opened, tmp_path):
@@ -263,6 +322,37 @@ def test_a_narrow_window_has_no_sideways_scroll(opened, press):
     tab.page.wait_for_function("() => document.documentElement.scrollWidth <= 400")
     tab.box("cubic_stiffness").click()
     assert tab.wait_for_other_error(before) < before
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 900), (1024, 768), (390, 844)])
+def test_the_error_stays_in_sight_and_nothing_overlaps(opened, press, width, height):
+    tab = opened(press, width=width, height=height)
+    page = tab.page
+    tab.error()
+    page.wait_for_function("() => document.querySelectorAll('.middle div.plot').length === 3")
+    page.locator(".middle div.plot").nth(2).scroll_into_view_if_needed()
+    page.wait_for_selector(".annotation-text")
+    page.mouse.wheel(0, 20_000)
+    page.wait_for_timeout(300)
+    assert page.evaluate("scrollY") > 300
+    box = page.query_selector("[data-error]").bounding_box()
+    assert 0 <= box["y"] < 100
+    assert box["x"] + box["width"] <= width
+    texts = (
+        "() => [...document.querySelectorAll('.middle div.plot')].map(plot => "
+        "[...plot.querySelectorAll('.annotation-text, .xtitle, .x2title, .xtick text, .x2tick text')]"
+        ".map(text => { const b = text.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom] }))"
+    )
+    for number in range(3):
+        page.locator(".middle div.plot").nth(number).scroll_into_view_if_needed()
+    page.wait_for_timeout(300)
+    for boxes in page.evaluate(texts):
+        for place, (left, top, right, bottom) in enumerate(boxes):
+            for other in boxes[:place]:
+                assert (
+                    min(right, other[2]) - max(left, other[0]) < 1
+                    or min(bottom, other[3]) - max(top, other[1]) < 3
+                )
 
 
 def test_a_dropped_file_is_shown_corrected_and_judged(opened, tmp_path, press):
