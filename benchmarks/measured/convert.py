@@ -1,0 +1,409 @@
+"""Convert a public recording to the CSV file that `palpate` reads, as its recipe says.
+
+    git clone https://github.com/OWNER/REPOSITORY                  # origin.repository of the recipe
+    python benchmarks/measured/convert.py NAME --from REPOSITORY --to FOLDER
+
+Writes FOLDER/import.csv.gz. A recipe (recipes/NAME.yaml) names origin, commit, files, columns, the expected
+answer and the least-squares ladder of benchmarks/measured/ladder.py that it rests on. Files are read from
+the recipe's commit where --from is a git repository, bare or not, else from the folder. Whether a recording
+is developed on or held out follows from its name alone, see `split_of`.
+"""
+
+import csv
+import fnmatch
+import gzip
+import hashlib
+import io
+import subprocess
+import sys
+import zipfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import python_calamine
+import yaml
+from numpy.typing import NDArray
+from scipy.io import loadmat
+
+Columns = Mapping[str, NDArray[np.float64]]
+Reader = Callable[[bytes, Mapping[str, Any]], list[Columns]]
+
+RECIPES = Path(__file__).parent / "recipes"
+SPLITS = ("develop", "held_out")
+
+
+def split_of(name: str) -> str:
+    """Part that a recording belongs to: `develop` if the last hex digit of its name's SHA-256 is even."""
+    return SPLITS[int(hashlib.sha256(name.encode()).hexdigest()[-1], 16) % 2]
+
+
+def load_recipe(name: str) -> dict[str, Any]:
+    """Read a recipe by name.
+
+    Raises:
+        FileNotFoundError: there is no such recipe.
+    """
+    recipe: dict[str, Any] = yaml.safe_load((RECIPES / f"{name}.yaml").read_text("utf-8"))
+    return recipe
+
+
+class Origin:
+    """Files of a repository at one commit, or of a plain folder."""
+
+    def __init__(self, folder: Path, commit: str) -> None:
+        bare = (folder / "HEAD").is_file()
+        self._folder = folder
+        self._git = folder if bare else folder / ".git" if (folder / ".git").exists() else None
+        self._commit = commit
+
+    def _run(self, *arguments: str) -> bytes:
+        command = ["git", "--git-dir", str(self._git), *arguments]
+        return subprocess.run(command, check=True, capture_output=True).stdout
+
+    def names(self) -> list[str]:
+        """Paths of all files, relative to the repository."""
+        if self._git is None:
+            return [
+                path.relative_to(self._folder).as_posix()
+                for path in self._folder.rglob("*")
+                if path.is_file()
+            ]
+        listing = self._run("ls-tree", "-r", "-z", "--name-only", self._commit)
+        return listing.decode("utf-8", "surrogateescape").rstrip("\0").split("\0")
+
+    def read(self, path: str) -> bytes:
+        """Content of one file."""
+        if self._git is None:
+            return (self._folder / path).read_bytes()
+        return self._run("show", f"{self._commit}:{path}")
+
+
+def _number(cell: str, decimal: str) -> float:
+    try:
+        return float(cell.strip().strip('"').replace(decimal, "."))
+    except ValueError:
+        return np.nan
+
+
+def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
+    """Columns by their number and by their name."""
+    columns = {str(i): rows[:, i] for i in range(rows.shape[1])}
+    return columns | {name.strip().strip('"'): rows[:, i] for i, name in enumerate(names) if name.strip()}
+
+
+def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read a text table.
+
+    Args:
+        content: bytes of the file.
+        options: `delimiter` (default: blanks), `skip` lines ahead of the numbers (the last of them holds the
+            names), `decimal` mark, `encoding`, `key`: number of the column that must hold a number.
+
+    Returns:
+        One table. Rows with fewer cells than the first, or with no number in the key column, are left out.
+    """
+    lines = content.decode(options.get("encoding", "utf-8-sig"), "replace").splitlines()
+    skip, delimiter = options.get("skip", 0), options.get("delimiter")
+    names = lines[skip - 1].split(delimiter) if skip else []
+    cells = [line.split(delimiter) for line in lines[skip:] if line.strip()]
+    width = len(cells[0])
+    decimal = options.get("decimal", ".")
+    rows = [[_number(cell, decimal) for cell in row[:width]] for row in cells if len(row) >= width]
+    table = np.array(rows)
+    return [_named(table[np.isfinite(table[:, options.get("key", 0)])], names)]
+
+
+def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read the sheet whose number is `sheet` (default 0) of an Excel file; `skip` as in `read_text`."""
+    sheet = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content)).get_sheet_by_index(
+        options.get("sheet", 0)
+    )
+    rows = sheet.to_python(skip_empty_area=False)
+    skip = options.get("skip", 1)
+    names = [str(name) for name in rows[options.get("names", skip - 1)]]
+    numbers = [[cell if isinstance(cell, int | float) else np.nan for cell in row] for row in rows[skip:]]
+    return [_named(np.array(numbers, dtype=np.float64), names)]
+
+
+def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ..."""
+    del options
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name, value in loadmat(io.BytesIO(content)).items():
+        if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
+            matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
+            columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}
+    return [columns]
+
+
+def _properties(archive: zipfile.ZipFile, path: str) -> dict[str, str]:
+    lines = archive.read(path).decode("latin-1").splitlines()
+    return {key.strip(): value.strip() for key, _, value in (line.partition("=") for line in lines) if value}
+
+
+_JPK_TYPES = {
+    "short": ">i2",
+    "integer": ">i4",
+    "integer-data": ">i4",
+    "short-data": ">i2",
+    "float-data": ">f4",
+}
+
+
+def _jpk_channel(
+    archive: zipfile.ZipFile, segment: str, channel: str, shared: Mapping[str, str], last: str = ""
+) -> NDArray[np.float64]:
+    """One channel of a segment after its conversion `last` (default: all): distance [m], force [N], volts."""
+    own = _properties(archive, f"{segment}segment-header.properties")
+    key = f"channel.{channel}.lcd-info.*"
+    number = own.get(key)
+    prefix = f"channel.{channel}." if number is None else f"lcd-info.{number}."
+    header: Mapping[str, str] = own if number is None else shared
+    kind = own.get(f"channel.{channel}.type") or header.get(f"{prefix}type") or "short"
+    path = own.get(f"channel.{channel}.data.file.name", f"channels/{channel}.dat")
+    raw = np.frombuffer(archive.read(f"{segment}{path}"), _JPK_TYPES.get(kind, ">f4")).astype(np.float64)
+
+    def linear(values: NDArray[np.float64], at: str) -> NDArray[np.float64]:
+        return values * float(header[f"{at}multiplier"]) + float(header[f"{at}offset"])
+
+    if f"{prefix}encoder.scaling.multiplier" in header:
+        raw = linear(raw, f"{prefix}encoder.scaling.")
+    elif f"{prefix}data.encoder.scaling.multiplier" in header:
+        raw = linear(raw, f"{prefix}data.encoder.scaling.")
+    names = header.get(f"{prefix}conversion-set.conversions.list", "").split()
+    names = names[: names.index(last) + 1] if last in names else names
+    done = {header.get(f"{prefix}conversion-set.conversions.base", "volts")}
+    while pending := [name for name in names if name not in done]:
+        for name in pending:
+            at = f"{prefix}conversion-set.conversion.{name}."
+            if header.get(f"{at}defined", "true") == "false" or f"{at}scaling.multiplier" not in header:
+                done.add(name)
+            elif header.get(f"{at}base-calibration-slot") in done:
+                raw = linear(raw, f"{at}scaling.")
+                done.add(name)
+        if pending == [name for name in names if name not in done]:
+            break
+    return raw
+
+
+def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read the curves of a JPK force file or map: `time`, `height`, `deflection`, `force`, `segment`.
+
+    Args:
+        content: bytes of the archive.
+        options: `height`: name of the channel with the height (default `height`).
+    """
+    curves: list[Columns] = []
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        paths = archive.namelist()
+        headers = [path for path in paths if path.endswith("segment-header.properties")]
+        shared = (
+            _properties(archive, "shared-data/header.properties")
+            if "shared-data/header.properties" in paths
+            else {}
+        )
+        groups: dict[str, list[str]] = {}
+        for path in headers:
+            segment = path.removesuffix("segment-header.properties")
+            groups.setdefault(segment.split("segments/")[0], []).append(segment)
+        for curve in groups.values():
+            parts: list[dict[str, NDArray[np.float64]]] = []
+            start = 0.0
+            for number, segment in enumerate(sorted(curve)):
+                own = _properties(archive, f"{segment}segment-header.properties")
+                force = _jpk_channel(archive, segment, "vDeflection", shared)
+                height = _jpk_channel(archive, segment, options.get("height", "height"), shared)
+                duration = float(own["force-segment-header.duration"])
+                time = start + np.linspace(0.0, duration, len(force), endpoint=False)
+                start += duration
+                deflection = _jpk_channel(archive, segment, "vDeflection", shared, "distance")
+                segments = np.full(len(force), float(number))
+                parts.append(
+                    {
+                        "time": time,
+                        "height": height,
+                        "deflection": deflection,
+                        "force": force,
+                        "segment": segments,
+                    }
+                )
+            curves.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return curves
+
+
+def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read a text table of trials side by side, two columns each: `x` and `y` of every trial."""
+    (table,) = read_text(content, options)
+    count = sum(name.isdigit() for name in table)
+    trials = ({"x": table[str(i)], "y": table[str(i + 1)]} for i in range(0, count, 2))
+    return [{name: values[np.isfinite(trial["x"])] for name, values in trial.items()} for trial in trials]
+
+
+READERS: dict[str, Reader] = {
+    "text": read_text,
+    "trials": read_trials,
+    "workbook": read_workbook,
+    "matlab": read_matlab,
+    "jpk": read_jpk,
+}
+
+
+def _column(tables: Columns, spec: Mapping[str, Any]) -> NDArray[np.float64]:
+    """One output column: factors times columns, or row numbers times `step`; less its start or mean."""
+    count = len(next(iter(tables.values())))
+    values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
+    for name, factor in spec.get("sum", {}).items():
+        values = values + float(factor) * tables[str(name)]
+    values = values + float(spec.get("offset", 0.0))
+    zero = spec.get("zero")
+    if zero is None:
+        return values
+    first = values if zero == "mean" else values[: int(zero)]  # else the number of first samples
+    return values - float(np.nanmean(first))
+
+
+def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
+    """Paths of the recipe's files in its order; a pattern stands for all that match, sorted by name."""
+    names = origin.names()
+    paths: list[str] = []
+    for pattern in recipe["read"]["files"]:
+        matches = (
+            [pattern]
+            if pattern in names
+            else sorted(name for name in names if fnmatch.fnmatch(name, pattern))
+        )
+        if not matches:
+            raise FileNotFoundError(f"{pattern}: no such file in the origin")
+        paths += matches
+    return paths
+
+
+def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, list[Columns]]]:
+    """Tables of each file; with `join`, first columns of several files make one table under those names."""
+    read, paths = recipe["read"], _files(recipe, origin)
+    reader, joined = READERS[read["format"]], read.get("join", [])
+    if not joined:
+        yield from ((path, reader(origin.read(path), read)) for path in paths)
+    for first in range(0, len(paths) if joined else 0, max(len(joined), 1)):
+        parts = [reader(origin.read(path), read)[0]["0"] for path in paths[first : first + len(joined)]]
+        yield paths[first], [dict(zip(joined, parts, strict=True))]
+
+
+def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[str, NDArray[np.float64]]]]:
+    """All runs of a recording.
+
+    Args:
+        recipe: content of the recipe.
+        origin: the repository that it names.
+
+    Returns:
+        Name of the file and the output columns of each run, decimated by block means of `every` rows.
+    """
+    read = recipe["read"]
+    runs: list[tuple[str, dict[str, NDArray[np.float64]]]] = []
+    for number, (path, tables) in enumerate(_tables(recipe, origin)):
+        for table in tables:
+            first, last = read.get("rows", [None, None])
+            cut = {name: values[first:last] for name, values in table.items()}
+            columns = {
+                name: _column(cut, spec) for name, spec in recipe["columns"].items() if "of_file" not in spec
+            }
+            count = len(next(iter(columns.values())))
+            for name, spec in recipe["columns"].items():
+                if "of_file" in spec:
+                    columns[name] = np.full(count, float(spec["of_file"][number]))
+            kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
+            if "keep" in read:  # only rows whose column lies within bounds
+                for name, (low, high) in read["keep"].items():
+                    kept &= (columns[name] >= low) & (columns[name] <= high)
+            if read.get("advance", True):  # time that stands still says that a row was written twice
+                time = columns["time_s"]
+                kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+            columns = {name: values[kept] for name, values in columns.items()}
+            if "surface" in read:
+                _find_surface(columns, read["surface"])
+            for piece in range(read.get("pieces", 1)):
+                count = len(columns["time_s"])
+                part = slice(
+                    piece * count // read.get("pieces", 1), (piece + 1) * count // read.get("pieces", 1)
+                )
+                runs.append((path, _decimate({name: values[part] for name, values in columns.items()}, read)))
+    return runs
+
+
+def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> None:
+    """Count displacement from where the force first leaves that of the first tenth of the approach for good.
+
+    Args:
+        columns: of one run, whose force becomes that above its mean in the first tenth of the approach.
+        sigmas: standard deviations of the force there that touch must exceed.
+    """
+    x, force = columns["displacement_m"], columns["force_N"]
+    peak = int(np.argmax(force))
+    free = force[: max(peak // 10, 3)]
+    force = columns["force_N"] = force - free.mean()
+    below = np.flatnonzero(force[:peak] < sigmas * free.std())
+    columns["displacement_m"] = x - x[below[-1] if len(below) else 0]
+
+
+def _decimate(
+    columns: dict[str, NDArray[np.float64]], read: Mapping[str, Any]
+) -> dict[str, NDArray[np.float64]]:
+    every = read.get("every", 1)
+    if every == 1:
+        return columns
+    count = len(columns["time_s"]) // every * every
+    return {name: values[:count].reshape(-1, every).mean(axis=1) for name, values in columns.items()}
+
+
+def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
+    """Write FOLDER/import.csv.gz.
+
+    Args:
+        recipe: content of the recipe.
+        origin: the repository that it names.
+        folder: it is made where it does not exist.
+
+    Returns:
+        Number of rows.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    total = 0
+    names = list(recipe["columns"])
+    with (
+        gzip.GzipFile(folder / "import.csv.gz", "wb", mtime=0) as packed,
+        io.TextIOWrapper(packed, "utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file)
+        writer.writerow([*names, "run"])
+        for run, (_, columns) in enumerate(runs_of(recipe, origin)):
+            for row in zip(*(columns[name] for name in names), strict=True):
+                writer.writerow([*(f"{value:.9g}" for value in row), run])
+                total += 1
+    return total
+
+
+def main() -> None:
+    """Convert the recording that the command line names."""
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "name", help=", ".join(sorted(PurePosixPath(path.name).stem for path in RECIPES.glob("*.yaml")))
+    )
+    parser.add_argument(
+        "--from", dest="origin", type=Path, required=True, help="repository of the recipe's origin"
+    )
+    parser.add_argument("--to", type=Path, required=True, help="folder of import.csv.gz")
+    options = parser.parse_args()
+    try:
+        recipe = load_recipe(options.name)
+        rows = convert(recipe, Origin(options.origin, recipe["origin"]["commit"]), options.to)
+    except FileNotFoundError as error:
+        sys.exit(f"{options.name}: {error}")
+    print(f"{options.to / 'import.csv.gz'}: {rows} rows ({split_of(options.name)})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""Hold the diagnosis of a recording against its recipe."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from .convert import split_of
+
+
+@dataclass(frozen=True)
+class Score:
+    """One recording: what was said, and whether it is right."""
+
+    recording: str
+    split: str
+    verdict: str  # or `refused`, `stopped`
+    reason: str
+    rmse: tuple[float, float] | None  # held out, of the base model and of the last one
+    budget: list[dict[str, Any]]
+    accepted: list[str]
+    expected: list[str]  # kinds
+    kind: str | None  # the largest of the budget
+    kind_right: bool
+    form_right: bool
+    false_names: list[str]
+    seconds: float  # by the clock
+
+
+def share_of(entry: dict[str, Any]) -> float:
+    """Share of the error of an entry of the budget: `share`, or halfway from necessary to sufficient."""
+    if entry.get("share") is not None:
+        return float(entry["share"])
+    return (float(entry.get("necessary") or 0.0) + float(entry.get("sufficient") or 0.0)) / 2.0
+
+
+def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Score:
+    """Hold the diagnosis of one channel against its recipe.
+
+    Args:
+        recipe: content of the recipe.
+        channel: the channel's entry in the JSON of `palpate diagnose`; its `budget` may be missing.
+        seconds: what it took.
+    """
+    expected = recipe["expected"]
+    names = {name for group in expected["groups"].values() for name in group}
+    budget: list[dict[str, Any]] = channel.get("budget") or []
+    leading = max(budget, key=share_of, default=None)
+    accepted = [
+        entry
+        for entry in channel.get("accepted", [])
+        if channel["verdict"] == "missing" and entry.get("form") != "unknown"
+    ]
+    wrong = [
+        entry["effect"]
+        for entry in accepted
+        if not names & {entry["effect"], *entry.get("confused_with", [])}
+    ]
+    unknown = leading is not None and leading.get("form") == "unknown"
+    baseline, final = channel.get("baseline"), channel.get("final")
+    return Score(
+        recording=recipe["name"],
+        split=split_of(recipe["name"]),
+        verdict=channel["verdict"],
+        reason=channel.get("reason", ""),
+        rmse=(baseline["rmse"], final["rmse"]) if baseline and final else None,
+        budget=budget,
+        accepted=[entry["effect"] for entry in accepted],
+        expected=expected["kinds"],
+        kind=leading["kind"] if leading else None,
+        kind_right=leading is not None and leading["kind"] in expected["kinds"],
+        form_right=len(wrong) < len(accepted) or (not accepted and unknown),
+        false_names=wrong,
+        seconds=seconds,
+    )
+
+
+def summary(results: list[Score]) -> str:
+    """The three figures of each split, and how many were refused or stopped."""
+    lines = []
+    for split in sorted({result.split for result in results}):
+        part = [result for result in results if result.split == split]
+        counts = {
+            "kind right": sum(result.kind_right for result in part),
+            "form right or honestly unknown": sum(result.form_right for result in part),
+            "a false name": sum(bool(result.false_names) for result in part),
+            "refused": sum(result.verdict == "refused" for result in part),
+            "stopped": sum(result.verdict == "stopped" for result in part),
+        }
+        lines.append(
+            f"{split}, {len(part)}: " + ", ".join(f"{what} {count}" for what, count in counts.items())
+        )
+    return "\n".join(lines) or "no recording was found"

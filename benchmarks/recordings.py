@@ -1,0 +1,101 @@
+"""Diagnose the public recordings of benchmarks/measured/recipes, and hold each answer against its recipe.
+
+    python benchmarks/recordings.py DATA_DIR [NAME ...] --out FILE
+
+DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote; a
+recording that it lacks is skipped. Three figures count: the kind with the largest share of the budget is an
+expected one; a form is named that the recipe accepts, or the largest kind's form is said to be unknown; no
+name is false. Recordings that are held out are run once, by somebody who did not write the rules.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from command_line import arguments
+from measured.convert import RECIPES, load_recipe
+from measured.score import Score, score, share_of, summary
+
+_TIME_LIMIT_S = 900
+
+
+def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
+    """Command line that diagnoses a recording."""
+    command = [
+        sys.executable,
+        "-m",
+        "palpate.main",
+        "diagnose",
+        str(file),
+        "--json",
+        "--model",
+        recipe["model"],
+    ]
+    for column in recipe.get("context", []):
+        command += ["--context", column]
+    return command + (["--fresh-runs"] if recipe.get("fresh_runs") else [])
+
+
+def run(recipe: dict[str, Any], file: Path) -> Score:
+    """Diagnose one recording by the command line; a refusal and a run that is stopped are scored as such."""
+    started = time.monotonic()
+    try:
+        done = subprocess.run(
+            command_of(recipe, file), capture_output=True, text=True, timeout=_TIME_LIMIT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        stopped = {"verdict": "stopped", "reason": f"no answer in {_TIME_LIMIT_S} s"}
+        return score(recipe, stopped, time.monotonic() - started)
+    seconds = time.monotonic() - started
+    if done.returncode:
+        refused = {"verdict": "refused", "reason": (done.stderr.strip().splitlines() or ["no message"])[-1]}
+        return score(recipe, refused, seconds)
+    return score(recipe, json.loads(done.stdout)["channels"][0], seconds)
+
+
+def show(result: Score) -> None:
+    """Print one recording."""
+    marks = (
+        f"kind {'right' if result.kind_right else 'WRONG'}, form {'right' if result.form_right else 'WRONG'}"
+    )
+    names = f", FALSE {', '.join(result.false_names)}" if result.false_names else ""
+    print(f"\n{result.recording}: {result.verdict}; {marks}{names} ({result.seconds:.0f} s)")
+    print(f"  {result.reason}")
+    for entry in sorted(result.budget, key=share_of, reverse=True):
+        low, high = (100.0 * float(entry.get(key) or 0.0) for key in ("necessary", "sufficient"))
+        effects = ", ".join(entry.get("effects") or [])
+        print(f"  {entry['kind']}: {low:.0f} to {high:.0f} %, form {entry.get('form')}: {effects}")
+    print(f"  accepted: {', '.join(result.accepted) or 'none'}; expected: {', '.join(result.expected)}")
+
+
+def main() -> None:
+    """Run the recordings named on the command line, or all that the folder has."""
+    parser = arguments(__doc__)
+    known = sorted(path.stem for path in RECIPES.glob("*.yaml"))
+    parser.add_argument("data_dir", type=Path)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(known))
+    parser.add_argument("--out", type=Path, help="JSON lines, one a recording")
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(known):
+        parser.error(f"no such recipe: {', '.join(sorted(unknown))}")
+    results: list[Score] = []
+    with options.out.open("w") if options.out else nullcontext() as out:
+        for name in options.names or known:
+            file = options.data_dir / name / "import.csv.gz"
+            if not file.is_file():
+                print(f"\n{name}: skipped, there is no {file}")
+                continue
+            results.append(run(load_recipe(name), file))
+            show(results[-1])
+            if out:
+                out.write(json.dumps(asdict(results[-1])) + "\n")
+    print(f"\n{summary(results)}")
+
+
+if __name__ == "__main__":
+    main()

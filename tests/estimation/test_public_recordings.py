@@ -1,0 +1,210 @@
+"""Recipes of public recordings: conversion, split, ladder and score, on files made here."""
+
+import csv
+import gzip
+import hashlib
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, split_of
+from benchmarks.measured.ladder import TERMS, Ladder, load
+from benchmarks.measured.score import score, summary
+from estimation.effects import EFFECTS
+from estimation.models import MODELS
+
+KINDS = {
+    "elastic_shape",
+    "rate_dependence",
+    "friction",
+    "time_memory",
+    "inertia",
+    "periodic",
+    "gravity_load",
+    "contact_geometry",
+    "sensor_dynamics",
+    "sensor_statics",
+    "drift",
+    "run_differences",
+    "recorded_context",
+}
+NAMES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recipe_names_only_kinds_effects_and_models_that_exist(name: str) -> None:
+    recipe = load_recipe(name)
+    expected = recipe["expected"]
+    assert recipe["name"] == name
+    assert len(recipe["origin"]["commit"]) == 40
+    assert expected["kinds"]
+    assert set(expected["kinds"]) <= set(expected["groups"]) <= KINDS
+    assert {effect for group in expected["groups"].values() for effect in group} <= set(EFFECTS)
+    assert expected["form"] in {"known", "unknown", "either"}
+    assert recipe["model"] in MODELS
+    assert {step["kind"] for step in recipe["ladder"]["steps"]} <= KINDS
+
+
+def test_split_follows_from_the_last_digit_of_the_digest() -> None:
+    for name in ("a", "b", "c", "d", "e"):
+        digit = hashlib.sha256(name.encode()).hexdigest()[-1]
+        assert split_of(name) == ("develop" if digit in "02468ace" else "held_out")
+    assert {split_of(name) for name in NAMES} == set(SPLITS)
+
+
+def recipe_of(**read: Any) -> dict[str, Any]:
+    return {
+        "read": {"format": "text", "files": ["*.txt"], "delimiter": ";", "skip": 1, "decimal": ",", **read},
+        "columns": {
+            "time_s": {"sum": {"Zeit": 1e-3}},
+            "displacement_m": {"sum": {"1": 1e-3}, "zero": 1},
+            "force_N": {"sum": {"2": 2.0, "1": 1.0}, "offset": 5.0},
+        },
+    }
+
+
+def rows_of(folder: Path) -> list[dict[str, float]]:
+    with gzip.open(folder / "import.csv.gz", "rt") as file:
+        return [{key: float(cell) for key, cell in row.items()} for row in csv.DictReader(file)]
+
+
+def write_trials(folder: Path) -> None:
+    for number in (1, 2):
+        lines = ["Zeit;Weg;Kraft", *(f"{10 * i},0;{number + i},5;{i}" for i in range(6)), "end of test"]
+        (folder / f"trial{number}.txt").write_text("\n".join(lines))
+
+
+def test_conversion_scales_zeroes_and_numbers_runs(tmp_path: Path) -> None:
+    write_trials(tmp_path)
+    rows = convert(recipe_of(), Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert rows == len(table) == 12
+    assert [row["run"] for row in table] == [0] * 6 + [1] * 6
+    np.testing.assert_allclose([row["time_s"] for row in table[:6]], 0.01 * np.arange(6))
+    np.testing.assert_allclose([row["displacement_m"] for row in table[6:]], 1e-3 * np.arange(6), atol=1e-12)
+    np.testing.assert_allclose([row["force_N"] for row in table[:6]], 2 * np.arange(6) + np.arange(6) + 6.5)
+
+
+def test_conversion_averages_blocks_and_cuts_pieces(tmp_path: Path) -> None:
+    write_trials(tmp_path)
+    convert(recipe_of(every=2, pieces=3), Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["run"] for row in table] == [0, 1, 2, 3, 4, 5]
+    np.testing.assert_allclose([row["time_s"] for row in table[:3]], [0.005, 0.025, 0.045])
+
+
+def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path: Path) -> None:
+    def git(*arguments: str) -> str:
+        command = [
+            "git",
+            "-C",
+            str(tmp_path),
+            "-c",
+            "user.name=a",
+            "-c",
+            "user.email=a@example.org",
+            *arguments,
+        ]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    write_trials(tmp_path)
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "data")
+    commit = git("rev-parse", "HEAD")
+    (tmp_path / "trial1.txt").write_text("spoilt")
+    assert convert(recipe_of(), Origin(tmp_path, commit), tmp_path / "out") == 12
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"\*\.txt"):
+        convert(recipe_of(), Origin(tmp_path, ""), tmp_path / "out")
+
+
+def test_surface_is_where_force_leaves_that_of_the_free_approach(tmp_path: Path) -> None:
+    x = np.concatenate([np.linspace(0.0, 10.0, 201), np.linspace(10.0, 0.0, 201)])
+    force = 3.0 + 2.0 * np.maximum(x - 6.0, 0.0) + 1e-3 * np.sin(37.0 * x)
+    lines = ["Zeit;Weg;Kraft", *(f"{10 * i};{a};{b}" for i, (a, b) in enumerate(zip(x, force, strict=True)))]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    recipe = recipe_of(surface=5, decimal=".")
+    recipe["columns"]["force_N"] = {"sum": {"2": 1.0}}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert table[0]["displacement_m"] == pytest.approx(-6e-3, abs=1e-4)
+    assert table[200]["force_N"] == pytest.approx(8.0, abs=0.01)
+
+
+def write_motion(path: Path, *, coulomb: float, noise: float) -> None:
+    rng = np.random.default_rng(1)
+    with path.open("w") as file:
+        file.write("time_s,position_rad,velocity_rad_s,torque_Nm,run\n")
+        for run in range(4):
+            t = np.arange(0.0, 10.0, 0.01)
+            q, w = np.sin((1.0 + 0.3 * run) * t), 1.0 + 0.3 * run
+            v, a = w * np.cos(w * t), -(w**2) * q
+            torque = 0.2 * a + 0.1 * v + coulomb * np.sign(v) + rng.normal(0.0, noise, len(t))
+            for row in zip(t, q, v, torque, strict=True):
+                file.write(",".join(f"{value:.9g}" for value in row) + f",{run}\n")
+
+
+def test_ladder_finds_friction_that_is_there(tmp_path: Path) -> None:
+    write_motion(tmp_path / "a.csv", coulomb=0.5, noise=0.02)
+    ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
+    errors = {name: ladder.attempt(name)[0] for name in ladder.built}
+    best = min(errors, key=errors.__getitem__)
+    assert TERMS[best].kind == "friction"
+    assert errors[best] < 0.06 < 0.15 < ladder.error
+
+
+def test_ladder_finds_nothing_in_noise(tmp_path: Path) -> None:
+    write_motion(tmp_path / "a.csv", coulomb=0.0, noise=0.02)
+    ladder = Ladder(load(tmp_path / "a.csv"), ["inertia", "damping"])
+    assert min(ladder.attempt(name)[0] for name in ladder.built) > 0.97 * ladder.error
+
+
+RECIPE = {
+    "name": "x",
+    "expected": {
+        "kinds": ["friction"],
+        "groups": {"friction": ["coulomb_friction"], "inertia": ["armature"]},
+    },
+}
+BUDGET = [
+    {"kind": "friction", "necessary": 0.5, "sufficient": 0.8, "form": "unknown", "effects": []},
+    {"kind": "drift", "necessary": 0.1, "sufficient": 0.9, "form": "exact", "effects": ["drift"]},
+]
+
+
+def named(*effects: str, **more: Any) -> dict[str, Any]:
+    accepted = [{"effect": effect, "confused_with": []} for effect in effects]
+    return {"verdict": "missing", "accepted": accepted, **more}
+
+
+def test_score_takes_the_kind_with_the_largest_share() -> None:
+    result = score(RECIPE, named(budget=BUDGET), 1.0)
+    assert (result.kind, result.kind_right, result.form_right) == ("friction", True, True)
+    assert not score(RECIPE, named(budget=BUDGET[1:]), 1.0).kind_right
+
+
+def test_score_without_a_budget_has_no_kind() -> None:
+    result = score(RECIPE, named("coulomb_friction"), 1.0)
+    assert (result.kind, result.kind_right, result.form_right, result.false_names) == (None, False, True, [])
+
+
+def test_score_finds_a_false_name_but_not_one_that_cannot_be_told_from_a_right_one() -> None:
+    assert score(RECIPE, named("drift"), 1.0).false_names == ["drift"]
+    alike = named("drift")
+    alike["accepted"][0]["confused_with"] = ["coulomb_friction"]
+    assert score(RECIPE, alike, 1.0).false_names == []
+    unsure = named("drift")
+    unsure["accepted"][0]["form"] = "unknown"
+    assert score(RECIPE, unsure, 1.0).false_names == []
+
+
+def test_refused_recording_counts_as_wrong() -> None:
+    refused = score(RECIPE, {"verdict": "refused", "reason": "no"}, 1.0)
+    assert (refused.kind_right, refused.form_right) == (False, False)
+    assert "refused 1" in summary([refused])
