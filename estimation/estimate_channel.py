@@ -10,8 +10,8 @@ from estimation.data.numbers import SMALLEST
 from estimation.effects.contact_offset import ContactOffset
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
+from estimation.fit.fit_problem import Solution
 from estimation.fit.samples import SampleFit, fit_samples
-from estimation.fit.trial import Trial
 from estimation.model import Model
 from estimation.physical import UNPHYSICAL, unphysical
 from estimation.regression import Regression
@@ -46,7 +46,7 @@ def estimate_channel(
     *,
     rng: np.random.Generator,
     rows: BoolArray | None = None,
-    searched: dict[bool, Trial] | None = None,
+    searched: dict[bool, Solution] | None = None,
 ) -> Estimate:
     """Estimate all parameters of a model that is linear in its gains.
 

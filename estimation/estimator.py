@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.estimate import Estimate
-from estimation.fit.robust import Loss
+from estimation.fit.irls import Loss
 from estimation.regression import Regression
 from estimation.statistics.uncertainty import Covariance, assemble
 from robot_io.types import BoolArray, FloatArray

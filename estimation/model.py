@@ -9,7 +9,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
-from estimation.signals.remembered import Itself
+from estimation.signals.cache_by_array import Itself
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 

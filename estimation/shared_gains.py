@@ -17,7 +17,7 @@ from estimation.arm.prior import consistent_information
 from estimation.channel import ChannelData, SharedGains
 from estimation.data_quality import reject_reason, usable
 from estimation.effects.rigid_body_fitted import RigidBodyFitted
-from estimation.fit.standing import Standing, stand
+from estimation.fit.fit_result import FitResult, fit_model
 from estimation.model import Model
 
 
@@ -42,16 +42,16 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     if effect is None or effect.arm is None or effect.urdf is None:
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
-    alone = [stand(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
-    if len({one.plain.frame.folds for one in alone}) > 1:
+    alone = [fit_model(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
+    if len({one.problem.blocked.folds for one in alone}) > 1:
         return list(channels)
-    joints = [arranged(_products(one), list(one.trial.model.gains), names, _noise(one)) for one in alone]
+    joints = [arranged(_products(one), list(one.solution.model.gains), names, _noise(one)) for one in alone]
     said = [shared_information(one) for one in joints]
     pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
     others = information_of_others(joints, pull)
     found = list(channels)
     for number, one, others_say in zip(of_arm, alone, others, strict=True):
-        felt = [name for name in names if name in one.trial.model.gains]
+        felt = [name for name in names if name in one.solution.model.gains]
         kept = np.array([name in felt for name in names])
         shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(one) ** 2))
         found[number] = replace(channels[number], shared=shared)
@@ -62,10 +62,10 @@ def _body_of(model: Model) -> RigidBodyFitted | None:
     return next((effect for effect in model.effects if isinstance(effect, RigidBodyFitted)), None)
 
 
-def _products(fitted: Standing) -> np.ndarray:
-    return fitted.plain.moments(fitted.trial.columns, fitted.trial.target).products
+def _products(fitted: FitResult) -> np.ndarray:
+    return fitted.problem.normal_equations(fitted.solution.columns, fitted.solution.target).products
 
 
-def _noise(fitted: Standing) -> float:
+def _noise(fitted: FitResult) -> float:
     """Root mean square of what a joint's own fit leaves on blocks."""
-    return float(np.sqrt(np.mean(fitted.trial.residual[fitted.plain.kept] ** 2)))
+    return float(np.sqrt(np.mean(fitted.solution.residual[fitted.problem.used] ** 2)))

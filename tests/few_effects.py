@@ -15,4 +15,4 @@ FEW = (
 
 def try_few_effects(patch: pytest.MonkeyPatch) -> None:
     """Studies that are made from now on know no other effects, beside the user's own."""
-    patch.setattr(fits, "library", lambda: tuple(EFFECTS[name]() for name in FEW))
+    patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in FEW))

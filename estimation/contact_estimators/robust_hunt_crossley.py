@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.contact_estimator import ContactEstimator, ContactLaw, check_samples
-from estimation.fit.robust import Settled, settle
+from estimation.fit.irls import IrlsResult, irls
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -36,7 +36,7 @@ class RobustHuntCrossley(ContactEstimator):
 
     def settle(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
-    ) -> tuple[Settled, float]:
+    ) -> tuple[IrlsResult, float]:
         """The estimate of ln(k u^n), b / k and n with its residuals, and the unit of depth u [m]."""
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
@@ -52,7 +52,7 @@ class RobustHuntCrossley(ContactEstimator):
             return predicted, np.column_stack([predicted, spring * speed, predicted * log_depth])
 
         start = _least_median(log_depth, speed, force, rng)
-        return settle(evaluate, force, start), unit_m
+        return irls(evaluate, force, start), unit_m
 
 
 def _least_median(

@@ -29,8 +29,8 @@ from estimation.data_quality.readings import (
     unchanging,
 )
 from estimation.data_quality.rectified import folded, folded_in_contact, rectified
-from estimation.fit.colour import ORDER, Colour
-from estimation.fit.frame import PIECES, block_length, frame_of
+from estimation.fit.ar_noise import ORDER, ArNoise
+from estimation.fit.blocks import PIECES, block_average, block_length
 from estimation.model import Model
 from estimation.signals.runwise import per_run, sample_time
 from robot_io.types import BoolArray
@@ -205,10 +205,10 @@ def _blocks(data: ChannelData) -> str | None:
             f", or check the unit of time: samples are {step_s:.2g} s apart" if step_s < _QUICKEST_S else ""
         )
         return f"fewer than two runs have {least} samples or more; record longer runs{unit}"
-    frame = frame_of(data)
-    if len(np.unique(frame.fold[frame.trusted])) < 2:
+    blocked = block_average(data)
+    if len(np.unique(blocked.fold[blocked.trusted])) < 2:
         return "in one run at most something moves, so nothing can be held out to judge by; record more runs"
-    if len(np.unique(frame.fold[Colour(np.zeros(ORDER)).kept(frame.run, frame.trusted)])) < 2:
+    if len(np.unique(blocked.fold[ArNoise(np.zeros(ORDER)).used(blocked.run, blocked.trusted)])) < 2:
         return f"fewer than two runs go on for {(ORDER + 1) * least} samples or more; record longer runs"
     return None
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.load import HEAVY
+from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
 from estimation.signals.blocks import places
 from estimation.signals.runwise import sample_time

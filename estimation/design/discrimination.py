@@ -4,7 +4,7 @@
 
 with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
 and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
-(`estimation.diagnosis.doubt.gained`); what it is for the data so far is taken off. With models that are
+(`estimation.diagnosis.bootstrap.gained`); what it is for the data so far is taken off. With models that are
 linear around their parameters, and n s^2 for the
 noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
 experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
@@ -19,15 +19,15 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.data.joining import joined_channels
 from estimation.effect import Effect
-from estimation.fit.frame import coarse_copy, frame_of
-from estimation.fit.inner_search import look, refine
-from estimation.fit.load import with_load
-from estimation.fit.memory import Memory
-from estimation.fit.readings import shuffled
-from estimation.fit.standing import Fit, fit
+from estimation.fit.blocks import block_average, decimate
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_result import FitResult, fit_model
+from estimation.fit.inner_search import refine_inner, search_inner
+from estimation.fit.joint_load import with_load
+from estimation.fit.measurement_model import shuffle_noise
 from robot_io.types import BoolArray, FloatArray
 
-SMALL = 0.05  # of an error: a smaller lead decides nothing, see `estimation.diagnosis.doubt`
+SMALL = 0.05  # of an error: a smaller lead decides nothing, see `estimation.diagnosis.bootstrap`
 CLEAR = 3.0 * SMALL  # a lead that needs no more data
 _STEP = 1e-3  # of an inner parameter, over which a slope is taken
 
@@ -38,15 +38,17 @@ class Rivals:
 
     data: ChannelData  # the channel as it was recorded
     good: BoolArray  # samples that count, shape (n,)
-    fits: tuple[Fit, ...]  # the models
+    fits: tuple[FitResult, ...]  # the models
 
     @classmethod
-    def of(cls, fits: Sequence[Fit]) -> "Rivals":
+    def of(cls, fits: Sequence[FitResult]) -> "Rivals":
         """From models that were fitted to the same channel."""
-        frame = fits[0].plain.frame
-        data, memory = coarse_copy(frame), Memory()
-        rough = (fit(data, f.trial.model, f.trial.parameters, frame.trusted, memory) for f in fits)
-        return cls(data, frame.trusted, tuple(rough))
+        blocked = fits[0].problem.blocked
+        data, cache = decimate(blocked), FitCache()
+        rough = (
+            fit_model(data, f.solution.model, f.solution.parameters, blocked.trusted, cache) for f in fits
+        )
+        return cls(data, blocked.trusted, tuple(rough))
 
     def promised(self, planned: ChannelData) -> FloatArray:
         """Leads (r, r) to first order in the parameters, of an experiment that moves the channel so.
@@ -67,7 +69,7 @@ class Rivals:
                 left[true, other] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
         left += good.sum() * float(np.mean(self._noise**2))
         leads = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
-        return self._beyond_now(leads, [one.trial.sse for one in self.fits])
+        return self._beyond_now(leads, [one.solution.sse for one in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
         """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`."""
@@ -76,12 +78,12 @@ class Rivals:
         noise = np.resize(self._noise, len(motion))
         leads = np.zeros((len(self.fits),) * 2)
         for true, rival in enumerate(self.fits):
-            effort = _expected(rival, motion) + shuffled(noise, motion.run, rng)
-            data, memory = joined_channels((self.data, replace(motion, effort=effort))), Memory()
-            again = (_fitted_anywhere(data, one, self._own(one), kept, memory) for one in self.fits)
-            left = np.array([one.trial.held_out for one in again])
+            effort = _expected(rival, motion) + shuffle_noise(noise, motion.run, rng)
+            data, cache = joined_channels((self.data, replace(motion, effort=effort))), FitCache()
+            again = (_fitted_anywhere(data, one, self._own(one), kept, cache) for one in self.fits)
+            left = np.array([one.solution.held_out for one in again])
             leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
-        return self._beyond_now(leads, [one.trial.held_out for one in self.fits])
+        return self._beyond_now(leads, [one.solution.held_out for one in self.fits])
 
     def _beyond_now(self, leads: FloatArray, left: Sequence[float]) -> FloatArray:
         """Leads less those that there are already: for these alone, nothing need be done."""
@@ -94,51 +96,51 @@ class Rivals:
         count = len(self.data) + len(_coarse(planned)[0])
         return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
 
-    def _own(self, rival: Fit) -> list[Effect]:
+    def _own(self, rival: FitResult) -> list[Effect]:
         """The effects that a rival does not share with all others."""
-        shared = set.intersection(*({e.name for e in one.trial.model.effects} for one in self.fits))
-        return [effect for effect in rival.trial.model.effects if effect.name not in shared]
+        shared = set.intersection(*({e.name for e in one.solution.model.effects} for one in self.fits))
+        return [effect for effect in rival.solution.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
         """What the best of the models leaves."""
-        best = min(self.fits, key=lambda one: one.trial.sse)
-        return best.trial.residual[best.plain.frame.trusted]
+        best = min(self.fits, key=lambda one: one.solution.sse)
+        return best.solution.residual[best.problem.blocked.trusted]
 
 
 def _coarse(planned: ChannelData) -> tuple[ChannelData, BoolArray]:
-    frame = frame_of(planned)
-    return coarse_copy(frame), frame.trusted
+    blocked = block_average(planned)
+    return decimate(blocked), blocked.trusted
 
 
 def _fitted_anywhere(
-    data: ChannelData, rival: Fit, own: Iterable[Effect], good: BoolArray, memory: Memory
-) -> Fit:
+    data: ChannelData, rival: FitResult, own: Iterable[Effect], good: BoolArray, cache: FitCache
+) -> FitResult:
     """A rival fitted again, from where it stands or from wherever its own effects may begin.
 
     A diagnosis looks for inner parameters everywhere. A law that contains what is true is no worse then,
     however far from that the data so far have put it.
     """
-    model = rival.trial.model
-    best = fit(data, model, rival.trial.parameters, good, memory)
+    model = rival.solution.model
+    best = fit_model(data, model, rival.solution.parameters, good, cache)
     for effect in own:
         if effect.inner:
-            looked = look(best.plain, model, effect, best.trial.parameters, effect.starts(data))
-            found = refine(best.plain, model, effect, looked).best
-            there = fit(data, model, found.parameters, good, memory)
-            best = min(best, there, key=lambda one: one.trial.sse)
+            looked = search_inner(best.problem, model, effect, best.solution.parameters, effect.starts(data))
+            found = refine_inner(best.problem, model, effect, looked).best
+            there = fit_model(data, model, found.parameters, good, cache)
+            best = min(best, there, key=lambda one: one.solution.sse)
     return best
 
 
-def _expected(rival: Fit, motion: ChannelData) -> FloatArray:
+def _expected(rival: FitResult, motion: ChannelData) -> FloatArray:
     """What a rival expects of a motion, shape (n,)."""
-    model, known = rival.trial.model, rival.trial.parameters
+    model, known = rival.solution.model, rival.solution.parameters
     return model.predict(with_load(motion, model, known), known)
 
 
-def _slopes(rival: Fit, motion: ChannelData) -> FloatArray:
+def _slopes(rival: FitResult, motion: ChannelData) -> FloatArray:
     """How that changes with each parameter, shape (n, p)."""
-    model, known = rival.trial.model, rival.trial.parameters
+    model, known = rival.solution.model, rival.solution.parameters
     loaded = with_load(motion, model, known)
     gains, here = model.linearise(loaded, known)
     columns = [gains]

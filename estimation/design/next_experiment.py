@@ -13,7 +13,7 @@ from estimation.data_quality import SINGLE_RUN
 from estimation.design import Experiment, Rivals, choose
 from estimation.design.own_motion import changed_motions, extent
 from estimation.effect import Effect
-from estimation.fit.standing import Fit
+from estimation.fit.fit_result import FitResult
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _RUNS = (
@@ -46,7 +46,7 @@ class NextExperiment(BaseModel):
     probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
 
 
-def separating(effect: Effect, fits: Mapping[str, Fit], data: ChannelData) -> NextExperiment:
+def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:
     """The experiment that tells an effect from those it is confused with.
 
     Args:

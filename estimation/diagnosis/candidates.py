@@ -9,12 +9,12 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.reading_error import reading_error
 from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
-from estimation.fit.inner_search import Attempts, look, of, refine
+from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.fit_result import FitResult
+from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.inner_search import GridSearch, grid_search, refine_inner, search_inner
 from estimation.fit.intervals import inner_slopes
-from estimation.fit.load import HEAVY
-from estimation.fit.polish import polish
-from estimation.fit.standing import Fit
-from estimation.fit.trial import Bench, Trial, attempt
+from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
 from estimation.signals.runwise import finest_step
 from robot_io.types import BoolArray, FloatArray
@@ -40,7 +40,7 @@ class Candidate:
     """An effect that was tried beside a model."""
 
     effect: Effect  # what was tried
-    search: Attempts  # how well it did
+    search: GridSearch  # how well it did
     possible: bool = True  # whether its parameters made physical sense, see `is_possible`
 
     @property
@@ -48,31 +48,31 @@ class Candidate:
         """Sum of squared residuals in held-out runs."""
         return float(self.search.held_out.sum())
 
-    def followed(self, bench: Bench) -> float:
+    def followed(self, problem: FitProblem) -> float:
         """The same if the inner parameters of the whole model followed, to first order.
 
         A model without an effect has taken what it could of it on itself: held where they are, its
         parameters would leave the effect little to explain.
         """
         best = self.search.best
-        best = attempt(bench, best.model, best.parameters)  # with its blocks
+        best = solve_gains(problem, best.model, best.parameters)  # with its blocks
         names = (*best.model.gains, *best.model.inner)
-        columns = np.column_stack([best.columns, *inner_slopes(bench, best)])
-        followed = bench.fit(columns, best.target, names, best.model.held)
+        columns = np.column_stack([best.columns, *inner_slopes(problem, best)])
+        followed = problem.solve(columns, best.target, names, best.model.held)
         return min(float(followed.held_out.sum()), self.held_out)
 
 
-def library() -> tuple[Effect, ...]:
+def effect_library() -> tuple[Effect, ...]:
     """One of every effect that palpate knows."""
     return tuple(effect() for effect in EFFECTS.values())
 
 
-def size(effect: Effect) -> int:
+def parameter_count(effect: Effect) -> int:
     """Number of an effect's parameters."""
     return len(effect.inner) + len(effect.gains)
 
 
-def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
+def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """The effects that can be tried on this channel beside what the model has."""
     present = {effect.name for effect in model.effects}
     # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
@@ -84,8 +84,8 @@ def candidates(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tu
     )
 
 
-def try_all(
-    standing: Fit,
+def screen_effects(
+    fit: FitResult,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] = lambda share, what: None,
     *,
@@ -98,43 +98,43 @@ def try_all(
     the other parameters as they were may be possible once all are fitted together.
 
     Args:
-        standing: the model.
+        fit: the model.
         effects: what to try.
         progress: told the share that is done, and what is being tried.
         starts: inner parameters at which to try an effect; by default those that it proposes.
         refined: effects that are tried in between in any case; 0 for none at all.
     """
-    looked, places = [], _places(standing.trial)
+    looked, places = [], _places(fit.solution)
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
-        places_of = starts(effect) if starts else effect.starts(standing.data)
+        places_of = starts(effect) if starts else effect.starts(fit.data)
         tried = [
-            look(standing.plain, model, effect, parameters, places_of)
-            for model in extended(standing.trial.model, effect)
+            search_inner(fit.problem, model, effect, parameters, places_of)
+            for model in extended_models(fit.solution.model, effect)
             for parameters in places
         ]
         looked.append(min(tried, key=lambda one: one.best.sse))
-    gains = np.array([standing.trial.sse - tried.best.sse for tried in looked])
+    gains = np.array([fit.solution.sse - tried.best.sse for tried in looked])
     worst = np.sort(gains)[-refined:].min(initial=np.inf) if refined else np.inf
     least = min(PROMISING * gains.max(initial=0.0), worst) if refined else np.inf
     found = []
     for effect, first, gain in zip(effects, looked, gains, strict=True):
-        best = refine(standing.plain, first.best.model, effect, first) if gain >= least else first
-        possible = is_possible(effect, best.best, standing.plain, LOOSE)
+        best = refine_inner(fit.problem, first.best.model, effect, first) if gain >= least else first
+        possible = is_possible(effect, best.best, fit.problem, LOOSE)
         if not possible and gain >= PROMISING * gains.max():
-            best = of((*best.trials, polish(standing.plain, best.best)), best.start_count)
-            possible = is_possible(effect, best.best, standing.plain, LOOSE)
+            best = grid_search((*best.solutions, optimize_inner(fit.problem, best.best)), best.start_count)
+            possible = is_possible(effect, best.best, fit.problem, LOOSE)
         found.append(Candidate(effect, best.without_blocks(), possible))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
 
-def _places(trial: Trial) -> list[dict[str, float]]:
+def _places(solution: Solution) -> list[dict[str, float]]:
     """Where effects are tried: as things stand, and as if an offset (what may be nothing) were none."""
-    nothing = {name: 0.0 for name, inner in trial.model.inner.items() if inner.lower < 0.0 < inner.upper}
-    return [trial.parameters, *([{**trial.parameters, **nothing}] if nothing else [])]
+    nothing = {name: 0.0 for name, inner in solution.model.inner.items() if inner.lower < 0.0 < inner.upper}
+    return [solution.parameters, *([{**solution.parameters, **nothing}] if nothing else [])]
 
 
-def extended(model: Model, effect: Effect) -> list[Model]:
+def extended_models(model: Model, effect: Effect) -> list[Model]:
     """The model with one more effect, in each of its forms.
 
     What a sensor does may come before or after what it already does.
@@ -145,34 +145,38 @@ def extended(model: Model, effect: Effect) -> list[Model]:
     return after
 
 
-def is_possible(effect: Effect, trial: Trial, bench: Bench, loose: float = 0.0) -> bool:
+def is_possible(effect: Effect, solution: Solution, problem: FitProblem, loose: float = 0.0) -> bool:
     """Whether an effect's parameters make physical sense, and what makes it what it is is there.
 
     A gain that the effect could do without may be beyond its bounds by no more than makes the noise.
 
     Args:
         effect: part of the model.
-        trial: of the model.
-        bench: where.
+        solution: of the model.
+        problem: where.
         loose: effort, as a share of the whole, that a gain may be beyond its bounds.
     """
-    if not _within_bounds(effect, trial, loose):
+    if not _within_bounds(effect, solution, loose):
         return False
     # what ended at the far end of a range that goes by ratio was not found
-    if any(p.log and trial.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner):
+    if any(
+        p.log and solution.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner
+    ):
         return False
     # no time stamp is better than half a step
-    times = [abs(trial.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
-    if times and min(times) < 0.5 * finest_step(bench.frame.data.time_s, bench.frame.data.run):
+    times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
+    if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
         return False
-    if effect.path and _is_within_a_step(trial.parameters[f"{effect.name}.{effect.path}"], bench.frame.data):
+    if effect.path and _is_within_a_step(
+        solution.parameters[f"{effect.name}.{effect.path}"], problem.blocked.data
+    ):
         return False
-    simpler = effect.simpler(_own_columns(effect, trial))
+    simpler = effect.simpler(_own_columns(effect, solution))
     if simpler.shape[1] == len(effect.gains):
         return True
-    others = trial.columns[:, ~_is_own(effect, trial)]
-    without = bench.fit(np.column_stack([others, simpler]), trial.target)
-    return float(without.sse.sum()) - trial.sse >= ESSENTIAL * trial.sse
+    others = solution.columns[:, ~_is_own(effect, solution)]
+    without = problem.solve(np.column_stack([others, simpler]), solution.target)
+    return float(without.sse.sum()) - solution.sse >= ESSENTIAL * solution.sse
 
 
 def _is_within_a_step(path: float, data: ChannelData) -> bool:
@@ -180,45 +184,45 @@ def _is_within_a_step(path: float, data: ChannelData) -> bool:
     return bool(path**2 < 3.0 * np.mean(reading_error(data) ** 2))
 
 
-def is_credible(effect: Effect, trial: Trial) -> bool:
+def is_credible(effect: Effect, solution: Solution) -> bool:
     """Whether the gains of an effect, such as the base model's spring, are about within their bounds."""
-    return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, trial, LOOSE)
+    return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, solution, LOOSE)
 
 
-def bounds_passed(effect: Effect, trial: Trial) -> dict[str, float]:
+def bounds_passed(effect: Effect, solution: Solution) -> dict[str, float]:
     """The bound that each gain of an effect is beyond, by "effect.parameter"."""
     found = {}
     for parameter in effect.gains:
         name = f"{effect.name}.{parameter.name}"
-        bound = float(np.clip(trial.parameters[name], parameter.lower, parameter.upper))
-        if bound != trial.parameters[name]:
+        bound = float(np.clip(solution.parameters[name], parameter.lower, parameter.upper))
+        if bound != solution.parameters[name]:
             found[name] = bound
     return found
 
 
-def is_misnamed(effect: Effect, trial: Trial, bench: Bench) -> bool:
+def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
     """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`."""
-    data = trial.model.moved(bench.frame.data, trial.parameters)
-    noise = float(np.sqrt(np.mean(trial.residual**2)))
-    return effect.is_misnamed(data, trial.parameters, lambda: trial.spread, noise)
+    data = solution.model.moved(problem.blocked.data, solution.parameters)
+    noise = float(np.sqrt(np.mean(solution.residual**2)))
+    return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)
 
 
-def _within_bounds(effect: Effect, trial: Trial, loose: float) -> bool:
-    effort = loose * float(np.sqrt(np.mean(trial.target**2)))
-    noise = float(np.sqrt(np.mean(trial.residual**2)))
-    for column, parameter in zip(_own_columns(effect, trial).T, effect.gains, strict=True):
+def _within_bounds(effect: Effect, solution: Solution, loose: float) -> bool:
+    effort = loose * float(np.sqrt(np.mean(solution.target**2)))
+    noise = float(np.sqrt(np.mean(solution.residual**2)))
+    for column, parameter in zip(_own_columns(effect, solution).T, effect.gains, strict=True):
         name = f"{effect.name}.{parameter.name}"
         minor = bool(effect.essential) and parameter.name not in effect.essential
-        slack = 2.0 * trial.spread[name]
+        slack = 2.0 * solution.standard_errors[name]
         slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
-        if not parameter.lower - slack <= trial.parameters[name] <= parameter.upper + slack:
+        if not parameter.lower - slack <= solution.parameters[name] <= parameter.upper + slack:
             return False
     return True
 
 
-def _is_own(effect: Effect, trial: Trial) -> BoolArray:
-    return np.array([name.startswith(f"{effect.name}.") for name in trial.model.gains], dtype=np.bool_)
+def _is_own(effect: Effect, solution: Solution) -> BoolArray:
+    return np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
 
 
-def _own_columns(effect: Effect, trial: Trial) -> FloatArray:
-    return trial.columns[:, _is_own(effect, trial)]
+def _own_columns(effect: Effect, solution: Solution) -> FloatArray:
+    return solution.columns[:, _is_own(effect, solution)]

@@ -11,18 +11,23 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.data_quality import reject_reason, usable
 from estimation.design.next_experiment import FEW_READINGS
-from estimation.diagnosis.answer import Judgement, answer, insufficient
-from estimation.diagnosis.candidates import library
-from estimation.diagnosis.doubt import SMALL, of_steps, still_explained
-from estimation.diagnosis.established import established, simplest, standards, sufficient_part
-from estimation.diagnosis.objections import Objection, objection_to
-from estimation.diagnosis.of_runs import vary
+from estimation.diagnosis.acceptance import (
+    accept_effects,
+    acceptance_criteria,
+    most_parsimonious,
+    smallest_sufficient_model,
+)
+from estimation.diagnosis.bootstrap import SMALL, encoder_step_error, lack_of_fit_test
+from estimation.diagnosis.candidates import effect_library
+from estimation.diagnosis.random_effects import add_run_variation
+from estimation.diagnosis.residual_checks import ResidualFinding, check_residuals
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from estimation.diagnosis.search import Progress, Search, search, search_of
+from estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
+from estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
 from estimation.effect import Effect
 from estimation.end_workers import end_when_told, end_workers
-from estimation.fit.readings import readings_of
-from estimation.fit.standing import Standing
+from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_model import identify_measurement_model
 from estimation.model import Model
 from estimation.shared_gains import with_shared_gains
 
@@ -56,7 +61,7 @@ def diagnose(
     """
     channels = [data] if isinstance(data, ChannelData) else list(data)
     models = [model] * len(channels) if isinstance(model, Model) else list(model)
-    known = library() if effects is None else tuple(effects)
+    known = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # a channel is judged alike alone and among others
     seeds = [np.random.default_rng([seed, crc32(one.name.encode())]) for one in channels]
@@ -104,36 +109,36 @@ def diagnose_channel(
 ) -> ChannelDiagnosis:
     """Diagnose one channel; see `diagnose`."""
     if reason := reject_reason(data, model):
-        return insufficient(data, reason)
-    tried = search_of(data, model, usable(data), effects, rng, progress)
+        return insufficient_diagnosis(data, reason)
+    tried = prepare_search(data, model, usable(data), effects, rng, progress)
     is_complete = _Completeness(tried)
     found = tried.start
     if not found.is_exact:
-        part = partial(sufficient_part, tried, readings=is_complete.readings)
-        found = search(tried, is_complete.in_every_respect, part)
-    varied = vary(tried, found)
+        part = partial(smallest_sufficient_model, tried, measurement=is_complete.measurement)
+        found = select_effects(tried, is_complete.in_every_respect, part)
+    varied = add_run_variation(tried, found)
     if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
         found = varied
     end = _established(tried, found, is_complete)
     objection, complete = is_complete.objection(end), is_complete.in_every_respect(end)
     if not complete and end is tried.start and (reason := _below_a_step(end)):
-        return insufficient(data, reason)
-    return answer(Judgement(tried, is_complete.readings, end, complete, objection))
+        return insufficient_diagnosis(data, reason)
+    return decide_verdict(Evidence(tried, is_complete.measurement, end, complete, objection))
 
 
-def _established(tried: Search, found: Standing, is_complete: "_Completeness") -> Standing:
+def _established(tried: Search, found: FitResult, is_complete: "_Completeness") -> FitResult:
     """What is established of the model that was found; if nothing is, of the best effects alone."""
     if found is tried.start:
         return found
 
-    def of(one: Standing) -> Standing:
-        return established(tried, one, is_complete.readings, complete=is_complete.in_every_respect(one))
+    def of(one: FitResult) -> FitResult:
+        return accept_effects(tried, one, is_complete.measurement, complete=is_complete.in_every_respect(one))
 
     end = of(found)
     if end is tried.start:
         alone = map(of, tried.extensions(tried.start, _ALONE))
         end = next((one for one in alone if one is not tried.start), tried.start)
-    return simplest(tried, end, is_complete.readings, is_complete.in_every_respect)
+    return most_parsimonious(tried, end, is_complete.measurement, is_complete.in_every_respect)
 
 
 class _Completeness:
@@ -141,34 +146,34 @@ class _Completeness:
 
     def __init__(self, search: Search) -> None:
         self._search = search
-        self.readings = readings_of(search.data)
+        self.measurement = identify_measurement_model(search.data)
         self.leaves_noise = cache(self._leaves_noise)
         self.objection = cache(self._objection)
 
-    def in_every_respect(self, standing: Standing) -> bool:
+    def in_every_respect(self, fit: FitResult) -> bool:
         """Whether a model is complete, and nothing that no signal shows speaks against it."""
-        return self.leaves_noise(standing) and self.objection(standing) is None
+        return self.leaves_noise(fit) and self.objection(fit) is None
 
-    def _objection(self, standing: Standing) -> Objection | None:
+    def _objection(self, fit: FitResult) -> ResidualFinding | None:
         """What no signal shows and speaks against a model."""
-        if standing.is_exact:
+        if fit.is_exact:
             return None
-        complete = self.leaves_noise(standing)
-        return objection_to(standing, self.readings, self._search.rng, complete=complete)
+        complete = self.leaves_noise(fit)
+        return check_residuals(fit, self.measurement, self._search.rng, complete=complete)
 
-    def _leaves_noise(self, standing: Standing) -> bool:
-        if standing.is_exact:
+    def _leaves_noise(self, fit: FitResult) -> bool:
+        if fit.is_exact:
             return True
-        if standards(self._search.start, standing).is_outdone:
+        if acceptance_criteria(self._search.start, fit).is_outperformed:
             return False
-        if standing.rmse <= (1.0 + SMALL) * standing.floor():
+        if fit.rmse <= (1.0 + SMALL) * fit.floor():
             return True
-        if standing.flexible.explained <= standing.plain.kept.sum() * of_steps(standing, self.readings) ** 2:
+        if fit.flexible.explained <= fit.problem.used.sum() * encoder_step_error(fit, self.measurement) ** 2:
             return True
-        return not still_explained(standing, self.readings, self._search.rng).is_unusual
+        return not lack_of_fit_test(fit, self.measurement, self._search.rng).is_significant
 
 
-def _below_a_step(start: Standing) -> str | None:
+def _below_a_step(start: FitResult) -> str | None:
     """Why nothing can be said of a channel whose reader shows a handful of values only; None if it can.
 
     A reader that rounds is off by up to half a step, and always in the same way where the motion is the same

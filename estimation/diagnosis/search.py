@@ -12,23 +12,23 @@ from itertools import islice
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import (
     Candidate,
+    applicable_effects,
     bounds_passed,
-    candidates,
     is_credible,
     is_misnamed,
     is_possible,
-    size,
-    try_all,
+    parameter_count,
+    screen_effects,
 )
-from estimation.diagnosis.doubt import SMALL
 from estimation.effect import Effect, Inner, SensorEffect
-from estimation.fit.chance import chance_gains
-from estimation.fit.frame import Frame, coarse_copy
-from estimation.fit.memory import Memory
-from estimation.fit.standing import Fit, Standing, stand
-from estimation.fit.trial import Trial, attempt
+from estimation.fit.blocks import BlockedData, decimate
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_problem import Solution, solve_gains
+from estimation.fit.fit_result import FitResult, fit_model
+from estimation.fit.permutation import null_improvements
 from estimation.model import Model
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
@@ -67,268 +67,268 @@ class Search:
     rng: np.random.Generator  # for surrogates
     progress: Progress = lambda what, share: None  # told what is being done, and the share of it that is done
     # The same on a coarse copy of the channel, which says what is worth trying; None for a sketch.
-    sketch: "Search | None" = None
-    _memory: Memory = field(default_factory=Memory)
-    _fits: dict[_Key, Standing] = field(default_factory=dict)
+    coarse: "Search | None" = None
+    _cache: FitCache = field(default_factory=FitCache)
+    _fits: dict[_Key, FitResult] = field(default_factory=dict)
     _screened: dict[_Key, list[Candidate]] = field(default_factory=dict)
-    _instead: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
+    _alternatives: dict[tuple[_Key, str], list[Candidate]] = field(default_factory=dict)
 
     @property
-    def start(self) -> Standing:
+    def start(self) -> FitResult:
         """The base model."""
         return self.fitted(self.model, {})
 
-    def added(self, standing: Standing) -> list[str]:
+    def added_effects(self, fit: FitResult) -> list[str]:
         """Names of a model's effects beside the base model's."""
         base = {effect.name for effect in self.model.effects}
-        return [effect.name for effect in standing.trial.model.effects if effect.name not in base]
+        return [effect.name for effect in fit.solution.model.effects if effect.name not in base]
 
-    def size(self, standing: Standing) -> int:
+    def size(self, fit: FitResult) -> int:
         """Number of a model's parameters beside the base model's."""
-        names = set(self.added(standing))
-        return sum(size(effect) for effect in standing.trial.model.effects if effect.name in names)
+        names = set(self.added_effects(fit))
+        return sum(parameter_count(effect) for effect in fit.solution.model.effects if effect.name in names)
 
-    def fitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+    def fitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
         """A model, fitted from these parameters on unless it is known already; or from where a sketch led."""
         key = _key(model)
         if key not in self._fits:
-            known = self.sketch and self.sketch._fits.get(key)
-            self._fits[key] = self._stand(model, known.trial.parameters if known else parameters)
+            known = self.coarse and self.coarse._fits.get(key)
+            self._fits[key] = self._stand(model, known.solution.parameters if known else parameters)
         return self._fits[key]
 
-    def _stand(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+    def _stand(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
         """A model fitted, each base gain that an added effect turns beyond its bounds held at the bound.
 
         What a simple model says by a spring or a damper may be said by what is added: then there is none.
         """
         held = dict(self.model.held)
         while True:
-            made = stand(self.data, replace(model, held=held), parameters, self.good, self._memory)
-            beyond = {} if _key(model) == _key(self.model) else self._beyond(made.trial)
+            made = fit_model(self.data, replace(model, held=held), parameters, self.good, self._cache)
+            beyond = {} if _key(model) == _key(self.model) else self._beyond(made.solution)
             if not beyond:
                 return made
-            held, parameters = held | beyond, made.trial.parameters
+            held, parameters = held | beyond, made.solution.parameters
 
-    def _beyond(self, trial: Trial) -> dict[str, float]:
+    def _beyond(self, solution: Solution) -> dict[str, float]:
         """Bounds of the base gains that are beyond them, and are not in the base model."""
         return {
             name: bound
             for effect in self.model.effects
-            if not is_credible(effect, trial) and is_credible(effect, self.start.trial)
-            for name, bound in bounds_passed(effect, trial).items()
+            if not is_credible(effect, solution) and is_credible(effect, self.start.solution)
+            for name, bound in bounds_passed(effect, solution).items()
         }
 
-    def refitted(self, model: Model, parameters: Mapping[str, float]) -> Standing:
+    def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
         """A model fitted from other parameters, and kept where that is better."""
         key, anew = _key(model), self._stand(model, parameters)
         known = self._fits.get(key)
-        if known is None or anew.trial.sse < (1.0 - TIE) * known.trial.sse:
+        if known is None or anew.solution.sse < (1.0 - TIE) * known.solution.sse:
             self._fits[key] = anew
             self._screened.pop(key, None)
-            for name in self.added(anew):
-                self._instead.pop((key, name), None)
+            for name in self.added_effects(anew):
+                self._alternatives.pop((key, name), None)
         return self._fits[key]
 
-    def screened(self, standing: Standing) -> list[Candidate]:
+    def screen(self, fit: FitResult) -> list[Candidate]:
         """All candidates beside a model, the best first."""
-        key = _key(standing.trial.model)
+        key = _key(fit.solution.model)
         if key not in self._screened:
-            beside = ", ".join(effect.name for effect in standing.trial.model.effects)
+            beside = ", ".join(effect.name for effect in fit.solution.model.effects)
             what = f"{self.data.name}: beside {beside}"
-            starts = self._shortlist(standing)
-            tried = candidates(standing.data, standing.trial.model, self.effects)
+            starts = self._shortlist(fit)
+            tried = applicable_effects(fit.data, fit.solution.model, self.effects)
 
             def places(effect: Effect) -> Sequence[Inner]:
                 known = [] if starts is None else starts[effect.name]
                 # a form that another model's signals call for may have other parameters
                 fitting = [one for one in known if one.keys() == {p.name for p in effect.inner}]
-                return fitting or effect.starts(standing.data)
+                return fitting or effect.starts(fit.data)
 
-            self._screened[key] = try_all(
-                standing,
+            self._screened[key] = screen_effects(
+                fit,
                 [effect for effect in tried if starts is None or effect.name in starts],
                 lambda share, name: self.progress(f"{what}: {name}", share),
                 starts=places,
             )
         return self._screened[key]
 
-    def _shortlist(self, standing: Standing) -> dict[str, list[Inner]] | None:
+    def _shortlist(self, fit: FitResult) -> dict[str, list[Inner]] | None:
         """Where to try which effects, by what a coarse copy showed; None for all.
 
         What hardly shows there is tried as it proposes.
         """
-        if self.sketch is None:
+        if self.coarse is None:
             return None
-        rough = self.sketch.screened(self.sketch.fitted(standing.trial.model, standing.trial.parameters))
+        rough = self.coarse.screen(self.coarse.fitted(fit.solution.model, fit.solution.parameters))
         starts = {}
         for number, candidate in enumerate(rough):
             effect, best = candidate.effect, candidate.search.best.parameters
-            fine = self.fine_starts(standing, effect)
+            fine = self.fine_starts(fit, effect)
             if fine or number < SHORTLIST:
                 starts[effect.name] = [{p.name: best[f"{effect.name}.{p.name}"] for p in effect.inner}, *fine]
         return starts
 
-    def fine_starts(self, standing: Standing, effect: Effect) -> list[Inner]:
+    def fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
         """Starts that a coarse copy hardly shows: times within a few blocks, steps of single readings."""
         if not isinstance(effect, SensorEffect):
             return []
-        starts = effect.starts(standing.data)
+        starts = effect.starts(fit.data)
         if not effect.linear:
             return list(starts)
-        fine_s = _FINE * standing.plain.frame.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
+        fine_s = _FINE * fit.problem.blocked.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
         in_time = any(one.unit == "s" for one in effect.inner)
         return [one for one in starts if in_time and max(map(abs, one.values())) < fine_s]
 
-    def refined(self, found: Standing) -> Standing:
+    def refined(self, found: FitResult) -> FitResult:
         """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too."""
-        for effect in found.trial.model.effects:
-            for start in self.fine_starts(found, effect) if effect.name in self.added(found) else ():
+        for effect in found.solution.model.effects:
+            for start in self.fine_starts(found, effect) if effect.name in self.added_effects(found) else ():
                 own = {f"{effect.name}.{name}": value for name, value in start.items()}
-                found = self.refitted(found.trial.model, {**found.trial.parameters, **own})
+                found = self.refitted(found.solution.model, {**found.solution.parameters, **own})
         return found
 
-    def glanced(self, beside: Standing) -> list[Candidate]:
+    def quick_screen(self, beside: FitResult) -> list[Candidate]:
         """The possible candidates beside a model, tried in few places, the best first."""
-        return _glance(beside, candidates(beside.data, beside.trial.model, self.effects))
+        return _quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
 
-    def instead(self, standing: Standing, name: str) -> list[Candidate]:
+    def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
         """The possible candidates in the place of one effect, the best first, that one among them.
 
         All other parameters stay as they are: those that the model without the effect would have make up for
         it, and for nothing else.
         """
-        key = _key(standing.trial.model), name
-        if key not in self._instead:
-            model, known = standing.trial.model.without(name), standing.trial.parameters
-            less = Fit(standing.data, standing.plain, attempt(standing.plain, model, known))
-            tried = candidates(standing.data, model, self.effects)
-            if self.sketch is not None:
-                rough = self.sketch.instead(self.sketch.fitted(standing.trial.model, known), name)
+        key = _key(fit.solution.model), name
+        if key not in self._alternatives:
+            model, known = fit.solution.model.without(name), fit.solution.parameters
+            less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model, known))
+            tried = applicable_effects(fit.data, model, self.effects)
+            if self.coarse is not None:
+                rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
                 likely = {one.effect.name for one in rough[:SHORTLIST]} | {name}
                 tried = tuple(one for one in tried if one.name in likely)
-            self._instead[key] = _glance(less, tried)
-        return self._instead[key]
+            self._alternatives[key] = _quick_screen(less, tried)
+        return self._alternatives[key]
 
-    def sought_again(self, standing: Standing, name: str) -> Standing:
+    def refit_effect(self, fit: FitResult, name: str) -> FitResult:
         """A model with one effect looked for anew: beside the others its best place may be far away."""
-        model, known = standing.trial.model, standing.trial.parameters
+        model, known = fit.solution.model, fit.solution.parameters
         (effect,) = (one for one in model.effects if one.name == name)
-        if not effect.inner or self.sketch is not None:
-            return standing
-        less = Fit(standing.data, standing.plain, attempt(standing.plain, model.without(name), known))
-        best = try_all(less, [effect])[0].search.best
-        return self._fitted_from(best) if best.sse < (1.0 - TIE) * standing.trial.sse else standing
+        if not effect.inner or self.coarse is not None:
+            return fit
+        less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model.without(name), known))
+        best = screen_effects(less, [effect])[0].search.best
+        return self._fitted_from(best) if best.sse < (1.0 - TIE) * fit.solution.sse else fit
 
-    def with_candidate(self, candidate: Candidate) -> Standing:
+    def with_candidate(self, candidate: Candidate) -> FitResult:
         """The model that a candidate was tried in, with all parameters fitted together."""
         return self._fitted_from(candidate.search.best)
 
-    def without(self, standing: Standing, name: str) -> Standing:
+    def without(self, fit: FitResult, name: str) -> FitResult:
         """A model less one effect."""
         return self._fitted_from(
-            attempt(standing.plain, standing.trial.model.without(name), standing.trial.parameters)
+            solve_gains(fit.problem, fit.solution.model.without(name), fit.solution.parameters)
         )
 
-    def _fitted_from(self, trial: Trial) -> Standing:
+    def _fitted_from(self, solution: Solution) -> FitResult:
         """The model of a trial, fitted anew where the trial alone is better than the fit that is known."""
-        known = self._fits.get(_key(trial.model))
-        if known is not None and trial.sse < (1.0 - TIE) * known.trial.sse:
-            return self.refitted(trial.model, trial.parameters)
-        return self.fitted(trial.model, trial.parameters)
+        known = self._fits.get(_key(solution.model))
+        if known is not None and solution.sse < (1.0 - TIE) * known.solution.sse:
+            return self.refitted(solution.model, solution.parameters)
+        return self.fitted(solution.model, solution.parameters)
 
-    def extensions(self, standing: Standing, count: int = FITTED) -> list[Standing]:
+    def extensions(self, fit: FitResult, count: int = FITTED) -> list[FitResult]:
         """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
-        count = count if self.sketch is None else min(count, FITTED_IN_FULL)
-        made = (self.with_candidate(one) for one in self._promising(standing)[:count])
+        count = count if self.coarse is None else min(count, FITTED_IN_FULL)
+        made = (self.with_candidate(one) for one in self._promising(fit)[:count])
         return self.ordered([one for one in made if self.is_sensible(one)])
 
-    def _promising(self, standing: Standing) -> list[Candidate]:
+    def _promising(self, fit: FitResult) -> list[Candidate]:
         """Candidates that lower the error once the model's other parameters follow, the best first."""
-        possible = [one for one in self.screened(standing) if one.possible][:LOOKED_AT]
-        follow = bool(standing.trial.model.inner)
-        left = [one.followed(standing.plain) if follow else one.held_out for one in possible]
+        possible = [one for one in self.screen(fit) if one.possible][:LOOKED_AT]
+        follow = bool(fit.solution.model.inner)
+        left = [one.followed(fit.problem) if follow else one.held_out for one in possible]
         order = sorted(range(len(possible)), key=lambda number: left[number])
-        return [possible[i] for i in order if left[i] < (1.0 - TIE) * standing.trial.held_out]
+        return [possible[i] for i in order if left[i] < (1.0 - TIE) * fit.solution.held_out]
 
-    def is_sensible(self, standing: Standing) -> bool:
+    def is_sensible(self, fit: FitResult) -> bool:
         """Whether added effects are what their names say, and turn no base gain beyond its bounds."""
-        return all(self.is_sound(standing, effect.name) for effect in standing.trial.model.effects)
+        return all(self.is_sound(fit, effect.name) for effect in fit.solution.model.effects)
 
-    def is_sound(self, standing: Standing, name: str) -> bool:
+    def is_sound(self, fit: FitResult, name: str) -> bool:
         """The same of one effect."""
-        (effect,) = (one for one in standing.trial.model.effects if one.name == name)
-        trial, bench = standing.trial, standing.plain
-        if name in self.added(standing):
-            return is_possible(effect, trial, bench) and not is_misnamed(effect, trial, bench)
-        return is_credible(effect, trial) or not is_credible(effect, self.start.trial)
+        (effect,) = (one for one in fit.solution.model.effects if one.name == name)
+        solution, problem = fit.solution, fit.problem
+        if name in self.added_effects(fit):
+            return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
+        return is_credible(effect, solution) or not is_credible(effect, self.start.solution)
 
-    def exchanged(self, standing: Standing, name: str) -> list[Standing]:
+    def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:
         """Models with another effect in the place of one, of those that may do better, in order."""
-        tried = self.instead(standing, name)
+        tried = self.alternatives(fit, name)
         roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
-        near = NEAR * max([standing.trial.held_out, *roughly])
-        others = [one for one in tried if _key(one.search.best.model) != _key(standing.trial.model)]
+        near = NEAR * max([fit.solution.held_out, *roughly])
+        others = [one for one in tried if _key(one.search.best.model) != _key(fit.solution.model)]
         made = [self.with_candidate(one) for one in others[:2] if one.held_out < near]
-        made += self._in_parts(standing, name)
+        made += self._in_parts(fit, name)
         return self.ordered([one for one in made if self.is_sensible(one)])
 
-    def _in_parts(self, standing: Standing, name: str) -> list[Standing]:
+    def _in_parts(self, fit: FitResult, name: str) -> list[FitResult]:
         """The model with the parts of an effect in its place, if it has any."""
-        (effect,) = (one for one in standing.trial.model.effects if one.name == name)
-        present = {one.name for one in standing.trial.model.effects}
+        (effect,) = (one for one in fit.solution.model.effects if one.name == name)
+        present = {one.name for one in fit.solution.model.effects}
         parts = [one for one in self.effects if one.name in effect.parts and one.name not in present]
-        return [self.with_each(self.without(standing, name), parts)] if parts else []
+        return [self.with_each(self.without(fit, name), parts)] if parts else []
 
-    def with_each(self, standing: Standing, effects: Sequence[Effect]) -> Standing:
+    def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
         """A model with these effects, one after the other, as far as the channel can have them."""
         for effect in effects:
-            if effect.applies_to(standing.data):
-                (tried,) = try_all(standing, [effect.suited_to(standing.data)])
-                standing = self.with_candidate(tried)
-        return standing
+            if effect.applies_to(fit.data):
+                (tried,) = screen_effects(fit, [effect.suited_to(fit.data)])
+                fit = self.with_candidate(tried)
+        return fit
 
-    def is_better(self, one: Standing, other: Standing) -> bool:
+    def is_better(self, one: FitResult, other: FitResult) -> bool:
         """Whether a model leaves less than another; or about as much, with fewer parameters.
 
         More parameters must be worth it: by as much as an added effect.
         """
         more = np.sign(self.size(one) - self.size(other))
         limit = (1.0 - SMALL) ** (2.0 * more) if more else 1.0 - TIE
-        return bool(one.trial.held_out < limit * other.trial.held_out)
+        return bool(one.solution.held_out < limit * other.solution.held_out)
 
-    def ordered(self, made: Sequence[Standing]) -> list[Standing]:
+    def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
-        limit = (1.0 + TIE) * min((one.trial.held_out for one in made), default=0.0)
+        limit = (1.0 + TIE) * min((one.solution.held_out for one in made), default=0.0)
 
-        def rank(one: Standing) -> tuple[bool, int, float]:
-            tied = one.trial.held_out <= limit
-            return not tied, self.size(one) if tied else 0, one.trial.held_out
+        def rank(one: FitResult) -> tuple[bool, int, float]:
+            tied = one.solution.held_out <= limit
+            return not tied, self.size(one) if tied else 0, one.solution.held_out
 
         return sorted(made, key=rank)
 
-    def is_needed(self, before: Standing, after: Standing) -> bool:
+    def is_needed(self, before: FitResult, after: FitResult) -> bool:
         """Whether an effect takes away more than a small share of the error, and more than chance would."""
         if after.rmse > (1.0 - SMALL) * before.rmse:
             return False
-        if np.mean(after.trial.scores.held_out < before.trial.scores.held_out) < _FOLDS:
+        if np.mean(after.solution.linear_fit.held_out < before.solution.linear_fit.held_out) < _FOLDS:
             return False
         return self.p_value(before, after) <= LEVEL
 
-    def p_value(self, before: Standing, after: Standing) -> float:
+    def p_value(self, before: FitResult, after: FitResult) -> float:
         """How often the best of all candidates takes as much from noise; 0 where that is out of question."""
-        kept = after.plain.kept
+        kept = after.problem.used
         noise = after.flexible.residual[kept]
-        observed = (before.trial.sse - after.trial.sse) / max(float(noise @ noise), 1e-300)
+        observed = (before.solution.sse - after.solution.sse) / max(float(noise @ noise), 1e-300)
         if observed > _CLEAR and len(noise) > _MANY:
             return 0.0
-        starts = (trial for candidate in self.screened(before) for trial in candidate.search.starts)
-        columns = (attempt(before.plain, one.model, one.parameters).columns[kept] for one in starts)
-        run = after.plain.frame.run[kept]
-        chance = chance_gains(noise, run, before.trial.columns[kept], columns, self.rng)
+        starts = (solution for candidate in self.screen(before) for solution in candidate.search.starts)
+        columns = (solve_gains(before.problem, one.model, one.parameters).columns[kept] for one in starts)
+        run = after.problem.blocked.run[kept]
+        chance = null_improvements(noise, run, before.solution.columns[kept], columns, self.rng)
         return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
 
 
-def search_of(  # noqa: PLR0917
+def prepare_search(  # noqa: PLR0917
     data: ChannelData,
     model: Model,
     good: BoolArray,
@@ -338,27 +338,27 @@ def search_of(  # noqa: PLR0917
 ) -> Search:
     """A search of a channel, with a sketch of it where blocks are longer than samples."""
     whole = Search(data, model, good, effects, rng, progress)
-    frame = whole.start.plain.frame
-    chosen = _some_runs(frame)
-    if frame.rows.shape[1] == 1 and chosen.all():
+    blocked = whole.start.problem.blocked
+    chosen = _some_runs(blocked)
+    if blocked.rows.shape[1] == 1 and chosen.all():
         return whole
-    rough = replace(coarse_copy(frame).select(chosen), shared=data.shared)
-    return replace(whole, sketch=Search(rough, model, frame.trusted[chosen], effects, rng, progress))
+    rough = replace(decimate(blocked).select(chosen), shared=data.shared)
+    return replace(whole, coarse=Search(rough, model, blocked.trusted[chosen], effects, rng, progress))
 
 
-def _some_runs(frame: Frame) -> BoolArray:
+def _some_runs(blocked: BlockedData) -> BoolArray:
     """Blocks of runs that are enough to say what is worth trying, weak and strong ones alike, shape (m,)."""
-    runs = rows_of_runs(frame.run)
-    every = max(min(len(frame) // _ENOUGH, len(runs) // _ENOUGH_RUNS), 1)
-    by_effort = sorted(runs, key=lambda rows: float(np.ptp(frame.effort[rows])))
-    chosen = np.zeros(len(frame), dtype=np.bool_)
+    runs = rows_of_runs(blocked.run)
+    every = max(min(len(blocked) // _ENOUGH, len(runs) // _ENOUGH_RUNS), 1)
+    by_effort = sorted(runs, key=lambda rows: float(np.ptp(blocked.effort[rows])))
+    chosen = np.zeros(len(blocked), dtype=np.bool_)
     chosen[np.concatenate(by_effort[every // 2 :: every])] = True
     return chosen
 
 
-def search(
-    whole: Search, is_complete: Callable[[Standing], bool], sufficient: Callable[[Standing], Standing]
-) -> Standing:
+def select_effects(
+    whole: Search, is_complete: Callable[[FitResult], bool], sufficient: Callable[[FitResult], FitResult]
+) -> FitResult:
     """The model that explains most, each of its effects needed beside the others.
 
     Many effects imitate almost anything: where more than two are needed, pairs are tried as well.
@@ -368,92 +368,92 @@ def search(
         is_complete: whether a model leaves no more than draws from it do.
         sufficient: the part of a model from which draws gain as much by the whole.
     """
-    sketch = whole.sketch or whole
+    coarse = whole.coarse or whole
     on_all = partial(_refined, whole)
 
-    def is_enough(found: Standing) -> bool:
-        needs_nothing = not whole.added(found) or found.rmse <= (1.0 + SMALL) * found.floor()
-        return (needs_nothing or found.left_of_blocks() < _LITTLE) and is_complete(found)
+    def is_enough(found: FitResult) -> bool:
+        needs_nothing = not whole.added_effects(found) or found.rmse <= (1.0 + SMALL) * found.floor()
+        return (needs_nothing or found.explainable_share() < _LITTLE) and is_complete(found)
 
-    best = on_all(_climb(sketch, sketch.start))
+    best = on_all(_forward_selection(coarse, coarse.start))
     enough = is_enough(best)
-    if enough and len(whole.added(best)) > _PAIR:
-        best = looked_back(whole, sufficient(best))
+    if enough and len(whole.added_effects(best)) > _PAIR:
+        best = backward_step(whole, sufficient(best))
         enough = is_enough(best)
-    if enough and len(whole.added(best)) <= _PAIR:
+    if enough and len(whole.added_effects(best)) <= _PAIR:
         return best
-    firsts = [] if enough else sketch.extensions(sketch.start, FIRSTS)
-    for first in (*firsts, *_pairs(sketch)):
-        if set(sketch.added(first)) <= set(whole.added(best)):
+    firsts = [] if enough else coarse.extensions(coarse.start, FIRSTS)
+    for first in (*firsts, *_pairs(coarse)):
+        if set(coarse.added_effects(first)) <= set(whole.added_effects(best)):
             continue
-        rough = _climb(sketch, first)
-        if not sketch.is_sensible(rough):
+        rough = _forward_selection(coarse, first)
+        if not coarse.is_sensible(rough):
             continue
-        known = sketch.fitted(best.trial.model, best.trial.parameters)
-        if rough.trial.held_out < (1.0 - TIE) * known.trial.held_out:
+        known = coarse.fitted(best.solution.model, best.solution.parameters)
+        if rough.solution.held_out < (1.0 - TIE) * known.solution.held_out:
             best = whole.ordered([best, on_all(rough)])[0]
             if is_enough(best):
                 break
     return best
 
 
-def _pairs(sketch: Search) -> Iterator[Standing]:
+def _pairs(coarse: Search) -> Iterator[FitResult]:
     """Two effects at once, the best pairs first: beside the wrong first, the right second does little."""
     beside = [
         (first, second)
-        for first in sketch.screened(sketch.start)
+        for first in coarse.screen(coarse.start)
         if first.possible
-        for second in sketch.glanced(sketch.with_candidate(first))[:BESIDE]
+        for second in coarse.quick_screen(coarse.with_candidate(first))[:BESIDE]
     ]
     beside.sort(key=lambda pair: pair[1].held_out)
-    made = (sketch.with_candidate(second) for _, second in beside[:LOOKED_AT])
-    yield from islice((one for one in made if sketch.is_sensible(one)), PAIRS)
+    made = (coarse.with_candidate(second) for _, second in beside[:LOOKED_AT])
+    yield from islice((one for one in made if coarse.is_sensible(one)), PAIRS)
 
 
-def _refined(whole: Search, rough: Standing) -> Standing:
+def _refined(whole: Search, rough: FitResult) -> FitResult:
     """What was found on a coarse copy, on the channel itself."""
-    found = whole.fitted(rough.trial.model, rough.trial.parameters)
-    return _climb(whole, looked_back(whole, whole.refined(found)))
+    found = whole.fitted(rough.solution.model, rough.solution.parameters)
+    return _forward_selection(whole, backward_step(whole, whole.refined(found)))
 
 
-def _climb(search: Search, standing: Standing) -> Standing:
+def _forward_selection(search: Search, fit: FitResult) -> FitResult:
     """Add the best effect as long as one is needed, and look back at each step."""
-    while len(search.added(standing)) < MOST_EFFECTS:
-        further = (one for one in search.extensions(standing) if search.is_needed(standing, one))
+    while len(search.added_effects(fit)) < MOST_EFFECTS:
+        further = (one for one in search.extensions(fit) if search.is_needed(fit, one))
         found = next(further, None)
         if found is None:
             break
-        settled = looked_back(search, found)
-        if settled.trial.held_out >= standing.trial.held_out:
+        settled = backward_step(search, found)
+        if settled.solution.held_out >= fit.solution.held_out:
             break
-        standing = settled
-    return standing
+        fit = settled
+    return fit
 
 
-def looked_back(search: Search, standing: Standing) -> Standing:
+def backward_step(search: Search, fit: FitResult) -> FitResult:
     """Seek each effect anew, drop it if needless, and exchange it where another does better, or is sound."""
-    for name in search.added(standing):
-        standing = search.sought_again(standing, name)
-        less = search.without(standing, name)
-        if not search.is_needed(less, standing):
-            standing = less
+    for name in search.added_effects(fit):
+        fit = search.refit_effect(fit, name)
+        less = search.without(fit, name)
+        if not search.is_needed(less, fit):
+            fit = less
             continue
-        is_sound = search.is_sound(standing, name)
+        is_sound = search.is_sound(fit, name)
         better = (
-            one for one in search.exchanged(standing, name) if not is_sound or search.is_better(one, standing)
+            one for one in search.substitutions(fit, name) if not is_sound or search.is_better(one, fit)
         )
-        standing = next(better, standing if is_sound else less)
-    return standing
+        fit = next(better, fit if is_sound else less)
+    return fit
 
 
-def _glance(beside: Fit, effects: Sequence[Effect]) -> list[Candidate]:
+def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidate]:
     """Those of some effects that are possible beside a fit, tried in few places, the best first."""
 
     def few(effect: Effect) -> Sequence[Inner]:
         starts = effect.starts(beside.data)
         return starts[:: max(len(starts) // FEW_STARTS, 1)]
 
-    return [one for one in try_all(beside, effects, starts=few, refined=0) if one.possible]
+    return [one for one in screen_effects(beside, effects, starts=few, refined=0) if one.possible]
 
 
 def _key(model: Model) -> _Key:

@@ -4,8 +4,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.moved import moved
 from estimation.signals.runwise import play
+from estimation.signals.shifted_motion import shifted_motion
 
 
 class Backlash(MotionEffect):
@@ -41,7 +41,7 @@ class Backlash(MotionEffect):
         followed = play(data.position, data.run, 0.5 * inner["gap"])
         behind = data.position - followed
         pushed = (np.abs(behind) > 0.498 * inner["gap"]) & (behind * data.velocity > 0.0)
-        return moved(
+        return shifted_motion(
             data,
             position=-behind,
             velocity=np.where(pushed, 0.0, (inner["motor_friction"] - 1.0) * data.velocity),

@@ -7,8 +7,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.moved import moved
-from estimation.signals.remembered import remembered
+from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.shifted_motion import shifted_motion
 
 
 class JointElasticity(MotionEffect):
@@ -39,7 +39,7 @@ class JointElasticity(MotionEffect):
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
         c, load = inner["compliance"], data.context["load"]
         changes = _CHANGES[self.form](data)
-        return moved(
+        return shifted_motion(
             data, position=-c * load, velocity=-c * changes.velocity, acceleration=-c * changes.acceleration
         )
 
@@ -56,5 +56,5 @@ def _changes(data: ChannelData, wider: int) -> Motion:
 
 
 _CHANGES = {
-    wider: remembered("time_s", "run", "load")(partial(_changes, wider=wider)) for wider in (0, 2, 4, 6)
+    wider: cache_by_array("time_s", "run", "load")(partial(_changes, wider=wider)) for wider in (0, 2, 4, 6)
 }

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.signals.fading import low_pass
+from estimation.signals.exponential_memory import low_pass
 from estimation.signals.runwise import sample_time
 from robot_io.types import FloatArray
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
-from estimation.signals.moved import moved
 from estimation.signals.runwise import play
+from estimation.signals.shifted_motion import shifted_motion
 
 
 class LoadedBacklash(MotionEffect):
@@ -39,7 +39,7 @@ class LoadedBacklash(MotionEffect):
         held = play(data.context["load"], data.run, threshold)
         side = np.clip(2.0 * held / threshold, -1.0, 1.0)
         still = np.zeros(len(data))
-        return moved(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
+        return shifted_motion(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
         """See `Effect.starts`: shares of the range of motion and of the largest load."""

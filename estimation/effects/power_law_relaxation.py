@@ -2,7 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
-from estimation.signals.fading import springpot
+from estimation.signals.exponential_memory import springpot
 from robot_io.types import FloatArray
 
 _SHARES = (0.2, 0.5, 0.9)

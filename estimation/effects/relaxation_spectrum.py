@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
-from estimation.signals.fading import faded
+from estimation.signals.exponential_memory import faded
 from estimation.signals.runwise import finest_step
 from robot_io.types import FloatArray
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.signals.fading import relax
+from estimation.signals.exponential_memory import relax
 from robot_io.types import FloatArray
 
 

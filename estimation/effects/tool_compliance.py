@@ -8,7 +8,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.signals.blocks import stretches
-from estimation.signals.remembered import remembered
+from estimation.signals.cache_by_array import cache_by_array
 
 
 class ToolCompliance(MotionEffect):
@@ -41,7 +41,7 @@ class ToolCompliance(MotionEffect):
         return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
 
 
-@remembered("time_s", "run", "effort", "position", "touching")
+@cache_by_array("time_s", "run", "effort", "position", "touching")
 def _smooth_force(data: ChannelData) -> Motion:
     """The force and its rate, by a window that its own noise calls for."""
     return differentiate(

@@ -7,7 +7,7 @@ from scipy.special import ndtr
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fit.robust import Loss
+from estimation.fit.irls import Loss
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import robust_sigma

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
-from estimation.fit.robust import Loss, Settled, absolute_share, settle
+from estimation.fit.irls import IrlsResult, Loss, absolute_share, irls
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
 from estimation.statistics.noise_level import NoiseLevel, robust_sigma
@@ -46,9 +46,9 @@ class Robust(Estimator):
         return self._estimate(regression, settled.values, covariance, inliers=settled.inside, details=details)
 
 
-def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> Settled:
+def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> IrlsResult:
     columns = regression.columns
-    return settle(lambda gains: (columns @ gains, columns), regression.effort, start, level)
+    return irls(lambda gains: (columns @ gains, columns), regression.effort, start, level)
 
 
 def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:

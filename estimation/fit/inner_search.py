@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.effect import Effect, Parameter
-from estimation.fit.along import Along, parts_along
-from estimation.fit.trial import Bench, Trial, attempt
+from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.linearised_parts import LinearisedParts, linearise_along
 from estimation.model import Model
 from robot_io.types import FloatArray
 
@@ -16,93 +16,96 @@ _PARABOLAS = 3
 
 
 @dataclass(frozen=True)
-class Attempts:
+class GridSearch:
     """All trials of one candidate."""
 
     # At all inner parameters that were tried; the first are those at the starts. Only the best has its
     # blocks: those of all would fill the memory.
-    trials: tuple[Trial, ...]
+    solutions: tuple[Solution, ...]
     start_count: int  # how many of them
 
     @property
-    def starts(self) -> tuple[Trial, ...]:
+    def starts(self) -> tuple[Solution, ...]:
         """The trials at the starts."""
-        return self.trials[: self.start_count]
+        return self.solutions[: self.start_count]
 
     @property
-    def best(self) -> Trial:
+    def best(self) -> Solution:
         """The trial that fits all data best."""
-        return min(self.trials, key=lambda trial: trial.sse)
+        return min(self.solutions, key=lambda solution: solution.sse)
 
     @property
     def held_out(self) -> FloatArray:
         """Squared whitened residuals of each fold, the inner parameters chosen on the other folds."""
-        train = np.array([trial.scores.train for trial in self.trials])
-        held_out = np.array([trial.scores.held_out for trial in self.trials])
+        train = np.array([solution.linear_fit.train for solution in self.solutions])
+        held_out = np.array([solution.linear_fit.held_out for solution in self.solutions])
         chosen: FloatArray = held_out[np.argmin(train, axis=0), np.arange(train.shape[1])]
         return chosen
 
-    def without_blocks(self) -> "Attempts":
+    def without_blocks(self) -> "GridSearch":
         """The same, the best trial without its blocks too."""
-        return replace(self, trials=tuple(trial.without_blocks() for trial in self.trials))
+        return replace(self, solutions=tuple(solution.without_blocks() for solution in self.solutions))
 
 
-def look(
-    bench: Bench,
+def search_inner(
+    problem: FitProblem,
     model: Model,
     effect: Effect,
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
-) -> Attempts:
+) -> GridSearch:
     """Try `effect`, which is part of `model`, at its starts."""
-    along = parts_along(bench.frame.data, model, effect, parameters)
+    along = linearise_along(problem.blocked.data, model, effect, parameters)
     places = list(starts)
-    trials = (_at(bench, model, effect, parameters, inner, along=along) for inner in places)
-    return of(trials, len(places))
+    solutions = (_at(problem, model, effect, parameters, inner, along=along) for inner in places)
+    return grid_search(solutions, len(places))
 
 
-def of(trials: Iterable[Trial], start_count: int) -> Attempts:
+def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
     """All trials of a candidate, of which the best keeps its blocks."""
-    kept: list[Trial] = []
+    kept: list[Solution] = []
     best = 0
-    for number, trial in enumerate(trials):
-        kept.append(trial)
-        if number and trial.sse < kept[best].sse:
+    for number, solution in enumerate(solutions):
+        kept.append(solution)
+        if number and solution.sse < kept[best].sse:
             kept[best], best = kept[best].without_blocks(), number
         elif number:
-            kept[number] = trial.without_blocks()
-    return Attempts(tuple(kept), start_count)
+            kept[number] = solution.without_blocks()
+    return GridSearch(tuple(kept), start_count)
 
 
-def refine(bench: Bench, model: Model, effect: Effect, looked: Attempts) -> Attempts:
+def refine_inner(problem: FitProblem, model: Model, effect: Effect, looked: GridSearch) -> GridSearch:
     """Try an effect closer and closer around the best of what was tried."""
-    trials = list(looked.trials)
-    along = parts_along(bench.frame.data, model, effect, trials[0].parameters)
-    grid = [{p.name: trial.parameters[f"{effect.name}.{p.name}"] for p in effect.inner} for trial in trials]
+    solutions = list(looked.solutions)
+    along = linearise_along(problem.blocked.data, model, effect, solutions[0].parameters)
+    grid = [
+        {p.name: solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
+        for solution in solutions
+    ]
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
-            best = min(range(len(trials)), key=lambda i: trials[i].sse)
+            best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
             line = _line(grid, best, inner)
             closer = _between(grid, best, inner, line)
             if number >= _HALVINGS:
-                closer = _vertex(grid, trials, line, best, inner) or closer
+                closer = _vertex(grid, solutions, line, best, inner) or closer
             for point in closer:
                 grid.append(point)
-                trials.append(_at(bench, model, effect, trials[best].parameters, point, along=along))
-    return of(trials, looked.start_count)
+                solutions.append(_at(problem, model, effect, solutions[best].parameters, point, along=along))
+    return grid_search(solutions, looked.start_count)
 
 
 def _at(
-    bench: Bench,
+    problem: FitProblem,
     model: Model,
     effect: Effect,
     parameters: Mapping[str, float],
     inner: Mapping[str, float],
     *,
-    along: Along,
-) -> Trial:
+    along: LinearisedParts,
+) -> Solution:
     there = {f"{effect.name}.{name}": value for name, value in inner.items()}
-    return attempt(bench, model, {**parameters, **there}, parts=along(inner))
+    return solve_gains(problem, model, {**parameters, **there}, parts=along(inner))
 
 
 def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:
@@ -131,7 +134,7 @@ def _between(
 
 
 def _vertex(
-    grid: list[dict[str, float]], trials: list[Trial], line: list[int], best: int, inner: Parameter
+    grid: list[dict[str, float]], solutions: list[Solution], line: list[int], best: int, inner: Parameter
 ) -> list[dict[str, float]]:
     """The lowest point of the parabola through the best point of a line and its neighbours, if any."""
     at = line.index(best)
@@ -140,7 +143,7 @@ def _vertex(
     three = line[at - 1 : at + 2]
     values = np.array([grid[i][inner.name] for i in three])
     along = np.log(values) if inner.log and values[0] > 0.0 else values
-    low, here, high = (trials[i].sse for i in three)
+    low, here, high = (solutions[i].sse for i in three)
     left, right = along[1] - along[0], along[2] - along[1]
     bend = (low - here) * right + (high - here) * left
     if not bend > 0.0:

@@ -11,13 +11,13 @@ import numpy as np
 from estimation.channel import ChannelKind
 from estimation.effect import Parameter
 from estimation.estimate import ParameterEstimate
-from estimation.fit.acceleration_doubt import doubted
-from estimation.fit.flexible import Windows, is_of_size, taken_off
-from estimation.fit.memory import Memory
-from estimation.fit.polish import polish
-from estimation.fit.readings import Readings, readings_of
-from estimation.fit.standing import Standing
-from estimation.fit.trial import Bench, Trial, attempt
+from estimation.fit.acceleration_noise import inflate_acceleration_noise
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.fit_result import FitResult
+from estimation.fit.flexible_regression import DifferentiationFilter, is_plausible_bias, smoothing_bias
+from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
@@ -32,34 +32,36 @@ _FAR = 10.0  # times a value, or what is met in practice
 _JUMP, _MOST = 20.0, 0.95  # times the slope that most blocks stay below: a block that jumps, and has no slope
 
 
-def values(bench: Bench, trial: Trial) -> dict[str, ParameterEstimate]:
+def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, ParameterEstimate]:
     """Parameters of a trial with 95 % intervals, by "effect.parameter".
 
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
     would turn the parameters by is added to their variance. One that is held has no error.
     """
-    names = [name for name in (*trial.model.gains, *trial.model.inner) if name not in trial.model.held]
-    slopes = bench.whiten(_free_slopes(bench, trial))
-    residual = bench.whiten(trial.residual)
-    errors = _errors(slopes, residual, bench.frame.run[bench.kept])
-    readings = readings_of(bench.frame.data)
-    errors = np.hypot(errors, _by_readings(bench, trial, readings))
-    if readings.windows[1] is None:
-        errors = np.hypot(errors, _turned(slopes, bench.whiten(_by_positions(bench, trial))))
-    kind = bench.frame.data.kind
-    known = {**trial.model.gains, **trial.model.inner}
+    names = [
+        name for name in (*solution.model.gains, *solution.model.inner) if name not in solution.model.held
+    ]
+    slopes = problem.whiten(_free_slopes(problem, solution))
+    residual = problem.whiten(solution.residual)
+    errors = _errors(slopes, residual, problem.blocked.run[problem.used])
+    measurement = identify_measurement_model(problem.blocked.data)
+    errors = np.hypot(errors, _by_readings(problem, solution, measurement))
+    if measurement.filters[1] is None:
+        errors = np.hypot(errors, _turned(slopes, problem.whiten(_by_positions(problem, solution))))
+    kind = problem.blocked.data.kind
+    known = {**solution.model.gains, **solution.model.inner}
     units = {
         name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
         for name, parameter in known.items()
     }
-    most = np.array([_widest(known[name], trial.parameters[name]) for name in names])
+    most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
     errors = np.where(errors < most, errors, np.nan)
     found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
     for name, error in found.items():
-        value, half = float(trial.parameters[name]), SIGMAS_95 * error
-        at_bound = trial.model.at_bound(name, value)
+        value, half = float(solution.parameters[name]), SIGMAS_95 * error
+        at_bound = solution.model.at_bound(name, value)
         estimates[name] = ParameterEstimate(
             name, units[name], value, error, (value - half, value + half), at_bound
         )
@@ -71,17 +73,17 @@ def _widest(parameter: Parameter, value: float) -> float:
     return min(parameter.upper - parameter.lower, _FAR * max(abs(value), *parameter.typical))
 
 
-def _free_slopes(bench: Bench, trial: Trial) -> FloatArray:
+def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
     """Slopes (m, q) of the prediction by all parameters that are not held."""
-    slopes = np.column_stack([trial.columns, *inner_slopes(bench, trial)])
-    names = (*trial.model.gains, *trial.model.inner)
-    return slopes[:, [name not in trial.model.held for name in names]] if trial.model.held else slopes
+    slopes = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
+    names = (*solution.model.gains, *solution.model.inner)
+    return slopes[:, [name not in solution.model.held for name in names]] if solution.model.held else slopes
 
 
-def inner_slopes(bench: Bench, trial: Trial) -> list[FloatArray]:
+def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
     """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
-    found = trial.model.inner_slopes(bench.frame.data, trial.parameters, _STEP)
-    return [_without_jumps(bench.frame.reduce(slope)) for slope in found]
+    found = solution.model.inner_slopes(problem.blocked.data, solution.parameters, _STEP)
+    return [_without_jumps(problem.blocked.reduce(slope)) for slope in found]
 
 
 def _without_jumps(slope: FloatArray) -> FloatArray:
@@ -92,29 +94,36 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
 
 
-def _by_positions(bench: Bench, trial: Trial) -> FloatArray:
+def _by_positions(problem: FitProblem, solution: Solution) -> FloatArray:
     """Change of the prediction with the acceleration that positions speak for, shape (m,)."""
-    frame = bench.frame
-    other = trial.model.predict(doubted(frame.data), trial.parameters)
-    return frame.reduce(other - trial.model.predict(frame.data, trial.parameters))
+    blocked = problem.blocked
+    other = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
+    return blocked.reduce(other - solution.model.predict(blocked.data, solution.parameters))
 
 
-def _by_readings(bench: Bench, trial: Trial, readings: Readings) -> FloatArray:
+def _by_readings(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:
     """By how much other readings of the motion would have turned each parameter, root mean square, (q,).
 
     The model is fitted by one step of Gauss and Newton to what it expects of the smooth motion, read again.
     """
     rng = np.random.default_rng(_SEED)
-    expected = trial.model.predict(readings.true_motion, trial.parameters)
+    expected = solution.model.predict(measurement.smoothed_motion, solution.parameters)
     turned = []
     for _ in range(_READINGS):
-        frame = replace(
-            bench.frame, data=replace(readings.draw(rng), effort=expected), memory=Memory(), of_load=Memory()
+        blocked = replace(
+            problem.blocked,
+            data=replace(measurement.simulate(rng), effort=expected),
+            cache=FitCache(),
+            load_cache=FitCache(),
         )
-        again = Bench(frame, bench.colour)
-        read = replace(trial, columns=frame.reduce(trial.model.linearise(frame.data, trial.parameters)[0]))
+        again = FitProblem(blocked, problem.noise_model)
+        read = replace(
+            solution, columns=blocked.reduce(solution.model.linearise(blocked.data, solution.parameters)[0])
+        )
         slopes = again.whiten(_free_slopes(again, read))
-        left = again.whiten(frame.reduce(expected - trial.model.predict(frame.data, trial.parameters)))
+        left = again.whiten(
+            blocked.reduce(expected - solution.model.predict(blocked.data, solution.parameters))
+        )
         turned.append(_turned(slopes, left))
     return np.asarray(np.sqrt(np.mean(np.square(turned), axis=0)))
 
@@ -142,37 +151,41 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     return np.where(free, np.nan, errors)
 
 
-def final(standing: Standing) -> tuple[Bench, Trial]:
+def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     """The last word on a model's parameters, and where it was said.
 
     With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
     missing would pass for coloured noise, and only near where the model stands: a colour that is badly known
     may leave another place as little.
     """
-    if standing.data.shared is not None or standing.rmse > _NOISE_ALONE * standing.floor():
-        return standing.plain, standing.trial
-    judge = standing.judge
-    trial = polish(judge, attempt(judge, standing.trial.model, standing.trial.parameters))
-    kept = standing.plain.kept
-    here, there = (float(np.sum(one.residual[kept] ** 2)) for one in (standing.trial, trial))
+    if fit.data.shared is not None or fit.rmse > _NOISE_ALONE * fit.floor():
+        return fit.problem, fit.solution
+    whitened_problem = fit.whitened_problem
+    solution = optimize_inner(
+        whitened_problem, solve_gains(whitened_problem, fit.solution.model, fit.solution.parameters)
+    )
+    used = fit.problem.used
+    here, there = (float(np.sum(one.residual[used] ** 2)) for one in (fit.solution, solution))
     if there > _NOISE_ALONE**2 * here:
-        return standing.plain, standing.trial
-    return judge, _beside_smoothing(judge, trial, standing.windows)
+        return fit.problem, fit.solution
+    return whitened_problem, _beside_smoothing(whitened_problem, solution, fit.filters)
 
 
-def _beside_smoothing(bench: Bench, trial: Trial, windows: Windows) -> Trial:
+def _beside_smoothing(problem: FitProblem, solution: Solution, filters: DifferentiationFilter) -> Solution:
     """A joint's model with the gains that it has beside what windows took off its motion.
 
     A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
     """
-    if bench.frame.data.kind is ChannelKind.CONTACT or windows == ((), ()):
-        return trial
-    taken = taken_off(bench.frame, bench.frame.effort - trial.residual, windows)
-    names = list(trial.model.gains)
+    if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
+        return solution
+    taken = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
+    names = list(solution.model.gains)
     every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
-    fitted = bench.fit(np.hstack([trial.columns, taken]), trial.target, every, trial.model.held)
+    fitted = problem.solve(np.hstack([solution.columns, taken]), solution.target, every, solution.model.held)
     own = len(names)
-    if fitted.held_out.sum() > _BETTER * trial.held_out or not is_of_size(taken, fitted.gains[own:]):
-        return trial
+    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(
+        taken, fitted.gains[own:]
+    ):
+        return solution
     gains = dict(zip(names, fitted.gains.tolist(), strict=False))
-    return replace(trial, parameters={**trial.parameters, **gains})
+    return replace(solution, parameters={**solution.parameters, **gains})

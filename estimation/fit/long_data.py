@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.frame import Frame, block_length, coarse_copy
+from estimation.fit.blocks import BlockedData, block_length, decimate
 from estimation.signals.blocks import blocks, rows_of_runs
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, IntArray
@@ -145,8 +145,8 @@ def _means(data: ChannelData, block: int) -> ChannelData:
         return data
     rows = _rows(data, block)
     whole = np.ones(len(rows), dtype=np.bool_)
-    frame = Frame(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
-    return coarse_copy(frame)
+    blocked = BlockedData(data, rows, data.run[rows[:, 0]], np.zeros(len(rows), dtype=np.int64), whole)
+    return decimate(blocked)
 
 
 def _fewer_runs(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[int, int]]:

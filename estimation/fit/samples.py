@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.fit.colour import WHITE
-from estimation.fit.frame import Frame
-from estimation.fit.polish import polish
-from estimation.fit.robust import Loss, Settled, absolute_share, cauchy_influence, settle
-from estimation.fit.trial import Bench, Trial, attempt
+from estimation.fit.ar_noise import WHITE
+from estimation.fit.blocks import BlockedData
+from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
 from estimation.model import Model
 from estimation.statistics.noise_level import robust_sigma
 from estimation.statistics.uncertainty import Covariance, sandwich
@@ -47,7 +47,7 @@ def fit_samples(
     data: ChannelData,
     rows: BoolArray | None = None,
     loss: Loss = Loss.LINEAR,
-    searched: dict[bool, Trial] | None = None,
+    searched: dict[bool, Solution] | None = None,
 ) -> SampleFit:
     """Fit all parameters of a model together.
 
@@ -60,14 +60,14 @@ def fit_samples(
     """
     count = len(data)
     used = np.ones(count, dtype=np.bool_) if rows is None else rows
-    bench = Bench(
-        Frame(data, np.arange(count)[:, None], data.run, np.zeros(count, dtype=np.int64), used), WHITE
+    problem = FitProblem(
+        BlockedData(data, np.arange(count)[:, None], data.run, np.zeros(count, dtype=np.int64), used), WHITE
     )
     searched, robust = {} if searched is None else searched, loss is not Loss.LINEAR
     if robust not in searched:
-        begun = _scanned(bench, model, loss)
-        searched[robust] = _reweighted(bench, begun) if robust else _finely(bench, begun)
-    return _described(searched[robust], bench, loss)
+        begun = _scanned(problem, model, loss)
+        searched[robust] = _reweighted(problem, begun) if robust else _finely(problem, begun)
+    return _described(searched[robust], problem, loss)
 
 
 def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
@@ -76,22 +76,22 @@ def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) 
     return np.column_stack([by_gain, *model.inner_slopes(data, parameters, _STEP)])
 
 
-def _finely(bench: Bench, trial: Trial) -> Trial:
-    return polish(bench, trial, settled=1e-10, step=_STEP)
+def _finely(problem: FitProblem, solution: Solution) -> Solution:
+    return optimize_inner(problem, solution, settled=1e-10, step=_STEP)
 
 
-def _scanned(bench: Bench, model: Model, loss: Loss) -> Trial:
+def _scanned(problem: FitProblem, model: Model, loss: Loss) -> Solution:
     """The best of the starts that each effect proposes, one effect after the other."""
     inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
-    best = attempt(bench, model, _inside(model, inner))
+    best = solve_gains(problem, model, _inside(model, inner))
     for effect in model.effects:
         if effect.inner:
             proposals = [
                 inner | {f"{effect.name}.{name}": value for name, value in start.items()}
-                for start in effect.starts(bench.frame.data)
+                for start in effect.starts(problem.blocked.data)
             ]
-            trials = [attempt(bench, model, _inside(model, proposal)) for proposal in proposals]
-            best = min(trials, key=lambda trial: _cost(bench, trial, loss))
+            solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
+            best = min(solutions, key=lambda solution: _cost(problem, solution, loss))
             inner = {name: best.parameters[name] for name in model.inner}
     return best
 
@@ -106,44 +106,47 @@ def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
     return inside
 
 
-def _cost(bench: Bench, trial: Trial, loss: Loss) -> float:
+def _cost(problem: FitProblem, solution: Solution, loss: Loss) -> float:
     """What these inner parameters leave: squares, or the mean absolute residual if the loss is robust."""
     if loss is Loss.LINEAR:
-        return trial.sse
-    parts = trial.model.parts(bench.frame.data, trial.parameters)
+        return solution.sse
+    parts = solution.model.parts(problem.blocked.data, solution.parameters)
     for _ in range(_ABSOLUTE_ROUNDS):
-        weighted = _weighted(bench, absolute_share(trial.residual[bench.kept]))
-        trial = attempt(weighted, trial.model, trial.parameters, parts=parts)
-    return float(np.mean(np.abs(trial.residual[bench.kept])))
+        weighted = _weighted(problem, absolute_share(solution.residual[problem.used]))
+        solution = solve_gains(weighted, solution.model, solution.parameters, parts=parts)
+    return float(np.mean(np.abs(solution.residual[problem.used])))
 
 
-def _reweighted(bench: Bench, trial: Trial) -> Trial:
+def _reweighted(problem: FitProblem, solution: Solution) -> Solution:
     """Repeat the search with Cauchy's weights from the residuals of the one before."""
     for number in range(_ROUNDS):
         absolute = number < _ABSOLUTE_ROUNDS
-        left = trial.residual[bench.kept]
+        left = solution.residual[problem.used]
         weighted = _weighted(
-            bench, absolute_share(left) if absolute else cauchy_influence(left / _core(left))[0]
+            problem, absolute_share(left) if absolute else cauchy_influence(left / _core(left))[0]
         )
-        search = polish if absolute else _finely
-        before, trial = trial, search(weighted, attempt(weighted, trial.model, trial.parameters))
-        if not absolute and _is_settled(before, trial):
+        search = optimize_inner if absolute else _finely
+        before, solution = (
+            solution,
+            search(weighted, solve_gains(weighted, solution.model, solution.parameters)),
+        )
+        if not absolute and _is_settled(before, solution):
             break
-    return trial
+    return solution
 
 
-def _weighted(bench: Bench, share: FloatArray) -> Bench:
+def _weighted(problem: FitProblem, share: FloatArray) -> FitProblem:
     """The bench with squared weights of the samples that count."""
-    weights = np.zeros(len(bench.frame))
-    weights[bench.kept] = np.sqrt(share)
-    return replace(bench, weights=weights)
+    weights = np.zeros(len(problem.blocked))
+    weights[problem.used] = np.sqrt(share)
+    return replace(problem, weights=weights)
 
 
 def _core(residuals: FloatArray) -> float:
     return max(robust_sigma(residuals), float(np.finfo(float).tiny))
 
 
-def _is_settled(before: Trial, after: Trial) -> bool:
+def _is_settled(before: Solution, after: Solution) -> bool:
     """Whether no gain moved by more than a share of the largest, nor an inner parameter of its range."""
     gains, inner = list(after.model.gains), after.model.inner
     largest = max((abs(after.parameters[name]) for name in gains), default=0.0)
@@ -152,10 +155,10 @@ def _is_settled(before: Trial, after: Trial) -> bool:
     return all(moved[name] <= _TOLERANCE * size for name, size in scale.items())
 
 
-def _settled(bench: Bench, trial: Trial) -> Settled:
+def _settled(problem: FitProblem, solution: Solution) -> IrlsResult:
     """From a solution that stands outliers to the efficient one near it; what is at a bound stays there."""
-    model, data, rows = trial.model, bench.frame.data, bench.kept
-    fixed = [model.at_bound(name, value) for name, value in trial.parameters.items()]
+    model, data, rows = solution.model, problem.blocked.data, problem.used
+    fixed = [model.at_bound(name, value) for name, value in solution.parameters.items()]
 
     def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         parameters = _named(model, values)
@@ -163,7 +166,7 @@ def _settled(bench: Bench, trial: Trial) -> Settled:
         slopes[:, fixed] = 0.0
         return model.predict(data, parameters)[rows], slopes
 
-    return settle(evaluate, data.effort[rows], np.array(list(trial.parameters.values())))
+    return irls(evaluate, data.effort[rows], np.array(list(solution.parameters.values())))
 
 
 def _named(model: Model, values: FloatArray) -> dict[str, float]:
@@ -172,12 +175,12 @@ def _named(model: Model, values: FloatArray) -> dict[str, float]:
     return named | {n: float(np.clip(named[n], p.lower, p.upper)) for n, p in model.inner.items()}
 
 
-def _described(trial: Trial, bench: Bench, loss: Loss) -> SampleFit:
+def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit:
     """The fit with the standard errors of all parameters together."""
-    model, data, rows = trial.model, bench.frame.data, bench.kept
-    parameters = trial.parameters
+    model, data, rows = solution.model, problem.blocked.data, problem.used
+    parameters = solution.parameters
     if loss is Loss.BIWEIGHT:
-        settled = _settled(bench, trial)
+        settled = _settled(problem, solution)
         parameters = _named(model, settled.values)
         psi, slope = settled.influence
         score, slope = psi / settled.sigma, slope / settled.sigma**2

@@ -8,8 +8,8 @@ import numpy as np
 
 from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData
-from estimation.signals.moved import BY_ACCELERATION, BY_POSITION
 from estimation.signals.runwise import steadied
+from estimation.signals.shifted_motion import BY_ACCELERATION, BY_POSITION
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

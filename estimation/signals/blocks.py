@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimation.signals.remembered import of_arrays
+from estimation.signals.cache_by_array import of_arrays
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _GAP = 3.5  # median steps that are a gap: jitter, and a sample or two that were lost, are none

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.signals.blocks import places
-from estimation.signals.remembered import remembered
+from estimation.signals.cache_by_array import cache_by_array
 from robot_io.types import FloatArray
 
 _MOST_WAVES = 12  # that are tried
@@ -20,7 +20,7 @@ _NEARLY_ALL = 0.98  # of the energy of all waves, that those of one pattern have
 _LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
-@remembered("run", "position", "velocity", "acceleration", "effort")
+@cache_by_array("run", "position", "velocity", "acceleration", "effort")
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     """The wave number n [1/position] and the multiples of it of which an effort is made.
 

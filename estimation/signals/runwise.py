@@ -7,7 +7,7 @@ from math import perm
 import numpy as np
 
 from estimation.signals.blocks import blocks, cut, places
-from estimation.signals.remembered import of_arrays
+from estimation.signals.cache_by_array import of_arrays
 from robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a rate is smoothed

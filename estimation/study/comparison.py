@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis.doubt import SMALL
+from estimation.diagnosis.bootstrap import SMALL
 from estimation.estimate import ParameterEstimate
 from estimation.physical import UNPHYSICAL
 from estimation.study.engine import Fitted, likeliest

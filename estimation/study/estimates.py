@@ -9,7 +9,7 @@ from estimation.channel import ChannelData
 from estimation.estimate import Estimate, Identifiability
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
-from estimation.fit.trial import Trial
+from estimation.fit.fit_problem import Solution
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.study.shown import Shown, Table, interval_text
@@ -134,7 +134,7 @@ def estimate_with(
         raise InputError(f"model '{model_name}' has no free parameter: there is nothing to estimate")
     channel = base.prepare(channel, context)
     rows = fitting_rows(channel)
-    estimates, failures, searched = [], {}, dict[bool, Trial]()
+    estimates, failures, searched = [], {}, dict[bool, Solution]()
     for name in estimators:
         try:
             estimator, rng = ESTIMATORS[name](), np.random.default_rng(SEED)

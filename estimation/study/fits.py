@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.diagnosis.candidates import library
+from estimation.diagnosis.candidates import effect_library
 from estimation.effect import Effect
-from estimation.fit.trial import NOT_HELD
+from estimation.fit.fit_problem import NOT_HELD
 from estimation.shared_gains import with_shared_gains
 from estimation.study import engine
 from estimation.study.channels import (
@@ -55,7 +55,7 @@ class Fits(Shown):
         self.source = source
         self.held_out = tuple(sorted(set(held_out)))
         self.model = model
-        self._library = {effect.name: effect for effect in (*library(), *effects)}
+        self._library = {effect.name: effect for effect in (*effect_library(), *effects)}
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_Key, Fitted] = {}
@@ -262,7 +262,7 @@ class Fits(Shown):
         effect = self._effect(name)
         if why := unapplicable(effect, parent.data):
             raise InputError(why)
-        return effect.suited_to(parent.standing.data)
+        return effect.suited_to(parent.result.data)
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from estimation.data_quality import mention_held_out
 from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.doubt import SMALL
+from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate

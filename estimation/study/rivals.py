@@ -4,14 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.candidates import candidates, is_misnamed, try_all
-from estimation.diagnosis.doubt import SMALL
+from estimation.diagnosis.bootstrap import SMALL
+from estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
 from estimation.diagnosis.result import Accepted
 from estimation.effect import Effect
-from estimation.fit.frame import coarse_copy
-from estimation.fit.load import with_load
-from estimation.fit.memory import Memory
-from estimation.fit.standing import Standing, fit
+from estimation.fit.blocks import decimate
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_result import FitResult, fit_model
+from estimation.fit.joint_load import with_load
 from estimation.model import Model
 from estimation.study.channels import StudyChannel
 from estimation.study.fits import Fits
@@ -62,7 +62,7 @@ def _with(names: Sequence[str], place: str, other: str, parts: Sequence[str]) ->
     return [*(name for name in names if name != place and name not in parts), other]
 
 
-def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, Standing]]:
+def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, FitResult]]:
     """For each question, these models by their effects in words, fitted, and the best first.
 
     One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
@@ -77,11 +77,11 @@ def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> li
     return [fitted for one in asked if len(fitted := _fitted(study, channel, one)) > 1]
 
 
-def _fitted(study: Fits, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, Standing]:
+def _fitted(study: Fits, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
     fitted = {}
     for effects in wanted:
         try:
-            fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).standing
+            fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).result
         except InputError:
             continue
     return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
@@ -89,7 +89,9 @@ def _fitted(study: Fits, channel: StudyChannel, wanted: Iterable[list[str]]) -> 
 
 def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
     base = study.fit(channel)
-    tried = try_all(base.standing, candidates(base.data, base.model, study.effects))  # the best first
+    tried = screen_effects(
+        base.result, applicable_effects(base.data, base.model, study.effects)
+    )  # the best first
     return [one.effect.name for one in tried[: _ALONE - 1]]
 
 
@@ -113,11 +115,11 @@ def _with_the_simplest_in(
     accepted, names = list(found.accepted), [one.effect for one in found.accepted]
     entry, known = accepted[place], {one.name: one for one in study.effects}
     models = {
-        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).standing
+        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).result
         for other in _group(entry)
     }
     kept: list[str] = []
-    for name in sorted(models, key=lambda one: (_size(models[one].trial.model), len(known[one].signals))):
+    for name in sorted(models, key=lambda one: (_size(models[one].solution.model), len(known[one].signals))):
         if not _contains_another(models[name], [models[one] for one in kept]):
             kept.append(name)
     first, *rest = [name for name in models if name in kept]
@@ -127,33 +129,33 @@ def _with_the_simplest_in(
     return reconcile(study, channel, found.model_copy(update={"accepted": accepted}))
 
 
-def _contains_another(larger: Standing, others: Iterable[Standing]) -> bool:
+def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:
     """Whether a model draws what a simpler one does, or has become something else than its name says."""
     simpler = [one for one in others if _is_simpler(one, larger)]
-    if simpler and is_misnamed(larger.trial.model.effects[-1], larger.trial, larger.plain):
+    if simpler and is_misnamed(larger.solution.model.effects[-1], larger.solution, larger.problem):
         return True
     return any(_contains(larger, one) for one in simpler)
 
 
-def _is_simpler(one: Standing, other: Standing) -> bool:
+def _is_simpler(one: FitResult, other: FitResult) -> bool:
     """Whether a model is simpler than another that differs from it in the last effect."""
-    last = other.trial.model.effects[-1]
-    if last.parts and {effect.name for effect in one.trial.model.effects} >= set(last.parts):
+    last = other.solution.model.effects[-1]
+    if last.parts and {effect.name for effect in one.solution.model.effects} >= set(last.parts):
         return False
-    sizes = [_size(each.trial.model) for each in (one, other)]
-    few, many = (set(each.trial.model.effects[-1].signals) for each in (one, other))
+    sizes = [_size(each.solution.model) for each in (one, other)]
+    few, many = (set(each.solution.model.effects[-1].signals) for each in (one, other))
     return sizes[0] < sizes[1] or (sizes[0] == sizes[1] and few < many)
 
 
-def _contains(larger: Standing, smaller: Standing) -> bool:
+def _contains(larger: FitResult, smaller: FitResult) -> bool:
     """Whether a model, fitted anew, draws what a smaller one expects, but for noise."""
-    frame, model, known = smaller.plain.frame, smaller.trial.model, smaller.trial.parameters
-    motion, memory = coarse_copy(frame), Memory()
+    blocked, model, known = smaller.problem.blocked, smaller.solution.model, smaller.solution.parameters
+    motion, cache = decimate(blocked), FitCache()
     drawn = replace(motion, effort=model.predict(with_load(motion, model, known), known))
-    without = fit(drawn, model.without(model.effects[-1].name), known, frame.trusted, memory)
-    tried = try_all(without, larger.trial.model.effects[-1:])[0].search.best
-    again = fit(drawn, tried.model, tried.parameters, frame.trusted, memory)
-    return again.trial.sse < max(_CONTAINED * without.trial.sse, _UNSEEN * smaller.trial.sse)
+    without = fit_model(drawn, model.without(model.effects[-1].name), known, blocked.trusted, cache)
+    tried = screen_effects(without, larger.solution.model.effects[-1:])[0].search.best
+    again = fit_model(drawn, tried.model, tried.parameters, blocked.trusted, cache)
+    return again.solution.sse < max(_CONTAINED * without.solution.sse, _UNSEEN * smaller.solution.sse)
 
 
 def _size(model: Model) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.candidates import candidates
+from estimation.diagnosis.candidates import applicable_effects
 from estimation.effect import Effect, Parameter
 from estimation.study import Fitted, Revision, StudyChannel
 from estimation.study.source import Source, joined, open_source
@@ -106,7 +106,7 @@ class Bench:
     def effects(self) -> tuple[Effect, ...]:
         """The library for this channel: what can be added to its base model."""
         fitted = self.study.fit(self.channel)
-        return candidates(fitted.data, fitted.model, self.study.effects)
+        return applicable_effects(fitted.data, fitted.model, self.study.effects)
 
     def show(self, choice: Choice | None = None) -> Shown:
         """Fit a choice, the present one by default, by the very fit that the commands use.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.base_model import ModelContext
-from estimation.diagnosis.candidates import library
+from estimation.diagnosis.candidates import effect_library
 from estimation.models import MODELS
 from estimation.study import comparison, engine
 from tests.estimation.presses import kelvin_voigt
@@ -18,7 +18,7 @@ def cubic(t, x, v, run):
 
 def fits(data, model, names=(), effects=None):
     """The base model, and one fit more for each effect that is added."""
-    known = {effect.name: effect for effect in (library() if effects is None else effects)}
+    known = {effect.name: effect for effect in (effect_library() if effects is None else effects)}
     found = [engine.fit(data, model)]
     for name in names:
         effect = known[name].suited_to(found[-1].data)

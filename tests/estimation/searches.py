@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.diagnosis.search import search_of
+from estimation.diagnosis.search import prepare_search
 from estimation.effects import EFFECTS
 from estimation.model import Model
 
@@ -13,13 +13,15 @@ PRESS = Model("kelvin_voigt", (EFFECTS["stiffness"](), EFFECTS["damping"]()))
 def searched(data, *effects, base=SWING):
     """A search of a channel that knows these effects."""
     good = np.ones(len(data), dtype=np.bool_)
-    return search_of(data, base, good, tuple(EFFECTS[name]() for name in effects), np.random.default_rng(0))
+    return prepare_search(
+        data, base, good, tuple(EFFECTS[name]() for name in effects), np.random.default_rng(0)
+    )
 
 
 def reached(search, *names):
     """The model that a search comes to with these effects, in this order."""
     end = search.start
     for name in names:
-        (one,) = (one for one in search.screened(end) if one.effect.name == name)
+        (one,) = (one for one in search.screen(end) if one.effect.name == name)
         end = search.with_candidate(one)
     return end

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
-from estimation.fit.readings import derived
+from estimation.fit.measurement_model import channel_derivative
 
 NOISE_NM, INERTIA, WEIGHT, DAMPING = 0.02, 0.05, 2.0, 0.15
 
@@ -42,7 +42,7 @@ def read(data, *, step=0.0, noise=0.0, acceleration=True, seed=0):
 
 def smoothed(data, half):
     """The channel with derivatives that were made from its positions by one window."""
-    velocity, acceleration = (derived(data, data.position, half, order) for order in (1, 2))
+    velocity, acceleration = (channel_derivative(data, data.position, half, order) for order in (1, 2))
     return replace(data, velocity=velocity, acceleration=acceleration)
 
 

@@ -8,7 +8,7 @@ import pytest
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
 from estimation.signals.blocks import places
-from estimation.signals.remembered import of_arrays
+from estimation.signals.cache_by_array import of_arrays
 from robot_io.errors import InputError
 from tests.estimation.swings import swings
 

@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 
 from estimation.signals.blocks import blocks, in_order_of_time
 from estimation.signals.bouc_wen import bouc_wen
-from estimation.signals.fading import low_pass, relax, springpot
+from estimation.signals.exponential_memory import low_pass, relax, springpot
 from estimation.signals.runwise import direction, play, rate, running_max, shift, steadied
 
 TIME = np.arange(1000) * 0.01

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from estimation.diagnosis.candidates import library
+from estimation.diagnosis.candidates import effect_library
 from palpate.outcome import write_outcome
 from palpate.render import figures
 from palpate.render.build import equation_of
@@ -113,7 +113,7 @@ def test_equations_are_typeset():
 def test_every_effect_can_be_written_out(result):
     base = result.stages[0].fitted.model
     names = {effect.name for effect in base.effects}
-    for effect in library():
+    for effect in effect_library():
         if effect.name not in names:
             lines = equation_of(base.with_effect(effect)).splitlines()
             assert lines[0].startswith("F = k x + c v")

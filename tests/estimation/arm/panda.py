@@ -69,11 +69,11 @@ def other_bodies(rng, urdf, spread=0.2):
     return inertial_of(factor @ change @ factor.transpose(0, 2, 1))
 
 
-def coloured_noise(rng, run, joints, colour=0.7):
+def coloured_noise(rng, run, joints, noise_model=0.7):
     """AR(1) of standard deviation 1 that begins anew with each run, shape (n, joints)."""
     parts = []
     for number in np.unique(run):
         count = np.count_nonzero(run == number)
-        white = rng.normal(size=(count + 100, joints)) * np.sqrt(1 - colour**2)
-        parts.append(lfilter([1.0], [1.0, -colour], white, axis=0)[100:])
+        white = rng.normal(size=(count + 100, joints)) * np.sqrt(1 - noise_model**2)
+        parts.append(lfilter([1.0], [1.0, -noise_model], white, axis=0)[100:])
     return np.concatenate(parts)

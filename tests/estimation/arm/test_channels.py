@@ -8,7 +8,7 @@ from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data_quality import usable
 from estimation.effects import EFFECTS
-from estimation.fit.standing import stand
+from estimation.fit.fit_result import fit_model
 from estimation.models import MODELS
 from estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
@@ -47,7 +47,7 @@ def prepared(channels):
 
 
 def fits(channels, models):
-    return [stand(data, model, {}, usable(data)) for data, model in zip(channels, models, strict=True)]
+    return [fit_model(data, model, {}, usable(data)) for data, model in zip(channels, models, strict=True)]
 
 
 def test_every_joint_names_the_same_parameters():
@@ -76,7 +76,7 @@ def together(bodies):
 
 def test_all_joints_find_one_set_of_base_parameters(together):
     """Each joint's fit, with what the others say, is the fit of all: they agree on what they share."""
-    found = [fitted.trial.parameters for fitted in together]
+    found = [fitted.solution.parameters for fitted in together]
     for name in found[0]:
         if name.startswith("rigid_body_fitted."):
             values = [one[name] for one in found if name in one]
@@ -84,7 +84,7 @@ def test_all_joints_find_one_set_of_base_parameters(together):
 
 
 def test_friction_is_found_in_the_joints_that_have_it(together):
-    found = [fitted.trial.parameters["coulomb_friction.force"] for fitted in together]
+    found = [fitted.solution.parameters["coulomb_friction.force"] for fitted in together]
     np.testing.assert_allclose(found, COULOMB, atol=0.03)
 
 
@@ -105,7 +105,7 @@ def test_what_little_motion_does_not_show_stays_near_the_urdf(bodies):
         urdf = {f"rigid_body_fitted.{name}": value for name, value in known.items()}
         errors = [
             np.sqrt(np.mean((full[joint].effort - models[joint].predict(full[joint], parameters)) ** 2))
-            for parameters in (fitted.trial.parameters, {**urdf, "viscous_friction.d": 0.0})
+            for parameters in (fitted.solution.parameters, {**urdf, "viscous_friction.d": 0.0})
         ]
         assert errors[0] < 0.5 * errors[1]
 

@@ -7,7 +7,7 @@ from estimation.base_model import ModelContext
 from estimation.design import Experiment, Rivals, choose
 from estimation.design.own_motion import changed_motions
 from estimation.effects import EFFECTS
-from estimation.fit.standing import fit
+from estimation.fit.fit_result import fit_model
 from estimation.models import MODELS
 from tests.estimation.contact_data import channel
 
@@ -27,7 +27,7 @@ def pressed(depth_m, speeds, runs=4, seed=0, force=None):
 def rivals(data, *names):
     base = MODELS["kelvin_voigt"]().build(ModelContext())
     starts = {"exponential_stiffness.depth": 0.02}
-    return Rivals.of([fit(data, base.with_effect(EFFECTS[name]()), starts) for name in names])
+    return Rivals.of([fit_model(data, base.with_effect(EFFECTS[name]()), starts) for name in names])
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,9 @@ def test_data_drawn_from_the_true_law_bear_the_expected_lead_out(shallow):
     whole = channel(merged["effort"], merged["position"], merged["velocity"], both.time_s, run=both.run)
     base = MODELS["kelvin_voigt"]().build(ModelContext())
     left = [
-        fit(whole, base.with_effect(EFFECTS[n]()), {"exponential_stiffness.depth": 0.02}).trial.held_out
+        fit_model(
+            whole, base.with_effect(EFFECTS[n]()), {"exponential_stiffness.depth": 0.02}
+        ).solution.held_out
         for n in ("cubic_stiffness", "exponential_stiffness")
     ]
     really = 1.0 - np.sqrt(left[0] / left[1])

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from estimation.diagnosis.candidates import (
+    applicable_effects,
     bounds_passed,
-    candidates,
-    extended,
+    effect_library,
+    extended_models,
     is_credible,
     is_misnamed,
     is_possible,
-    library,
-    size,
-    try_all,
+    parameter_count,
+    screen_effects,
 )
 from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
-from estimation.fit.standing import fit
-from estimation.fit.trial import Trial, attempt
+from estimation.fit.fit_problem import Solution, solve_gains
+from estimation.fit.fit_result import fit_model
 from estimation.model import Model
 from tests.estimation.presses import session
 from tests.estimation.swings import read, swings
@@ -33,7 +33,7 @@ def model(*names):
 
 
 SWUNG = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + 6.0 * q)
-STOOD = fit(SWUNG, model(*BASE), {})
+STOOD = fit_model(SWUNG, model(*BASE), {})
 
 
 class Made(AdditiveEffect):
@@ -55,22 +55,24 @@ def gain(name="g", lower=0.0, upper=10.0):
 class Line:
     """A bench that fits columns by least squares, on 100 blocks of one run at 128 Hz."""
 
-    frame = SimpleNamespace(data=SimpleNamespace(time_s=np.arange(100) / 128, run=np.zeros(100, dtype=int)))
+    blocked = SimpleNamespace(data=SimpleNamespace(time_s=np.arange(100) / 128, run=np.zeros(100, dtype=int)))
 
-    def fit(self, columns, target):
+    def solve(self, columns, target):
         left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
         return SimpleNamespace(sse=np.array([left @ left]))
 
 
-def tried(effect, values, columns, noise=0.0, spread=0.0, inner=()):
+def tried(effect, values, columns, noise=0.0, standard_errors=0.0, inner=()):
     """A trial of one effect alone, with these gains, a noise that no column has, and standard errors."""
     made = Model("m", (effect,))
     wave = np.tile([1.0, -1.0], 50)
     parameters = dict(zip((*made.gains, *made.inner), (*values, *inner), strict=True))
     columns = np.column_stack(columns)
-    scores = SimpleNamespace(spread=np.full(len(values), spread), sse=np.array([noise**2 * 100]))
+    linear_fit = SimpleNamespace(
+        standard_errors=np.full(len(values), standard_errors), sse=np.array([noise**2 * 100])
+    )
     target = columns @ np.array(values) + noise * wave
-    return Trial(made, parameters, columns, target, scores)
+    return Solution(made, parameters, columns, target, linear_fit)
 
 
 LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
@@ -93,7 +95,10 @@ LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
 )
 def test_a_gain_is_within_its_bounds_but_for_its_error(value, spread, loose, possible):
     effect = Made(gain())
-    assert is_possible(effect, tried(effect, [value], [2.0 * ONES], spread=spread), Line(), loose) is possible
+    assert (
+        is_possible(effect, tried(effect, [value], [2.0 * ONES], standard_errors=spread), Line(), loose)
+        is possible
+    )
 
 
 @pytest.mark.parametrize(("value", "possible"), [(-0.9, True), (-1.1, False)])
@@ -134,8 +139,8 @@ def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_
     made = tried(
         effect, [0.1] * len(effect.gains), [ONES] * len(effect.gains), inner=[path] * len(effect.inner)
     )
-    bench = SimpleNamespace(frame=SimpleNamespace(data=data), fit=Line().fit)
-    assert is_possible(effect, made, bench) is (possible or name == "dry_friction")
+    problem = SimpleNamespace(blocked=SimpleNamespace(data=data), solve=Line().solve)
+    assert is_possible(effect, made, problem) is (possible or name == "dry_friction")
 
 
 @pytest.mark.parametrize(("share", "possible"), [(0.021, True), (0.019, False)])
@@ -153,10 +158,10 @@ def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_er
 )
 def test_a_base_gain_is_credible_within_a_twentieth_of_the_effort_beyond_its_bounds(value, credible):
     effect = Made(gain())
-    trial = tried(effect, [value], [ONES])
-    trial = replace(trial, target=np.tile([1.0, -1.0], 50))
-    assert is_credible(effect, trial) is credible
-    assert is_credible(EFFECTS["lag"](), trial)
+    solution = tried(effect, [value], [ONES])
+    solution = replace(solution, target=np.tile([1.0, -1.0], 50))
+    assert is_credible(effect, solution) is credible
+    assert is_credible(EFFECTS["lag"](), solution)
 
 
 @pytest.mark.parametrize(("value", "bounds"), [(-1.0, {"made.g": 0.0}), (11.0, {"made.g": 10.0}), (10.0, {})])
@@ -174,11 +179,11 @@ def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves
             return True
 
     effect = Judge(gain())
-    found = tried(effect, [5.0], [ONES], noise=0.5, spread=0.25)
+    found = tried(effect, [5.0], [ONES], noise=0.5, standard_errors=0.25)
     moved = Model("m", (effect, EFFECTS["contact_offset"]()))
     found = replace(found, model=moved, parameters={**found.parameters, "contact_offset.offset": 2e-3})
     data = session(1)
-    assert is_misnamed(effect, found, SimpleNamespace(frame=SimpleNamespace(data=data)))
+    assert is_misnamed(effect, found, SimpleNamespace(blocked=SimpleNamespace(data=data)))
     assert seen["data"].position == pytest.approx(data.position - 2e-3)
     assert (seen["errors"], seen["noise"]) == ({"made.g": 0.25}, pytest.approx(0.5))
 
@@ -197,24 +202,24 @@ def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves
 def test_what_is_tried_fits_the_channel_and_what_the_model_has(data, base, tried, not_tried):
     kinds = {"joint": swings(1, runs=2), "press": session(1)}
     made = kinds.get(data) or replace(kinds["joint"], kind="prismatic")
-    names = {effect.name for effect in candidates(made, model(*base), library())}
+    names = {effect.name for effect in applicable_effects(made, model(*base), effect_library())}
     assert tried <= names
     assert not names & not_tried
 
 
 def test_a_sensor_s_fault_may_lie_before_another_and_each_form_is_tried():
     lag, delay, bias = (EFFECTS[name]() for name in ("lag", "delay", "bias"))
-    orders = [[e.name for e in one.effects] for one in extended(Model("m", (bias, lag)), delay)]
+    orders = [[e.name for e in one.effects] for one in extended_models(Model("m", (bias, lag)), delay)]
     assert orders == [["bias", "lag", "delay"], ["delay", "bias", "lag"]]
-    assert len(extended(Model("m", (bias,)), delay)) == 1
-    assert len(extended(Model("m", (lag,)), bias)) == 1
+    assert len(extended_models(Model("m", (bias,)), delay)) == 1
+    assert len(extended_models(Model("m", (lag,)), bias)) == 1
     forms = EFFECTS["dry_friction"]().forms()
-    assert [one.effects[-1].form for one in extended(Model("m", (bias,)), forms[0])] == [0, 1]
+    assert [one.effects[-1].form for one in extended_models(Model("m", (bias,)), forms[0])] == [0, 1]
 
 
 @pytest.mark.parametrize(("name", "count"), [("bias", 1), ("coulomb_friction", 2), ("lag", 1)])
 def test_the_size_of_an_effect_is_how_many_parameters_it_has(name, count):
-    assert size(EFFECTS[name]()) == count
+    assert parameter_count(EFFECTS[name]()) == count
 
 
 NAMES = ("bias", "coulomb_friction", "joint_spring", "torque_ripple")
@@ -223,7 +228,7 @@ NAMES = ("bias", "coulomb_friction", "joint_spring", "torque_ripple")
 @pytest.fixture(scope="module")
 def ranked():
     told = []
-    found = try_all(STOOD, [EFFECTS[name]() for name in NAMES], lambda *what: told.append(what))
+    found = screen_effects(STOOD, [EFFECTS[name]() for name in NAMES], lambda *what: told.append(what))
     return found, told
 
 
@@ -253,20 +258,20 @@ def test_candidates_come_by_what_they_leave_in_held_out_runs(ranked):
 )
 def test_in_between_are_tried_the_best_and_what_comes_near_them(refined, ripple_nm, names):
     data = swings(2, lambda q, v, a: 0.3 * np.tanh(v / 0.02) + ripple_nm * np.sin(15.0 * q), seconds=1.5)
-    stood = fit(data, model(*BASE), {})
+    stood = fit_model(data, model(*BASE), {})
     effects = [EFFECTS[name]() for name in ("torque_ripple", "coulomb_friction")]
-    found = {one.effect.name: one.search for one in try_all(stood, effects, refined=refined)}
-    assert {name for name, one in found.items() if len(one.trials) > one.start_count} == names
+    found = {one.effect.name: one.search for one in screen_effects(stood, effects, refined=refined)}
+    assert {name for name, one in found.items() if len(one.solutions) > one.start_count} == names
     for effect in effects:
         assert found[effect.name].start_count == len(effect.starts(data))
 
 
 def test_effects_are_tried_where_one_says():
-    (found,) = try_all(
+    (found,) = screen_effects(
         STOOD, [EFFECTS["coulomb_friction"]()], starts=lambda effect: [{"transition": 0.3}], refined=0
     )
-    assert [one.parameters["coulomb_friction.transition"] for one in found.search.trials] == [0.3]
-    assert try_all(STOOD, []) == []
+    assert [one.parameters["coulomb_friction.transition"] for one in found.search.solutions] == [0.3]
+    assert screen_effects(STOOD, []) == []
 
 
 def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
@@ -275,7 +280,9 @@ def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
     data = replace(
         data, effort=data.effort + 0.8 * (data.position > 0) * (data.position * 800 + 15 * data.velocity > 0)
     )
-    stood = fit(data, model("stiffness", "damping", "contact_offset"), {})
-    off = replace(stood, trial=attempt(stood.plain, stood.trial.model, {"contact_offset.offset": -0.002}))
-    (found,) = try_all(off, [EFFECTS["bias"]()], refined=0)
+    stood = fit_model(data, model("stiffness", "damping", "contact_offset"), {})
+    off = replace(
+        stood, solution=solve_gains(stood.problem, stood.solution.model, {"contact_offset.offset": -0.002})
+    )
+    (found,) = screen_effects(off, [EFFECTS["bias"]()], refined=0)
     assert found.search.best.parameters["contact_offset.offset"] == 0.0

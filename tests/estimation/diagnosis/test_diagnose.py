@@ -42,7 +42,7 @@ def model_of(data):
     return PRESS if data.name == "contact" else SWING
 
 
-def answer(data, *names, seed=1):
+def decide_verdict(data, *names, seed=1):
     """Diagnosis with some effects, or all."""
     effects = [EFFECTS[name]() for name in names] or None
     return diagnose(data, model_of(data), effects, rng=np.random.default_rng(seed)).channels[0]
@@ -74,9 +74,9 @@ def with_a_gap(q, v, a, gap=0.12, runs=5):
     """A link that rests while the motor crosses the gap, with 0.3 of the inertia and 0.8 of the friction."""
     link = np.empty((runs, len(q) // runs))
     for number, angles in enumerate(q.reshape(runs, -1)):
-        place = angles[0]
+        sequential_test = angles[0]
         for i, motor in enumerate(angles):
-            place = link[number, i] = min(max(place, motor - gap / 2), motor + gap / 2)
+            sequential_test = link[number, i] = min(max(sequential_test, motor - gap / 2), motor + gap / 2)
     rests = (np.diff(link, axis=1, prepend=np.nan) == 0.0).ravel()
     return WEIGHT * (np.sin(link.ravel()) - np.sin(q)) - rests * (0.7 * INERTIA * a + 0.2 * DAMPING * v)
 
@@ -115,7 +115,7 @@ HIDDEN = {
 def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
     made, expected, (effect, parameter, truth, off) = HIDDEN[name]
     data = made()
-    found = answer(data, *(() if name in ALL else SOME[data.name]))
+    found = decide_verdict(data, *(() if name in ALL else SOME[data.name]))
     assert found.verdict is Verdict.MISSING
     assert named(found) == expected
     assert found.complete
@@ -126,7 +126,7 @@ def test_what_is_hidden_is_named_with_its_size_and_nothing_else(name):
 
 
 def test_a_gap_is_found_with_what_the_motor_keeps_of_inertia_and_friction():
-    found = answer(swings(5, with_a_gap), *SOME["joint_1"])
+    found = decide_verdict(swings(5, with_a_gap), *SOME["joint_1"])
     assert named(found) == {"backlash"}
     (entry,) = found.accepted
     for name, truth in (("gap", 0.12), ("motor_inertia", 0.3), ("motor_friction", 0.8)):
@@ -146,7 +146,7 @@ NOTHING = {
 @pytest.mark.parametrize("name", NOTHING)
 def test_where_nothing_is_hidden_nothing_is_missing(name):
     data = NOTHING[name]()
-    found = answer(data, *(() if name in ALL else SOME[data.name]))
+    found = decide_verdict(data, *(() if name in ALL else SOME[data.name]))
     assert (found.verdict, named(found), found.complete) == (Verdict.ADEQUATE, set(), True)
     assert found.final.rmse == pytest.approx(found.baseline.rmse)
     assert found.remaining.depends_on == found.depends_on == []
@@ -163,7 +163,7 @@ UNKNOWN = {
 def test_what_the_library_lacks_gets_no_name(name):
     made, lacking = UNKNOWN[name]
     data = made()
-    found = answer(data, *(effect for effect in SOME[data.name] if effect != lacking))
+    found = decide_verdict(data, *(effect for effect in SOME[data.name] if effect != lacking))
     assert (found.verdict, named(found), found.complete) == (Verdict.UNEXPLAINED, set(), False)
     assert found.remaining.times_floor > 1.5
     assert found.depends_on
@@ -191,19 +191,21 @@ IMPOSTORS = [
 @pytest.mark.parametrize(("made", "right", "wrong"), IMPOSTORS)
 def test_an_effect_is_not_called_by_another_s_name(made, right, wrong):
     data = made()
-    assert named(answer(data, wrong)) == set()
-    assert named(answer(data, right, wrong)) == {right}
+    assert named(decide_verdict(data, wrong)) == set()
+    assert named(decide_verdict(data, right, wrong)) == {right}
 
 
 def test_data_without_noise_is_judged_to_its_last_digits():
     data = pressed(5)
     force = kelvin_voigt(data.position, data.velocity)
     exact = replace(data, effort=np.round(force, 6))
-    found = answer(exact, "cubic_stiffness", "layered_stiffness", "bias")
+    found = decide_verdict(exact, "cubic_stiffness", "layered_stiffness", "bias")
     assert found.verdict is Verdict.ADEQUATE
     assert found.final.parameters["stiffness.k"].value == pytest.approx(K, rel=1e-5)
     small = 1e2 * np.maximum(data.position, 0.0) ** 3
-    other = answer(replace(exact, effort=force + small), "cubic_stiffness", "layered_stiffness", "bias")
+    other = decide_verdict(
+        replace(exact, effort=force + small), "cubic_stiffness", "layered_stiffness", "bias"
+    )
     assert named(other) == {"cubic_stiffness"}
 
 
@@ -217,7 +219,7 @@ def warm(data, per_kelvin):
 
 
 def test_an_error_that_depends_on_what_was_recorded_says_so():
-    found = answer(warm(pressed(11), 0.01), *SOME["contact"])
+    found = decide_verdict(warm(pressed(11), 0.01), *SOME["contact"])
     assert found.verdict is Verdict.UNEXPLAINED
     assert found.depends_on[0] == "temperature"
     assert "different values of temperature" in found.next_experiment.instruction

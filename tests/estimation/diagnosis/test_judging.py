@@ -7,7 +7,6 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from estimation.diagnosis.answer import insufficient
 from estimation.diagnosis.diagnose import (
     _below_a_step,
     _Completeness,
@@ -16,6 +15,7 @@ from estimation.diagnosis.diagnose import (
     diagnose_channel,
 )
 from estimation.diagnosis.result import Verdict
+from estimation.diagnosis.verdict import insufficient_diagnosis
 from estimation.effects import EFFECTS
 from estimation.model import Model
 from tests.estimation.searches import SWING
@@ -62,20 +62,20 @@ def test_a_handful_of_readings_says_nothing_below_their_distance(levels, rmse, s
 def test_a_model_is_complete_where_it_leaves_no_more_than_draws_from_it(
     exact, outdone, rmse, steps, unusual, complete, drawn, monkeypatch
 ):
-    standing = Mock(is_exact=exact, rmse=rmse, **{"floor.return_value": 1.0, "flexible.explained": 0.9})
-    standing.plain.kept = np.ones(10)
+    fit = Mock(is_exact=exact, rmse=rmse, **{"floor.return_value": 1.0, "flexible.explained": 0.9})
+    fit.problem.used = np.ones(10)
     asked = []
-    monkeypatch.setattr(module, "of_steps", lambda *_: steps)
-    monkeypatch.setattr(module, "standards", lambda *_: SimpleNamespace(is_outdone=outdone))
-    unlike = SimpleNamespace(is_unusual=unusual)
-    monkeypatch.setattr(module, "still_explained", lambda *_: asked.append(1) or unlike)
-    monkeypatch.setattr(module, "objection_to", lambda *_, complete: asked.append(complete) or "why")
+    monkeypatch.setattr(module, "encoder_step_error", lambda *_: steps)
+    monkeypatch.setattr(module, "acceptance_criteria", lambda *_: SimpleNamespace(is_outperformed=outdone))
+    unlike = SimpleNamespace(is_significant=unusual)
+    monkeypatch.setattr(module, "lack_of_fit_test", lambda *_: asked.append(1) or unlike)
+    monkeypatch.setattr(module, "check_residuals", lambda *_, complete: asked.append(complete) or "why")
     judge = _Completeness(SimpleNamespace(data=swings(1, runs=2), start=None, rng=None))
-    assert judge.leaves_noise(standing) is judge.leaves_noise(standing) is complete
+    assert judge.leaves_noise(fit) is judge.leaves_noise(fit) is complete
     assert asked == [1] * drawn  # each model is judged once
-    assert judge.objection(standing) == judge.objection(standing) == (None if exact else "why")
+    assert judge.objection(fit) == judge.objection(fit) == (None if exact else "why")
     assert asked[drawn:] == ([] if exact else [complete])
-    assert judge.in_every_respect(standing) is (complete and exact)
+    assert judge.in_every_respect(fit) is (complete and exact)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +94,13 @@ def test_where_the_model_that_leaves_least_is_not_established_the_best_effects_a
     looked = []
     tried = SimpleNamespace(start="base", extensions=lambda start, count: ["a", "b", "c", "d"][:count])
 
-    def established(tried, one, readings, *, complete):
+    def established(tried, one, measurement, *, complete):
         looked.append(one)
         return stands.get(one, "base")
 
-    monkeypatch.setattr(module, "established", established)
-    monkeypatch.setattr(module, "simplest", lambda tried, end, *_: f"{end} simplest")
-    judge = SimpleNamespace(readings=None, in_every_respect=lambda one: True)
+    monkeypatch.setattr(module, "accept_effects", established)
+    monkeypatch.setattr(module, "most_parsimonious", lambda tried, end, *_: f"{end} simplest")
+    judge = SimpleNamespace(measurement=None, in_every_respect=lambda one: True)
     assert _established(tried, found, judge) == expected
     assert "d" not in looked
 
@@ -133,7 +133,7 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
 
     class Judge:
         def __init__(self, search):
-            self.readings = "readings"
+            self.measurement = "readings"
 
         def objection(self, one):
             return "objection" if one in objected else None
@@ -147,14 +147,14 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
 
     stubs = {
         "reject_reason": lambda data, model: given.get("refused"),
-        "search_of": lambda *_: SimpleNamespace(start=base),
+        "prepare_search": lambda *_: SimpleNamespace(start=base),
         "_Completeness": Judge,
-        "search": searching,
-        "vary": lambda tried, one: given.get("varied", one),
+        "select_effects": searching,
+        "add_run_variation": lambda tried, one: given.get("varied", one),
         "_established": lambda tried, one, judge: one,
         "_below_a_step": lambda _: given.get("step"),
-        "answer": lambda one: (one.end, one.complete, one.objection),
-        "insufficient": lambda data, reason: reason,
+        "decide_verdict": lambda one: (one.end, one.complete, one.objection),
+        "insufficient_diagnosis": lambda data, reason: reason,
     }
     for what, stub in stubs.items():
         monkeypatch.setattr(module, what, stub)
@@ -166,7 +166,7 @@ def told_its_draw(monkeypatch):
     """A diagnosis that says the first number that it draws, and the model's first effect."""
 
     def say(data, model, effects, rng, progress=None):
-        return insufficient(data, f"{rng.random()} {model.effects[0].name} {len(effects)}")
+        return insufficient_diagnosis(data, f"{rng.random()} {model.effects[0].name} {len(effects)}")
 
     monkeypatch.setattr(module, "diagnose_channel", say)
 

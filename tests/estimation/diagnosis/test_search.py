@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from estimation.data.derivatives import differentiate
-from estimation.diagnosis import established
+from estimation.diagnosis import acceptance
+from estimation.diagnosis.acceptance import AcceptanceCriteria, indistinguishable_models, most_parsimonious
+from estimation.diagnosis.bootstrap import BootstrapTest
 from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.doubt import Placed
-from estimation.diagnosis.established import Standards, rivals, simplest
-from estimation.diagnosis.search import _key, _some_runs, looked_back
+from estimation.diagnosis.search import _key, _some_runs, backward_step
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
-from estimation.fit.inner_search import Attempts
-from estimation.fit.readings import readings_of
-from estimation.fit.standing import fit
-from estimation.fit.trial import attempt
+from estimation.fit.fit_problem import solve_gains
+from estimation.fit.fit_result import fit_model
+from estimation.fit.inner_search import GridSearch
+from estimation.fit.measurement_model import identify_measurement_model
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
@@ -36,11 +36,11 @@ def test_a_candidate_is_judged_as_if_the_parameters_of_the_others_followed(cycle
     ripple, friction = EFFECTS["torque_ripple"](), EFFECTS["coulomb_friction"]()
     model = Model("pendulum", (*BASE, ripple, friction))
     inner = {"torque_ripple.cycles": cycles, "coulomb_friction.transition": 0.01}
-    whole = fit(swings(1, rippling), model, {**inner, "torque_ripple.cycles": 15.0})
-    off = attempt(whole.plain, model, inner)
-    followed = Candidate(friction, Attempts((off,), 1)).followed(whole.plain)
-    assert off.held_out > 1.5 * whole.trial.held_out
-    assert followed == pytest.approx(whole.trial.held_out, rel=0.1)
+    whole = fit_model(swings(1, rippling), model, {**inner, "torque_ripple.cycles": 15.0})
+    off = solve_gains(whole.problem, model, inner)
+    followed = Candidate(friction, GridSearch((off,), 1)).followed(whole.problem)
+    assert off.held_out > 1.5 * whole.solution.held_out
+    assert followed == pytest.approx(whole.solution.held_out, rel=0.1)
 
 
 @pytest.mark.parametrize(("backward", "expected"), [(0.3, "coulomb_friction"), (0.15, "asymmetric_friction")])
@@ -51,20 +51,24 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     """Friction fitted as asymmetric; it is, or is the same both ways."""
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, backward) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
-    tried = {one.effect.name: one for one in search.screened(search.start)}
+    tried = {one.effect.name: one for one in search.screen(search.start)}
     end = search.with_candidate(tried["asymmetric_friction"])
-    found = simplest(search, end, readings_of(data), lambda one: is_as_complete or one is end)
-    assert search.added(found) == [expected if is_as_complete else "asymmetric_friction"]
+    found = most_parsimonious(
+        search, end, identify_measurement_model(data), lambda one: is_as_complete or one is end
+    )
+    assert search.added_effects(found) == [expected if is_as_complete else "asymmetric_friction"]
 
 
 def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_nothing(monkeypatch):
     """As where they come from a hundred slow samples."""
-    monkeypatch.setattr(established, "gained", lambda *args: Placed(0.0, np.ones(2)))
+    monkeypatch.setattr(acceptance, "improvement_test", lambda *args: BootstrapTest(0.0, np.ones(2)))
     data = swings(1, lambda q, v, a: np.where(v > 0.0, 0.3, 0.15) * np.tanh(v / 0.01))
     search = searched(data, "coulomb_friction", "asymmetric_friction")
-    (tried,) = (one for one in search.screened(search.start) if one.effect.name == "asymmetric_friction")
-    found = simplest(search, search.with_candidate(tried), readings_of(data), lambda one: True)
-    assert search.added(found) == ["asymmetric_friction"]
+    (tried,) = (one for one in search.screen(search.start) if one.effect.name == "asymmetric_friction")
+    found = most_parsimonious(
+        search, search.with_candidate(tried), identify_measurement_model(data), lambda one: True
+    )
+    assert search.added_effects(found) == ["asymmetric_friction"]
 
 
 @pytest.mark.parametrize(
@@ -77,33 +81,38 @@ def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_noth
 def test_asymmetric_friction_must_do_more_than_coulomb_friction_and_a_bias(uneven, expected):
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + uneven(v))
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias")
-    (alone,) = (one for one in search.screened(search.start) if one.effect.name == "asymmetric_friction")
-    end = looked_back(search, search.with_candidate(alone))
-    assert set(search.added(end)) == expected
+    (alone,) = (one for one in search.screen(search.start) if one.effect.name == "asymmetric_friction")
+    end = backward_step(search, search.with_candidate(alone))
+    assert set(search.added_effects(end)) == expected
     if "bias" in expected:
-        readings = readings_of(data)
-        assert all("asymmetric_friction" in rivals(search, end, name, readings) for name in expected)
+        measurement = identify_measurement_model(data)
+        assert all(
+            "asymmetric_friction" in indistinguishable_models(search, end, name, measurement)
+            for name in expected
+        )
 
 
 def test_a_part_may_belong_to_the_base_model():
     data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01) + 0.1)
     base = SWING.with_effect(EFFECTS["bias"]())
     search = searched(data, "coulomb_friction", "asymmetric_friction", "bias", base=base)
-    by_name = {one.effect.name: one for one in search.screened(search.start)}
-    end = looked_back(search, search.with_candidate(by_name["asymmetric_friction"]))
-    assert search.added(end) == ["coulomb_friction"]
-    assert list(rivals(search, end, "coulomb_friction", readings_of(data))) == ["asymmetric_friction"]
+    by_name = {one.effect.name: one for one in search.screen(search.start)}
+    end = backward_step(search, search.with_candidate(by_name["asymmetric_friction"]))
+    assert search.added_effects(end) == ["coulomb_friction"]
+    assert list(
+        indistinguishable_models(search, end, "coulomb_friction", identify_measurement_model(data))
+    ) == ["asymmetric_friction"]
 
 
 def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     """A joint's spring, preloaded, beside a bias that changes by a little over the range."""
     data = swings(1, lambda q, v, a: 0.5 + 0.06 * q)
     search = searched(data, "bias", "joint_spring")
-    by_name = {one.effect.name: search.with_candidate(one) for one in search.screened(search.start)}
+    by_name = {one.effect.name: search.with_candidate(one) for one in search.screen(search.start)}
     bias, spring = by_name["bias"], by_name["joint_spring"]
-    assert 0.91 < spring.trial.held_out / bias.trial.held_out < 0.97
-    assert search.added(looked_back(search, bias)) == ["bias"]
-    assert search.added(looked_back(search, spring)) == ["bias"]
+    assert 0.91 < spring.solution.held_out / bias.solution.held_out < 0.97
+    assert search.added_effects(backward_step(search, bias)) == ["bias"]
+    assert search.added_effects(backward_step(search, spring)) == ["bias"]
 
 
 @pytest.mark.parametrize(
@@ -125,8 +134,8 @@ def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
 def test_names_stand_where_they_do_as_well_as_a_law_without_one(
     base, named, nameless, both, outdone, most, met
 ):
-    held = Standards(base, named, nameless, both)
-    assert (held.is_outdone, held.explains_most, held.is_met) == (outdone, most, met)
+    held = AcceptanceCriteria(base, named, nameless, both)
+    assert (held.is_outperformed, held.explains_most, held.is_satisfied) == (outdone, most, met)
 
 
 @pytest.mark.parametrize("pulls", [True, False])
@@ -139,9 +148,9 @@ def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it
 
     base = Model("kelvin_voigt", tuple(EFFECTS[name]() for name in ("stiffness", "damping")))
     search = searched(session(1, law), "dry_friction", base=base)
-    (tried,) = search.screened(search.start)
+    (tried,) = search.screen(search.start)
     end = search.with_candidate(tried)
-    (friction,) = (one for one in end.trial.model.effects if one.name == "dry_friction")
+    (friction,) = (one for one in end.solution.model.effects if one.name == "dry_friction")
     assert friction.one_sided is not pulls
     assert end.rmse < 1.1 * NOISE_N
 
@@ -156,8 +165,8 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     made = differentiate(true.time_s, position, true.run, 3)
     data = replace(true, position=position, velocity=made.velocity, acceleration=made.acceleration)
     search = searched(data, "joint_elasticity")
-    (tried,) = search.screened(search.start)
-    found = search.with_candidate(tried).trial.parameters["joint_elasticity.compliance"]
+    (tried,) = search.screen(search.start)
+    found = search.with_candidate(tried).solution.parameters["joint_elasticity.compliance"]
     assert found == pytest.approx(compliance, rel=0.06)
 
 
@@ -181,8 +190,10 @@ def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
 def left(*effects, held_out=1.0, rmse=1.0, by_fold=(0.0,)):
     """What a search looks at of a model that leaves so much."""
     model = Model("pendulum", (*BASE, *(EFFECTS[name]() for name in effects)))
-    scores = SimpleNamespace(held_out=np.array(by_fold))
-    return SimpleNamespace(trial=SimpleNamespace(model=model, held_out=held_out, scores=scores), rmse=rmse)
+    linear_fit = SimpleNamespace(held_out=np.array(by_fold))
+    return SimpleNamespace(
+        solution=SimpleNamespace(model=model, held_out=held_out, linear_fit=linear_fit), rmse=rmse
+    )
 
 
 COULOMB, RIPPLE = "coulomb_friction", "torque_ripple"  # two parameters, and three
@@ -210,7 +221,7 @@ def test_of_those_as_good_as_the_best_the_smallest_come_first():
     search = searched(swings(1, runs=2))
     made = [left(RIPPLE, held_out=99.0), left(held_out=103.0), left(COULOMB, held_out=100.9)]
     made += [left(held_out=101.1), left(COULOMB, held_out=100.5)]
-    order = [one.trial.held_out for one in search.ordered(made)]
+    order = [one.solution.held_out for one in search.ordered(made)]
     assert order == [100.5, 100.9, 99.0, 101.1, 103.0]
     assert search.ordered([]) == []
 
@@ -248,8 +259,8 @@ def test_models_are_the_same_in_any_order_but_of_their_sensors():
 def test_a_sketch_has_twelve_runs_of_four_thousand_blocks_weak_and_strong_ones_alike(runs, blocks, chosen):
     run = np.repeat(np.arange(runs), blocks)
     effort = np.tile(np.linspace(0.0, 1.0, blocks), runs) * (run + 1)
-    frame = type("Blocks", (), {"run": run, "effort": effort, "__len__": lambda self: len(self.run)})()
-    found = np.unique(run[_some_runs(frame)])
+    blocked = type("Blocks", (), {"run": run, "effort": effort, "__len__": lambda self: len(self.run)})()
+    found = np.unique(run[_some_runs(blocked)])
     assert len(found) == chosen
     assert np.ptp(np.diff(found)) == 0
 
@@ -278,8 +289,8 @@ def test_an_effect_whose_size_may_be_nothing_is_not_established(monkeypatch, gap
         one("motor_inertia", 0.4, 0.01),
         one("motor_friction", 0.4, 0.01),
     ]
-    monkeypatch.setattr(established, "values", lambda *_: {each.name: each for each in known})
-    assert established._may_be_nothing(search.start, end, "backlash") is may_be
+    monkeypatch.setattr(acceptance, "estimate_parameters", lambda *_: {each.name: each for each in known})
+    assert acceptance._may_be_nothing(search.start, end, "backlash") is may_be
 
 
 @pytest.mark.parametrize(
@@ -298,7 +309,7 @@ def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, e
     effort = step * np.round(effort / step) if step else effort
     whole = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=end)
     search = SimpleNamespace(without=lambda *_: SimpleNamespace(rmse=without))
-    assert established._is_below_a_step(search, whole, name) is below
+    assert acceptance._is_below_a_step(search, whole, name) is below
 
 
 def driven(q, v, a):
@@ -308,15 +319,17 @@ def driven(q, v, a):
 
 def test_a_base_gain_that_an_added_effect_turns_beyond_its_bounds_is_held_at_the_bound():
     search = searched(swings(1, driven), "quadratic_friction", "coulomb_friction")
-    assert search.start.trial.parameters["viscous_friction.d"] > 0.5
+    assert search.start.solution.parameters["viscous_friction.d"] > 0.5
     end = search.fitted(SWING.with_effect(EFFECTS["quadratic_friction"]()), {})
-    assert end.trial.parameters["viscous_friction.d"] == 0.0
-    assert end.trial.model.held == {"viscous_friction.d": 0.0}
-    assert end.trial.spread["viscous_friction.d"] == 0.0
+    assert end.solution.parameters["viscous_friction.d"] == 0.0
+    assert end.solution.model.held == {"viscous_friction.d": 0.0}
+    assert end.solution.standard_errors["viscous_friction.d"] == 0.0
     assert search.is_sensible(end)
-    more = search.fitted(end.trial.model.with_effect(EFFECTS["coulomb_friction"]()), end.trial.parameters)
-    assert more.trial.parameters["viscous_friction.d"] == 0.0
-    assert search.start.trial.model.held == {}
+    more = search.fitted(
+        end.solution.model.with_effect(EFFECTS["coulomb_friction"]()), end.solution.parameters
+    )
+    assert more.solution.parameters["viscous_friction.d"] == 0.0
+    assert search.start.solution.model.held == {}
 
 
 def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
@@ -324,15 +337,15 @@ def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
     ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
     poor = search.fitted(ripple, {"torque_ripple.cycles": 40.0})
     assert search.fitted(ripple, {"torque_ripple.cycles": 15.0}) is poor
-    beside = search.screened(poor)
-    assert search.screened(poor) is beside
-    assert search.instead(poor, "torque_ripple") is search.instead(poor, "torque_ripple")
+    beside = search.screen(poor)
+    assert search.screen(poor) is beside
+    assert search.alternatives(poor, "torque_ripple") is search.alternatives(poor, "torque_ripple")
     good = search.refitted(ripple, {"torque_ripple.cycles": 15.0})
-    assert good.trial.sse < 0.9 * poor.trial.sse
+    assert good.solution.sse < 0.9 * poor.solution.sse
     assert search.fitted(ripple, {}) is good
     assert search.refitted(ripple, {"torque_ripple.cycles": 40.0}) is good
-    assert search.screened(good) is not beside  # what was tried beside the poor one says nothing now
-    (tried,) = (one for one in search.screened(search.start) if one.effect.name == "torque_ripple")
+    assert search.screen(good) is not beside  # what was tried beside the poor one says nothing now
+    (tried,) = (one for one in search.screen(search.start) if one.effect.name == "torque_ripple")
     assert search.with_candidate(tried) is good
 
 
@@ -349,12 +362,14 @@ def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_alo
     search = searched(data, "delay", "bias", base=PRESS)
     delayed = PRESS.with_effect(EFFECTS["delay"]())
     stuck = search.fitted(delayed, {"delay.time": -0.22})
-    assert stuck.trial.parameters["delay.time"] < -0.1
-    assert search.sought_again(stuck, "delay").trial.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
-    right = fit(data, delayed.with_effect(EFFECTS["bias"]()), {"delay.time": 0.08})
+    assert stuck.solution.parameters["delay.time"] < -0.1
+    assert search.refit_effect(stuck, "delay").solution.parameters["delay.time"] == pytest.approx(
+        0.08, abs=3e-3
+    )
+    right = fit_model(data, delayed.with_effect(EFFECTS["bias"]()), {"delay.time": 0.08})
     search._fits[_key(delayed)] = stuck
     less = search.without(right, "bias")
-    assert less.trial.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
+    assert less.solution.parameters["delay.time"] == pytest.approx(0.08, abs=3e-3)
 
 
 def test_steps_that_means_over_blocks_hide_are_fitted_from_single_readings():
@@ -364,56 +379,58 @@ def test_steps_that_means_over_blocks_hide_are_fitted_from_single_readings():
     search = searched(data, "quantisation")
     stepped = SWING.with_effect(EFFECTS["quantisation"]())
     off = search.fitted(stepped, {"quantisation.step": step_nm / 3.0, "quantisation.noise": 0.01})
-    assert search.sketch is not None
-    assert abs(off.trial.parameters["quantisation.step"] - step_nm) > 0.1
-    found = search.refined(off).trial.parameters["quantisation.step"]
+    assert search.coarse is not None
+    assert abs(off.solution.parameters["quantisation.step"] - step_nm) > 0.1
+    found = search.refined(off).solution.parameters["quantisation.step"]
     assert found == pytest.approx(step_nm, rel=1e-2)
 
 
 def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
     told, data = [], swings(1, rippling)
     search = replace(searched(data, "bias", COULOMB, RIPPLE), progress=lambda *what: told.append(what))
-    left = [one.held_out for one in search.screened(search.start)]
+    left = [one.held_out for one in search.screen(search.start)]
     assert left == sorted(left)
     beside = "joint_1: beside pendulum, viscous_friction"
     assert told == [(f"{beside}: {name}", k / 3) for k, name in enumerate(("bias", COULOMB, RIPPLE))]
-    glanced = search.glanced(search.start)
+    glanced = search.quick_screen(search.start)
     assert [one.held_out for one in glanced] == sorted(one.held_out for one in glanced)
-    assert all(one.possible and len(one.search.trials) <= 5 for one in glanced)
+    assert all(one.possible and len(one.search.solutions) <= 5 for one in glanced)
 
 
 def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
     data = swings(1, rippling, rate_hz=100.0)
     search = searched(data, "bias", COULOMB, RIPPLE, "quadratic_friction")
-    assert search.sketch is None
+    assert search.coarse is None
     made = search.extensions(search.start)
-    assert [search.added(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
+    assert [search.added_effects(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
     assert len(made) == 3  # a bias lowers nothing
     assert made == search.ordered(made)
-    assert [search.added(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
-    assert len(replace(search, sketch=search).extensions(search.start, 4)) == 2
-    monkeypatch.setattr(type(search), "is_sensible", lambda self, one: self.added(one) != [RIPPLE])
-    assert search.added(search.extensions(search.start)[0]) == [COULOMB]
+    assert [search.added_effects(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
+    assert len(replace(search, coarse=search).extensions(search.start, 4)) == 2
+    monkeypatch.setattr(type(search), "is_sensible", lambda self, one: self.added_effects(one) != [RIPPLE])
+    assert search.added_effects(search.extensions(search.start)[0]) == [COULOMB]
 
 
 def test_an_effect_is_exchanged_for_another_that_does_better():
     data = swings(1, lambda q, v, a: (0.2 + 0.15 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01))
     search = searched(data, COULOMB, "stribeck_friction", "quadratic_friction")
-    (made,) = search.exchanged(reached(search, COULOMB), COULOMB)  # drag is nowhere near
-    assert search.added(made) == ["stribeck_friction"]
+    (made,) = search.substitutions(reached(search, COULOMB), COULOMB)  # drag is nowhere near
+    assert search.added_effects(made) == ["stribeck_friction"]
 
 
 def test_in_the_place_of_an_effect_the_others_are_tried_with_everything_else_as_it_is():
     search = searched(swings(1, rippling), COULOMB, RIPPLE, "joint_spring", "asymmetric_friction")
     end = reached(search, RIPPLE, COULOMB)
-    tried = {one.effect.name: one for one in search.instead(end, COULOMB)}
+    tried = {one.effect.name: one for one in search.alternatives(end, COULOMB)}
     assert COULOMB in tried
     assert RIPPLE not in tried
-    for name in end.trial.model.inner:
+    for name in end.solution.model.inner:
         if not name.startswith(COULOMB):
-            assert tried[COULOMB].search.best.parameters[name] == end.trial.parameters[name]
-    made = search.exchanged(end, COULOMB)
-    assert all(COULOMB not in search.added(one) and RIPPLE in search.added(one) for one in made)
+            assert tried[COULOMB].search.best.parameters[name] == end.solution.parameters[name]
+    made = search.substitutions(end, COULOMB)
+    assert all(
+        COULOMB not in search.added_effects(one) and RIPPLE in search.added_effects(one) for one in made
+    )
     assert made == search.ordered(made)
 
 
@@ -424,7 +441,7 @@ def test_parts_are_tried_in_the_place_of_their_whole():
         SWING.with_effect(EFFECTS["asymmetric_friction"]()), {"asymmetric_friction.transition": 0.01}
     )
     assert {COULOMB, "bias"} in [
-        set(search.added(one)) for one in search.exchanged(end, "asymmetric_friction")
+        set(search.added_effects(one)) for one in search.substitutions(end, "asymmetric_friction")
     ]
     press = EFFECTS["adhesion"]()
     assert not press.applies_to(data)
@@ -454,11 +471,11 @@ def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
     names = ("bias", "joint_spring", "payload", "delay", "lag", "saturation", COULOMB, RIPPLE)
     data = quick(rippling)
     search = searched(data, *names)
-    assert search.sketch.sketch is None
-    assert len(search.sketch.data) == len(data) // 10
-    assert searched(quick(rippling, 100.0), *names).sketch is None  # a sample is a block
-    rough = {one.effect.name: one for one in search.sketch.screened(search.sketch.start)}
-    found = {one.effect.name: one.search for one in search.screened(search.start)}
+    assert search.coarse.coarse is None
+    assert len(search.coarse.data) == len(data) // 10
+    assert searched(quick(rippling, 100.0), *names).coarse is None  # a sample is a block
+    rough = {one.effect.name: one for one in search.coarse.screen(search.coarse.start)}
+    found = {one.effect.name: one.search for one in search.screen(search.start)}
     for name in (COULOMB, RIPPLE):
         (start,) = (one.parameters for one in found[name].starts)
         best = rough[name].search.best.parameters
@@ -474,6 +491,6 @@ def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
 def test_beyond_a_shortlist_only_what_a_sketch_cannot_see_is_tried(monkeypatch):
     monkeypatch.setattr("estimation.diagnosis.search.SHORTLIST", 1)
     search = searched(quick(rippling), "bias", "joint_spring", "delay", "saturation", COULOMB, RIPPLE)
-    assert {one.effect.name for one in search.screened(search.start)} == {RIPPLE, "delay", "saturation"}
+    assert {one.effect.name for one in search.screen(search.start)} == {RIPPLE, "delay", "saturation"}
     end = search.fitted(SWING.with_effect(EFFECTS[COULOMB]()), {})
-    assert {one.effect.name for one in search.instead(end, COULOMB)} == {RIPPLE, COULOMB}
+    assert {one.effect.name for one in search.alternatives(end, COULOMB)} == {RIPPLE, COULOMB}

@@ -7,8 +7,8 @@ import pytest
 
 from estimation.effect import Parameter
 from estimation.fit import inner_search
-from estimation.fit.inner_search import Attempts, _between, _vertex, look, refine
-from estimation.fit.polish import Scale
+from estimation.fit.inner_optimization import Scale
+from estimation.fit.inner_search import GridSearch, _between, _vertex, refine_inner, search_inner
 
 
 @pytest.mark.parametrize(
@@ -48,20 +48,20 @@ def test_half_way_to_both_neighbours_and_never_beyond_the_bounds(values, best, l
 def test_a_parabola_s_lowest_point_is_looked_at(values, cost, log, expected):
     inner = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=log)
     grid = [{"width": value, "other": 3.0} for value in values]
-    trials = [SimpleNamespace(sse=cost(value)) for value in values]
-    found = _vertex(grid, trials, [0, 1, 2], 1, inner)
+    solutions = [SimpleNamespace(sse=cost(value)) for value in values]
+    found = _vertex(grid, solutions, [0, 1, 2], 1, inner)
     assert found == ([] if expected is None else [{"width": pytest.approx(expected), "other": 3.0}])
-    assert _vertex(grid, trials, [0, 1, 2], 0, inner) == []  # a parabola needs a neighbour on either side
+    assert _vertex(grid, solutions, [0, 1, 2], 0, inner) == []  # a parabola needs a neighbour on either side
 
 
 def test_each_fold_is_judged_at_the_inner_parameters_that_the_others_chose():
-    def trial(train, held_out):
-        return SimpleNamespace(sse=sum(train), scores=SimpleNamespace(train=train, held_out=held_out))
+    def solution(train, held_out):
+        return SimpleNamespace(sse=sum(train), linear_fit=SimpleNamespace(train=train, held_out=held_out))
 
-    tried = Attempts((trial([1.0, 5.0, 3.0], [10, 20, 30]), trial([2.0, 4.0, 3.5], [1, 2, 3])), 1)
+    tried = GridSearch((solution([1.0, 5.0, 3.0], [10, 20, 30]), solution([2.0, 4.0, 3.5], [1, 2, 3])), 1)
     assert tried.held_out.tolist() == [10, 2, 30]
-    assert tried.starts == tried.trials[:1]
-    assert tried.best is tried.trials[0]
+    assert tried.starts == tried.solutions[:1]
+    assert tried.best is tried.solutions[0]
 
 
 @pytest.mark.parametrize(
@@ -92,17 +92,20 @@ class Tried(SimpleNamespace):
 def searched(monkeypatch, cost, *inner, starts):
     """A search of the lowest cost: what `look` and `refine` tried."""
 
-    def attempt(bench, model, parameters, parts):
+    def attempt(problem, model, parameters, parts):
         assert parts == "parts"
         here = {name[2:]: value for name, value in parameters.items() if name.startswith("e.")}
         assert parameters["other.x"] == 5.0
         return Tried(sse=cost(**here), parameters=dict(parameters), blocks=True)
 
-    monkeypatch.setattr(inner_search, "attempt", attempt)
-    monkeypatch.setattr(inner_search, "parts_along", lambda *args: lambda there: "parts")
-    bench, effect = SimpleNamespace(frame=SimpleNamespace(data=None)), SimpleNamespace(name="e", inner=inner)
-    looked = look(bench, None, effect, {"other.x": 5.0}, starts)
-    return looked, refine(bench, None, effect, looked)
+    monkeypatch.setattr(inner_search, "solve_gains", attempt)
+    monkeypatch.setattr(inner_search, "linearise_along", lambda *args: lambda there: "parts")
+    problem, effect = (
+        SimpleNamespace(blocked=SimpleNamespace(data=None)),
+        SimpleNamespace(name="e", inner=inner),
+    )
+    looked = search_inner(problem, None, effect, {"other.x": 5.0}, starts)
+    return looked, refine_inner(problem, None, effect, looked)
 
 
 WIDTH = Parameter("width", "m", 1.0, 100.0, (2.0, 50.0), log=True)
@@ -117,12 +120,12 @@ def test_a_search_along_one_parameter_ends_at_the_lowest_cost_after_few_trials(m
         return abs(np.log(width / lowest)) ** (2.0 * sharp) * (1.0 + 0.2 * width / lowest)
 
     looked, refined = searched(monkeypatch, cost, WIDTH, starts=WIDTHS)
-    assert [one.parameters["e.width"] for one in looked.trials] == [one["width"] for one in WIDTHS]
-    assert refined.trials[:5] == tuple(refined.starts)
+    assert [one.parameters["e.width"] for one in looked.solutions] == [one["width"] for one in WIDTHS]
+    assert refined.solutions[:5] == tuple(refined.starts)
     assert refined.best.parameters["e.width"] == pytest.approx(lowest, rel=0.02 if sharp == 2.0 else 0.1)
-    assert 5 < len(refined.trials) - 5 <= 12
-    assert [one.blocks for one in refined.trials] == [one is refined.best for one in refined.trials]
-    assert not any(one.blocks for one in refined.without_blocks().trials)
+    assert 5 < len(refined.solutions) - 5 <= 12
+    assert [one.blocks for one in refined.solutions] == [one is refined.best for one in refined.solutions]
+    assert not any(one.blocks for one in refined.without_blocks().solutions)
 
 
 def test_two_parameters_are_searched_by_turns_twice(monkeypatch):
@@ -136,10 +139,10 @@ def test_two_parameters_are_searched_by_turns_twice(monkeypatch):
     best = refined.best.parameters
     assert best["e.width"] == pytest.approx(6.0, rel=0.15)
     assert best["e.shift"] == pytest.approx(2.0, abs=0.2)
-    assert refined.start_count == len(looked.trials) == 9
+    assert refined.start_count == len(looked.solutions) == 9
 
 
 def test_what_has_one_place_to_be_tried_is_not_refined(monkeypatch):
     looked, refined = searched(monkeypatch, lambda width: width, WIDTH, starts=WIDTHS[:1])
-    assert refined.trials == looked.trials
+    assert refined.solutions == looked.solutions
     assert refined.best.blocks

@@ -7,10 +7,10 @@ import pytest
 
 from estimation.effects import EFFECTS
 from estimation.fit import intervals
-from estimation.fit.acceleration_doubt import doubted
-from estimation.fit.intervals import _errors, _without_jumps, final, values
-from estimation.fit.standing import stand
-from estimation.fit.trial import attempt
+from estimation.fit.acceleration_noise import inflate_acceleration_noise
+from estimation.fit.fit_problem import solve_gains
+from estimation.fit.fit_result import fit_model
+from estimation.fit.intervals import _errors, _without_jumps, estimate_parameters, final_solution
 from estimation.model import Model
 from estimation.statistics.serial_covariance import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
@@ -66,15 +66,15 @@ def test_a_jump_is_twenty_times_what_most_slopes_are(size, kept):
 @pytest.fixture(scope="module")
 def found():
     model = replace(BASE.with_effect(EFFECTS["coulomb_friction"]()), held={"viscous_friction.d": 0.15})
-    standing = stand(
+    fit = fit_model(
         swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), model, {"coulomb_friction.transition": 0.02}
     )
-    return values(*final(standing)), standing
+    return estimate_parameters(*final_solution(fit)), fit
 
 
 def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(found):
-    known, standing = found
-    assert list(known) == [*standing.trial.model.gains, *standing.trial.model.inner]
+    known, fit = found
+    assert list(known) == [*fit.solution.model.gains, *fit.solution.model.inner]
     units = [
         known[name].unit
         for name in ("pendulum.inertia", "coulomb_friction.force", "coulomb_friction.transition")
@@ -90,24 +90,26 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
 
 
 def test_the_colour_is_taken_out_only_where_nothing_is_missing(found):
-    _, standing = found
-    bench, trial = final(standing)
-    assert bench is standing.judge
-    assert trial.parameters == pytest.approx(standing.trial.parameters, rel=0.05)
-    missing = stand(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
-    assert final(missing) == (missing.plain, missing.trial)
+    _, fit = found
+    problem, solution = final_solution(fit)
+    assert problem is fit.whitened_problem
+    assert solution.parameters == pytest.approx(fit.solution.parameters, rel=0.05)
+    missing = fit_model(swings(4, lambda q, v, a: 0.3 * np.tanh(v / 0.01)), BASE, {})
+    assert final_solution(missing) == (missing.problem, missing.solution)
 
 
 @pytest.mark.parametrize(("transition", "taken"), [(0.012, True), (0.3, False)])
 def test_the_last_word_is_said_near_where_the_model_stands(found, transition, taken, monkeypatch):
     """A fit beside a badly known colour may end elsewhere: by a twentieth of the error and more."""
-    _, standing = found
-    there = {**standing.trial.parameters, "coulomb_friction.transition": transition}
-    monkeypatch.setattr(intervals, "polish", lambda bench, trial: attempt(bench, trial.model, there))
-    bench, trial = final(standing)
-    assert (trial.parameters["coulomb_friction.transition"] == transition) is taken
-    assert bench is (standing.judge if taken else standing.plain)
-    assert (trial is standing.trial) is not taken
+    _, fit = found
+    there = {**fit.solution.parameters, "coulomb_friction.transition": transition}
+    monkeypatch.setattr(
+        intervals, "optimize_inner", lambda problem, solution: solve_gains(problem, solution.model, there)
+    )
+    problem, solution = final_solution(fit)
+    assert (solution.parameters["coulomb_friction.transition"] == transition) is taken
+    assert problem is (fit.whitened_problem if taken else fit.problem)
+    assert (solution is fit.solution) is not taken
 
 
 def accelerated(error, *, run=None, uneven=False, steps=0.0):
@@ -126,19 +128,20 @@ def accelerated(error, *, run=None, uneven=False, steps=0.0):
 def test_positions_tell_what_an_acceleration_lacks(error, how):
     """On the average over 30 ms to either side, but for the ends of runs."""
     data, exact = accelerated(error, **how)
-    told = doubted(data).acceleration
+    told = inflate_acceleration_noise(data).acceleration
     inside = np.zeros(len(data), dtype=bool)
     for run in data.runs:
         inside[np.flatnonzero(data.run == run)[20:-20]] = True
     assert told[inside] == pytest.approx(exact[inside], abs=0.03)
     assert told[[0, 1, -2, -1]] == pytest.approx(data.acceleration[[0, 1, -2, -1]])
-    assert doubted(data).position == pytest.approx(data.position)
+    assert inflate_acceleration_noise(data).position == pytest.approx(data.position)
 
 
 def test_steps_of_an_encoder_count_the_less_the_further_positions_are_compared():
     data, exact = accelerated(0.0, steps=1e-4)
     off = [
-        np.std((doubted(data, reach_s=reach).acceleration - exact)[100:-100]) for reach in (0.01, 0.03, 0.1)
+        np.std((inflate_acceleration_noise(data, reach_s=reach).acceleration - exact)[100:-100])
+        for reach in (0.01, 0.03, 0.1)
     ]
     assert off[0] > 5.0 * off[1] > 5.0 * off[2]
 
@@ -147,15 +150,15 @@ def test_steps_of_an_encoder_count_the_less_the_further_positions_are_compared()
 def test_runs_too_short_to_be_compared_are_left_as_they_are(count):
     data, _ = accelerated(0.5)
     short = data.select(np.arange(0, 50 * count, 50))
-    same = doubted(short).acceleration == short.acceleration
+    same = inflate_acceleration_noise(short).acceleration == short.acceleration
     assert same.all() == (count < 7)
 
 
 @pytest.mark.parametrize("half", [28, 40])
 def test_a_window_that_rounds_off_a_joint_s_motion_turns_no_gain(half):
     data = smoothed(swings(6), half)
-    standing = stand(data, BASE, {}, within(data, half))
-    assert standing.trial.parameters["pendulum.inertia"] > 1.04 * INERTIA
-    found = {name: one.value for name, one in values(*final(standing)).items()}
+    fit = fit_model(data, BASE, {}, within(data, half))
+    assert fit.solution.parameters["pendulum.inertia"] > 1.04 * INERTIA
+    found = {name: one.value for name, one in estimate_parameters(*final_solution(fit)).items()}
     truth = {"pendulum.inertia": INERTIA, "pendulum.gravity": WEIGHT, "viscous_friction.d": DAMPING}
     assert found == pytest.approx(truth, rel=0.02)

@@ -9,7 +9,7 @@ from estimation.effects.cubic_stiffness import CubicStiffness
 from estimation.effects.damping import Damping
 from estimation.effects.stiffness import Stiffness
 from estimation.fit import long_data
-from estimation.fit.frame import frame_of
+from estimation.fit.blocks import block_average
 from estimation.fit.long_data import shortened, within_blocks
 from estimation.model import Model
 from estimation.study import Study
@@ -99,7 +99,7 @@ def test_a_tone_above_the_new_rate_is_no_noise(recording):
 def test_neither_sample_at_a_surface_is_trusted(recording):
     short, *_ = shortened(recording)
     touches = np.flatnonzero(short.engaged[1:] != short.engaged[:-1])
-    trusted = frame_of(short).trusted
+    trusted = block_average(short).trusted
     assert len(touches) >= RUNS
     assert not trusted[touches].any()
     assert not trusted[touches + 1].any()

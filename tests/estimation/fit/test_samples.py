@@ -9,7 +9,7 @@ import pytest
 from estimation.effect import Parameter
 from estimation.effects import EFFECTS
 from estimation.estimate import Identifiability
-from estimation.fit.robust import Loss
+from estimation.fit.irls import Loss
 from estimation.fit.samples import _inside, _is_settled, fit_samples
 from estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
@@ -73,8 +73,8 @@ def test_a_search_is_settled_when_nothing_moves_by_much(stiffness, damping, expo
     model = SimpleNamespace(gains={"e.k": None, "e.c": None}, inner=inner)
     before = {"e.k": 1000.0, "e.c": 0.1, "e.n": 1.5}
     after = {"e.k": 1000.0 + stiffness, "e.c": 0.1 + damping, "e.n": 1.5 + exponent}
-    trials = (SimpleNamespace(model=model, parameters=each) for each in (before, after))
-    assert _is_settled(*trials) is settled
+    solutions = (SimpleNamespace(model=model, parameters=each) for each in (before, after))
+    assert _is_settled(*solutions) is settled
 
 
 def test_least_squares_does_not_stand_outliers():

@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.fit.standing import Standing
+from estimation.fit.fit_result import FitResult
 
 
 @pytest.mark.parametrize(("rmse", "exact"), [(0.0, True), (2e-7, True), (2.1e-7, False)])
 def test_single_precision_is_no_noise(rmse, exact):
     effort = np.array([2.0, -2.0, 2.0])
-    standing = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=rmse)
-    assert Standing.is_exact.fget(standing) is exact
+    fit = SimpleNamespace(data=SimpleNamespace(effort=effort), rmse=rmse)
+    assert FitResult.is_exact.fget(fit) is exact
 
 
 @pytest.mark.parametrize(
@@ -25,4 +25,4 @@ def test_single_precision_is_no_noise(rmse, exact):
     ],
 )
 def test_signals_are_told_by_how_much_they_explain(shares, told):
-    assert Standing.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
+    assert FitResult.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told

@@ -34,11 +34,11 @@ def test_a_held_gain_stays_and_the_others_make_up_for_it(study: Study) -> None:
 def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held(
-        "contact", ["cubic_stiffness"], {"damping.c": free.standing.trial.parameters["damping.c"]}
+        "contact", ["cubic_stiffness"], {"damping.c": free.result.solution.parameters["damping.c"]}
     )
     for name in ("stiffness.k", "cubic_stiffness.k3"):
-        assert held.standing.trial.parameters[name] == pytest.approx(
-            free.standing.trial.parameters[name], rel=1e-6
+        assert held.result.solution.parameters[name] == pytest.approx(
+            free.result.solution.parameters[name], rel=1e-6
         )
     assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
 

@@ -7,7 +7,7 @@ import pytest
 
 from control.loop.phases import Phase
 from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.candidates import library
+from estimation.diagnosis.candidates import effect_library
 from estimation.diagnosis.result import Accepted
 from estimation.study import Study
 from estimation.study.rivals import rival_effects, with_the_simplest
@@ -50,7 +50,7 @@ TWO_GROUPS = (
 
 
 def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_parts():
-    friction, constant = rival_effects(_diagnosis_of(*TWO_GROUPS), library())
+    friction, constant = rival_effects(_diagnosis_of(*TWO_GROUPS), effect_library())
     assert friction == [
         ["bias", "coulomb_friction"],
         ["bias", "presliding_friction"],

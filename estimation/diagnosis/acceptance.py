@@ -1,0 +1,307 @@
+"""Which effects of a model may be called by their names.
+
+Several effects of the library together can imitate one that is not in it. A flexible regression on all
+signals (`estimation.fit.flexible_regression`) assumes no shape and serves as the reference: effects are
+accepted where they describe held-out runs as well as it does, and leave it little to explain.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimation.data.derivatives import grid_step
+from estimation.diagnosis.bootstrap import SMALL, improvement_test
+from estimation.diagnosis.candidates import Candidate, parameter_count
+from estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
+from estimation.effect import SIGNALS, Effect
+from estimation.fit.fit_result import FitResult
+from estimation.fit.flexible_regression import fit_flexible
+from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.measurement_model import MeasurementModel
+
+AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
+MOST = 0.9  # of the squared error that can be explained at all, that names must explain
+# signals of effects by the names that a smooth law has for them
+_FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
+Complete = Callable[[FitResult], bool]
+_RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
+_SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
+_OWN = 2.0  # times the noise, that an effect's own signals may still explain, or the small share
+_SURE = float(ndtri(1.0 - 0.5 * LEVEL) / ndtri(0.975))  # times a 95 % interval: that of `LEVEL`
+_WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
+
+
+@dataclass(frozen=True)
+class AcceptanceCriteria:
+    """What a model is held against, as mean squares of the error on blocks of held-out runs."""
+
+    base: float  # of the base model
+    named: float  # of the model with effects
+    nameless: float  # of the base model and a smooth law of all signals
+    both: float  # of the model with effects and such a law
+
+    @property
+    def is_outperformed(self) -> bool:
+        """Whether a law without a name does better beside the base model than beside the names.
+
+        By less than a small share of what the names take away says nothing: no law of a real thing is exact.
+        """
+        by = self.both - self.nameless
+        return self.nameless < AS_GOOD * self.both and by > _SMALL_SHARE * (self.base - self.named)
+
+    @property
+    def explains_most(self) -> bool:
+        """Whether the names take away more of the squared error than they leave."""
+        return self.named <= 0.5 * self.base
+
+    @property
+    def is_satisfied(self) -> bool:
+        """Whether the names do as well as a law without a name, and leave it little to explain."""
+        explainable = self.base - min(self.nameless, self.both)
+        explained = self.base - self.named
+        return self.nameless >= AS_GOOD * self.named and explained >= MOST * explainable
+
+
+def acceptance_criteria(start: FitResult, end: FitResult) -> AcceptanceCriteria:
+    """How well effects and nameless laws describe runs that were held out."""
+    counts = [max(int(one.problem.used.sum()), 1) for one in (start, end)]
+    one, other = start.flexible, end.flexible
+    left = (one.before, other.before, one.held_out, other.held_out)
+    return AcceptanceCriteria(
+        *(float(held_out.sum()) / count for held_out, count in zip(left, counts * 2, strict=True))
+    )
+
+
+def accept_effects(
+    search: Search, end: FitResult, measurement: MeasurementModel, *, complete: bool
+) -> FitResult:
+    """The model with those of its effects that stand by themselves; the base model where none does.
+
+    Args:
+        search: that led to the model.
+        end: base model and effects.
+        measurement: how the motion was read.
+        complete: whether it leaves no more than draws from it do.
+    """
+    if not search.added_effects(end) or not _may_have_names(search, end, complete=complete):
+        return search.start
+    some = smallest_sufficient_model(search, end, measurement)
+    less = _without_needless(search, end, measurement, complete=complete) if some is end else some
+    if less is end or less is search.start:
+        return less
+    return accept_effects(search, backward_step(search, less), measurement, complete=complete)
+
+
+def _may_have_names(search: Search, end: FitResult, *, complete: bool) -> bool:
+    if not search.is_sensible(end):
+        return False
+    if complete:
+        return True
+    held = acceptance_criteria(search.start, end)
+    names = search.added_effects(end)
+    if held.is_outperformed or not all(_follows_its_law(search, end, name, held.both) for name in names):
+        return False
+    return held.is_satisfied or (
+        held.explains_most and all(_stands_by_itself(search, end, one) for one in names)
+    )
+
+
+def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
+    """The first part of a model from which draws gain as much by the whole; some need each other."""
+    parts = (search.start, *models_by_importance(search, end)[:-1])
+    enough = (
+        part for part in parts if not improvement_test(part, end, measurement, search.rng).is_significant
+    )
+    return next(enough, end)
+
+
+def _without_needless(
+    search: Search, end: FitResult, measurement: MeasurementModel, *, complete: bool
+) -> FitResult:
+    """A model less the effects that it does not need, the least telling first."""
+    for name in reversed(effects_by_importance(search, end)):
+        before = search.without(end, name)
+        is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
+        is_small = is_small or not (complete or _outweighs_the_rest(before, end))
+        is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(before, end, name)
+        needed = not is_nothing and search.is_needed(before, end)
+        if needed and improvement_test(before, end, measurement, search.rng, name).is_significant:
+            continue
+        if search.is_sensible(before):  # or another effect would take over what this one says
+            end = before
+    return end
+
+
+def effects_by_importance(search: Search, end: FitResult) -> list[str]:
+    """The effects of a model beside the base model's, the most telling first."""
+    path = [search.start, *models_by_importance(search, end)]
+    return [
+        name
+        for before, after in pairwise(path)
+        for name in set(search.added_effects(after)) - set(search.added_effects(before))
+    ]
+
+
+def models_by_importance(search: Search, end: FitResult) -> list[FitResult]:
+    """The models on the way from the base to the end, the most telling effect first."""
+    path = [end]
+    while search.added_effects(path[0]):
+        less = [search.without(path[0], name) for name in search.added_effects(path[0])]
+        path.insert(0, min(less, key=lambda one: one.solution.held_out))
+    return path[1:]
+
+
+def indistinguishable_models(
+    search: Search, end: FitResult, name: str, measurement: MeasurementModel
+) -> dict[str, FitResult]:
+    """Models with another effect in the place of one that the data do not refuse, by its name, best first."""
+    alone = {one.effect.name: search.with_candidate(one) for one in _rivals(search, end, name, measurement)}
+    wholes = ((whole, _with_whole(search, end, whole)) for whole in _wholes(search, end, name))
+    kept = (
+        (w, made)
+        for w, made in wholes
+        if not improvement_test(made, end, measurement, search.rng).is_significant
+    )
+    return alone | {whole.name: made for whole, made in kept}
+
+
+def _wholes(search: Search, end: FitResult, name: str) -> list[Effect]:
+    """Effects of which one is a part, and others of the model are the rest."""
+    present = {one.name for one in end.solution.model.effects}
+    known = (one for one in search.effects if name in one.parts and one.name not in present)
+    return [one for one in known if present >= set(one.parts) and one.applies_to(end.data)]
+
+
+def _with_whole(search: Search, end: FitResult, whole: Effect) -> FitResult:
+    """A model with an effect in the place of all its parts but those of the base model."""
+    for part in search.added_effects(end):
+        end = search.without(end, part) if part in whole.parts else end
+    return search.with_each(end, [whole])
+
+
+def most_parsimonious(
+    search: Search, end: FitResult, measurement: MeasurementModel, is_complete: Complete
+) -> FitResult:
+    """The model with each effect exchanged for one of fewer parameters, or of as many that leaves less.
+
+    Of laws that cannot be told apart, the simplest bears the name (W. H. Jefferys, J. O. Berger, American
+    Scientist 80 (1992)); it must leave no more than the other did.
+
+    Args:
+        search: that led to the model.
+        end: base model and effects that are established.
+        measurement: how the motion was read.
+        is_complete: whether a model leaves no more than draws from it do.
+    """
+    for name in effects_by_importance(search, end):
+        (effect,) = (one for one in end.solution.model.effects if one.name == name)
+        made = map(search.with_candidate, _rivals(search, end, name, measurement, parameter_count(effect)))
+        kept = [one for one in made if search.is_better(one, end) and is_complete(one) >= is_complete(end)]
+        end = min(kept, key=lambda one: (search.size(one), one.solution.held_out), default=end)
+    return end
+
+
+def _rivals(
+    search: Search, end: FitResult, name: str, measurement: MeasurementModel, most: float = np.inf
+) -> Iterator[Candidate]:
+    """Candidates of at most so many parameters that the data do not refuse in the place of one.
+
+    One that needs more parameters to draw the same curve (a law with one more term) is no rival: the data say
+    that the term is nothing.
+    """
+    without = search.without(end, name)
+    others = [one for one in search.alternatives(end, name) if one.effect.name != name]
+    half = 0.5 * (without.solution.held_out + end.solution.held_out)
+    for candidate in others[:_RIVALS]:
+        if parameter_count(candidate.effect) > most or candidate.followed(end.problem) > NEAR * half:
+            continue
+        theirs = search.with_candidate(candidate)
+        if not search.is_sensible(theirs):
+            continue
+        is_larger = search.size(theirs) > search.size(end) + 1  # one more may be a place or a phase
+        if theirs.solution.held_out > half or (is_larger and _is_same_curve(theirs, end, without)):
+            continue
+        if not improvement_test(theirs, end, measurement, search.rng).is_significant:
+            yield candidate
+
+
+def _is_same_curve(one: FitResult, other: FitResult, without: FitResult) -> bool:
+    """Whether two models predict the same, beside what both add to a third."""
+    here, there, before = (fit.solution.residual for fit in (one, other, without))
+    if not len(here) == len(there) == len(before):  # the contact begins elsewhere
+        return False
+    apart, added = here - there, before - there
+    return float(apart @ apart) < _WITHIN * float(added @ added)
+
+
+def _follows_its_law(search: Search, end: FitResult, name: str, noise: float) -> bool:
+    """Whether an effect leaves less in its own signals than counts beside the noise or what it takes away."""
+    small = _SMALL_SHARE * _taken_away(search, end, name)
+    return _left_of_its_own(end, name) <= max(_OWN * noise, small)
+
+
+def _stands_by_itself(search: Search, end: FitResult, name: str) -> bool:
+    """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
+
+    An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
+    is left to explain, or a law of the others explains what it did.
+    """
+    if _left_of_its_own(end, name) > (1.0 - MOST) * _taken_away(search, end, name):
+        return False
+    own = _own(end, name)
+    with_it, beside = (
+        float(fit_flexible(one.problem, one.solution, one.filters, own).held_out.sum())
+        / max(int(one.problem.used.sum()), 1)
+        for one in (end, search.without(end, name))
+    )
+    return with_it < (1.0 - SMALL) ** 2 * beside
+
+
+def _taken_away(search: Search, end: FitResult, name: str) -> float:
+    """Mean square of the error that an effect takes away."""
+    return search.without(end, name).held_out_mean_square - end.held_out_mean_square
+
+
+def _left_of_its_own(end: FitResult, name: str) -> float:
+    """Mean square of the error that an effect's own signals still explain beside it."""
+    by_signal = end.flexible.by_signal
+    left = float(end.flexible.before.sum()) / max(int(end.problem.used.sum()), 1)
+    return left * max((by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
+
+
+def _own(end: FitResult, name: str) -> list[str]:
+    """The signals of an effect, by the names that a smooth law has for them."""
+    (effect,) = (one for one in end.solution.model.effects if one.name == name)
+    recorded = [one for one in end.flexible.by_signal if "recorded" in effect.signals and one not in SIGNALS]
+    return [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))] + recorded
+
+
+def _outweighs_the_rest(before: FitResult, end: FitResult) -> bool:
+    """Whether an effect takes away more than a smooth law still could: less may be a part of that rest."""
+    return before.solution.held_out - end.solution.held_out >= end.flexible.explained
+
+
+def _may_be_nothing(before: FitResult, end: FitResult, name: str) -> bool:
+    """Whether each parameter that says how large an effect is may be zero, by its interval at `LEVEL`.
+
+    These are its gains, or the first inner parameter of one without gains: a gap, a compliance, a time. Of an
+    effect that takes away more of the squared error than is left, beside what windows took off the motion,
+    this says no more than that its parameters make up for each other.
+    """
+    if end.flexible.before.sum() <= 0.5 * before.flexible.before.sum():
+        return False
+    (effect,) = (one for one in end.solution.model.effects if one.name == name)
+    found = estimate_parameters(*final_solution(end))
+    sizes = [found[f"{name}.{one.name}"] for one in effect.gains or effect.inner[:1]]
+    return not any(abs(one.value) > 0.5 * _SURE * np.ptp(one.interval) for one in sizes)
+
+
+def _is_below_a_step(search: Search, end: FitResult, name: str) -> bool:
+    """Whether an effect adds no more than the reader's rounding does, which looks like a law too."""
+    step = grid_step(np.sort(end.data.effort))
+    without = search.without(end, name)
+    added = np.sqrt(max(without.rmse**2 - end.rmse**2, 0.0))
+    return bool(name != "quantisation" and step > 0.0 and added < step / np.sqrt(12.0) and end.rmse < step)

@@ -1,0 +1,68 @@
+"""What differs from run to run, beside a model whose search has ended.
+
+Such an effect is a random one: each run has a value of its own, which its first part tells and the rest of
+it confirms (C. R. Henderson, Biometrics 31 (1975)). It is tried last and only where runs disagree, since it
+would take up a part of anything that changes slowly.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from estimation.diagnosis.residual_checks import run_heterogeneity
+from estimation.diagnosis.result import ParameterValue
+from estimation.diagnosis.search import Search
+from estimation.effects.run_gain import RunGain
+from estimation.effects.run_offset import RunOffset
+from estimation.effects.run_variation import RunVariation
+from estimation.fit.fit_result import FitResult
+
+
+def add_run_variation(search: Search, found: FitResult) -> FitResult:
+    """The model with a gain or a zero for each run where that is all that runs differ in; else as it is.
+
+    Effects that the variation makes needless are left out.
+
+    Args:
+        search: of the channel.
+        found: the model that its search has led to.
+    """
+    if run_heterogeneity(found.problem.blocked, found.solution) is None:
+        return found
+    varied = search.ordered(
+        [
+            one
+            for one in _varied(search, found)
+            if run_heterogeneity(one.problem.blocked, one.solution) is None
+        ]
+    )
+    return _less(search, varied[0]) if varied and search.is_needed(found, varied[0]) else found
+
+
+def _varied(search: Search, found: FitResult) -> Iterator[FitResult]:
+    """The model with each of the effects that differ from run to run."""
+    for effect in search.effects:
+        if isinstance(effect, RunGain | RunOffset) and effect.applies_to(found.data):
+            start = {f"{effect.name}.share": effect.starts(found.data)[-1]["share"]}
+            yield search.fitted(
+                found.solution.model.with_effect(effect), {**found.solution.parameters, **start}
+            )
+
+
+def _less(search: Search, varied: FitResult) -> FitResult:
+    """Without those effects that stood for the difference between runs."""
+    for name in search.added_effects(varied):
+        less = search.without(varied, name)
+        if not search.is_needed(less, varied):
+            varied = less
+    return varied
+
+
+def run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
+    """How far a value lies from run to run, as a standard deviation, with its own error."""
+    model, known, data = end.solution.model, end.solution.parameters, end.data
+    inner = {one.name: known[f"{effect.name}.{one.name}"] for one in effect.inner}
+    value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
+    error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
+    unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit
+    return ParameterValue(value=value, std_err=error, unit=unit, at_bound=False)

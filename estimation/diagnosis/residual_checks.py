@@ -1,0 +1,239 @@
+"""What a smooth law of the signals cannot show: runs with laws of their own, and a rest unlike noise.
+
+What would explain why one run differs (another specimen, another zero, a sensor that died) is no signal of
+the data, so other runs teach nothing about it. Nor does a rest that swings or breathes follow any signal.
+"""
+
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
+from estimation.fit.blocks import BlockedData, is_moving
+from estimation.fit.fit_problem import Solution, held_out_residual, rmse
+from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_model import MeasurementModel
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.periodicity import strongest_swing
+from estimation.signals.runwise import sample_time
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
+_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
+_LEAST = 50  # samples
+_APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
+_ROWS = 30  # samples for each gain, with which a run can be fitted by itself
+_ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
+_LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
+_FEW_DRAWS = 4  # whose largest is compared
+_BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
+_PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
+_PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
+
+
+@dataclass(frozen=True)
+class ResidualFinding:
+    """Why a model is not complete though no smooth law improves it."""
+
+    reason: str  # in words
+    depends_on: str  # what the error depends on
+    # The error that a complete model would leave, as far as this shows, in the unit of the effort.
+    floor: float
+
+
+def check_residuals(
+    end: FitResult, measurement: MeasurementModel, rng: np.random.Generator, *, complete: bool
+) -> ResidualFinding | None:
+    """What no signal of the data shows and speaks against a model; None if nothing does.
+
+    Args:
+        end: the model.
+        measurement: how the motion was read.
+        rng: for draws.
+        complete: whether it leaves nothing to a smooth law; if not, runs must differ by clearly more.
+    """
+    unit = end.data.kind.effort_unit
+    apart = run_heterogeneity(end.problem.blocked, end.solution)
+    if not complete and not (apart and apart.alone < _CLEARLY * end.floor()):
+        return None
+    if apart and _is_no_chance(apart, end, measurement, rng):
+        return ResidualFinding(
+            f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
+            f"when predicted from the others, by {apart.run_alone:.3g} {unit} when fitted alone; was "
+            "something else probed, or a sensor changed?",
+            "run",
+            apart.alone,
+        )
+    excess = exceeds_noise(end, measurement, rng)
+    if not excess:
+        return _swings(end)
+    swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
+    is_contact = end.data.kind is ChannelKind.CONTACT
+    where, elsewhere = ("in contact", "in free air") if is_contact else ("in motion", "at rest")
+    return ResidualFinding(
+        f"what is left {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
+        f"times the noise {elsewhere}, does not look like noise{swings}; no signal of the data explains it",
+        "time",
+        free_air_noise(end.data) or excess.expected,
+    )
+
+
+@dataclass(frozen=True)
+class RunHeterogeneity:
+    """Runs that do not follow one law."""
+
+    run: int  # the one that the others predict worst, beside what it is by itself
+    predicted: float  # root mean square error of all runs, each predicted from the others
+    alone: float  # the same, each fitted by itself
+    own_residual: FloatArray  # what each run leaves by itself, shape (n,); 0 where none can be fitted
+    run_predicted: float  # error of `run`, predicted from the others
+    run_alone: float  # the same, fitted by itself
+
+
+def periodic_component(end: FitResult) -> tuple[float, float] | None:
+    """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
+    blocked = end.problem.blocked
+    found = _swing(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
+    return None if found is None or found[1] < _PEAK or found[2] < _PROMINENT else found[:2]
+
+
+def _swing(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
+    """See `strongest_swing`; the residual on blocks, (m,)."""
+    step_s = sample_time(blocked.data.time_s, blocked.data.run) * blocked.rows.shape[1]
+    return strongest_swing(blocked.reduce(blocked.data.time_s), blocked.run, residual, step_s)
+
+
+def _swings(end: FitResult) -> ResidualFinding | None:
+    """An error that swings: more than in free air, or so far that it is several times what is left beside it.
+
+    A hum that a sensor picks up in free air too, and that is no larger than its noise, is noise.
+    """
+    found, unit = periodic_component(end), end.data.kind.effort_unit
+    if found is None:
+        return None
+    size, floor = np.sqrt(found[1]) * end.rmse, np.sqrt(1.0 - found[1]) * end.rmse
+    in_air = (1.0 + SMALL) * (free_air_noise(end.data) or 0.0)
+    if end.rmse <= min(in_air, _ABOVE_AIR * floor):
+        return None
+    return ResidualFinding(
+        f"the error swings at {found[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        "time",
+        float(floor),
+    )
+
+
+def _is_no_chance(
+    apart: RunHeterogeneity, end: FitResult, measurement: MeasurementModel, rng: np.random.Generator
+) -> bool:
+    """Whether runs that follow one law, read as these were, disagree by less."""
+
+    def ratio(found: RunHeterogeneity | None) -> float:
+        return found.predicted / found.alone if found else 0.0
+
+    drawn = bootstrap_samples(end, measurement, rng, end.problem.blocked.reduce(apart.own_residual))
+    return sequential_test(
+        ratio(apart), (ratio(run_heterogeneity(problem.blocked, solution)) for problem, solution in drawn)
+    ).is_significant
+
+
+def run_heterogeneity(blocked: BlockedData, solution: Solution) -> RunHeterogeneity | None:
+    """How the runs disagree about the gains and the zero of a model, or None if they do not."""
+    data = blocked.data
+    predicted = held_out_residual(blocked, solution)
+    slopes, effort = solution.model.linearise(data, solution.parameters)
+    free = [name not in solution.model.held for name in solution.model.gains]
+    slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # a run may have a zero of its own
+    residual = data.effort - effort
+    alone = np.full(len(data), np.nan)
+    judged: list[IntArray] = []
+    for of_run in rows_of_runs(data.run):
+        rows = of_run[np.isfinite(predicted[of_run])]
+        if len(rows) < _ROWS * slopes.shape[1]:
+            predicted[rows] = np.nan  # too short to be fitted by itself
+            continue
+        scale = np.linalg.norm(slopes[rows], axis=0)
+        columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
+        fitted = np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
+        freedom = len(rows) / (len(rows) - slopes.shape[1])
+        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
+        judged.append(rows)
+    if len(judged) < 2 or not rmse(predicted) > _APART * rmse(alone):
+        return None
+    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
+    worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
+    run = int(data.run[judged[worst][0]])
+    return RunHeterogeneity(run, rmse(predicted), rmse(alone), np.nan_to_num(alone), *errors[worst])
+
+
+@dataclass(frozen=True)
+class ExcessVariance:
+    """What is left in contact, or while a joint moves, and is no noise."""
+
+    acting: float  # root mean square of the residual there, on blocks, in the unit of the effort
+    expected: float  # the same of draws from the model, with noise as in free air, or at rest
+    frequency_hz: float | None  # at which much of it swings; None if it does at none
+
+
+def exceeds_noise(
+    fit: FitResult, measurement: MeasurementModel, rng: np.random.Generator
+) -> ExcessVariance | None:
+    """What a model leaves in contact beyond noise as in free air and errors of the readings; None if nothing.
+
+    Of a joint, what it leaves in motion beyond noise as at rest. The noise may be larger there, of which only
+    what neighbouring blocks share is held against the model. Draws show what the readings' errors, such as
+    the steps of encoders, make of that.
+    """
+    blocked = fit.problem.blocked
+    residual = blocked.reduce(held_out_residual(blocked, fit.solution))
+    usable = blocked.trusted & np.isfinite(residual)
+    if blocked.data.kind is ChannelKind.CONTACT:
+        pressed = blocked.data.engaged[blocked.rows]
+        acting, still = usable & pressed.all(axis=1), usable & ~pressed.any(axis=1)
+    else:
+        moving = is_moving(blocked.data, blocked.rows)
+        acting, still = usable & moving, usable & ~moving
+    if min(acting.sum(), still.sum()) < _BLOCKS:
+        return None
+    slow = _shared_by_neighbours(residual, blocked.run, acting)
+    if slow**2 < _LIKE_NEIGHBOUR * rmse(residual[acting]) ** 2:
+        return None
+    noise = _about_run_means(residual, blocked.run, still)
+    drawn = islice(bootstrap_samples(fit, measurement, rng, own=np.resize(noise, len(blocked))), _FEW_DRAWS)
+    left = [
+        rmse(one.blocked.reduce(held_out_residual(one.blocked, solution))[acting]) for one, solution in drawn
+    ]
+    if slow < _ABOVE_AIR * max(left):
+        return None
+    swing = _swing(blocked, np.where(acting, residual, np.nan))
+    frequency_hz = swing[0] if swing and swing[1] > _PEAK else None
+    return ExcessVariance(rmse(residual[acting]), float(np.median(left)), frequency_hz)
+
+
+def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
+    """The chosen blocks (k,) in order of time, each about the mean of its run."""
+    parts = [residual[chosen & (run == one)] for one in np.unique(run[chosen])]
+    return np.concatenate([part - part.mean() for part in parts])
+
+
+def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray) -> float:
+    """Root mean square of what neighbouring blocks have in common; 0 for white noise."""
+    pairs = chosen[1:] & chosen[:-1] & (run[1:] == run[:-1])
+    if pairs.sum() < _BLOCKS // 2:
+        return 0.0
+    return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))
+
+
+def free_air_noise(data: ChannelData) -> float | None:
+    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    parts = []
+    for rows in rows_of_runs(data.run):
+        pressed = data.engaged[rows]
+        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
+        before = before[: int(_FREE * len(before))]
+        if len(before) >= _LEAST:
+            parts.append(data.effort[before] - data.effort[before].mean())
+    return rmse(np.concatenate(parts)) if parts else None

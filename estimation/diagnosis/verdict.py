@@ -1,0 +1,209 @@
+"""What a search comes to: the verdict, the effects with their evidence, and what is left."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
+from estimation.diagnosis.acceptance import indistinguishable_models, models_by_importance
+from estimation.diagnosis.bootstrap import SMALL, encoder_step_error
+from estimation.diagnosis.random_effects import run_standard_deviation
+from estimation.diagnosis.residual_checks import ResidualFinding, free_air_noise, periodic_component
+from estimation.diagnosis.result import (
+    Accepted,
+    ChannelDiagnosis,
+    Fitted,
+    Floor,
+    ParameterValue,
+    Ranked,
+    Remaining,
+    Verdict,
+)
+from estimation.diagnosis.search import Search
+from estimation.effects.run_variation import RunVariation
+from estimation.fit.fit_result import FitResult
+from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.measurement_model import MeasurementModel
+
+_PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
+_Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Where a search ended."""
+
+    search: Search  # the channel, the base model and all that was tried
+    measurement: MeasurementModel  # how the motion was read
+    end: FitResult  # the base model with the effects that are established
+    complete: bool  # whether it leaves no more than noise
+    objection: ResidualFinding | None  # what no signal of the data shows, and speaks against completeness
+
+    @property
+    def floor(self) -> float:
+        """The error that a complete model would leave, in the unit of the effort."""
+        if self.complete:
+            return self.end.rmse
+        known = self.objection.floor if self.objection else np.inf
+        return min(self.end.floor(), self.end.rmse, known)
+
+    @property
+    def signals(self) -> list[str]:
+        """What the error that is left depends on."""
+        if self.complete:
+            return []
+        return [self.objection.depends_on] if self.objection else self.end.depends_on
+
+
+def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
+    """That the channel cannot say, for this reason."""
+    return ChannelDiagnosis(
+        channel=data.name,
+        verdict=Verdict.INSUFFICIENT,
+        reason=reason,
+        effort_unit=data.kind.effort_unit,
+        next_experiment=sufficient(reason, data.kind),
+    )
+
+
+def decide_verdict(found: Evidence) -> ChannelDiagnosis:
+    """The entry for one channel."""
+    search, end = found.search, found.end
+    path = models_by_importance(search, end)
+    others = {
+        name: indistinguishable_models(search, end, name, found.measurement)
+        for name in search.added_effects(end)
+    }
+    accepted = _accepted(found, path, others)
+    verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
+    floor = found.floor
+    times = end.rmse / floor if floor > 0.0 else 1.0
+    return ChannelDiagnosis(
+        channel=search.data.name,
+        verdict=verdict,
+        reason=_reason(found, verdict, accepted),
+        effort_unit=search.data.kind.effort_unit,
+        noise_floor=floor,
+        floor=Floor(value=floor, free_air=free_air_noise(search.data), share_left=end.explainable_share()),
+        baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
+        accepted=accepted,
+        ranking=_ranking(search),
+        final=Fitted(rmse=end.rmse, parameters=_parameters(end)),
+        complete=found.complete,
+        remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
+        depends_on=found.signals,
+        next_experiment=_next(found, accepted, others),
+    )
+
+
+def _parameters(fit: FitResult) -> dict[str, ParameterValue]:
+    return {name: ParameterValue.of(one) for name, one in estimate_parameters(*final_solution(fit)).items()}
+
+
+def _accepted(found: Evidence, path: Sequence[FitResult], others: _Rivals) -> list[Accepted]:
+    search, before, accepted = found.search, found.search.start, []
+    everything = _parameters(found.end) if path else {}
+    by_name = {effect.name: effect for effect in search.effects}
+    for after in path:
+        (name,) = set(search.added_effects(after)) - set(search.added_effects(before))
+        own = {key.split(".", 1)[1]: one for key, one in everything.items() if key.split(".")[0] == name}
+        effect = by_name[name]
+        if isinstance(effect, RunVariation):
+            own["spread"] = run_standard_deviation(found.end, effect)
+        accepted.append(
+            Accepted(
+                effect=name,
+                parameters=own,
+                rmse_before=before.rmse,
+                rmse_after=after.rmse,
+                p_value=search.p_value(search.without(found.end, name), found.end),
+                confused_with=list(others[name]),
+                physics=effect.physics,
+                equation=effect.equation,
+                signature=effect.signature,
+            )
+        )
+        before = after
+    return accepted
+
+
+def _ranking(search: Search) -> list[Ranked]:
+    """Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's."""
+    tried, rmse, ranked = search.coarse or search, search.start.rmse, []
+    start = tried.start
+    for candidate in (one for one in tried.screen(start) if one.possible):
+        share = (start.solution.held_out - candidate.held_out) / max(start.solution.held_out, 1e-300)
+        error = float(np.sqrt(max(rmse**2 - share * search.start.held_out_mean_square, 0.0)))
+        score = float(1.0 - error / rmse) if rmse > 0.0 else 0.0
+        ranked.append(Ranked(effect=candidate.effect.name, rmse_held_out=error, score=score))
+    return ranked
+
+
+def _reason(found: Evidence, verdict: Verdict, accepted: Sequence[Accepted]) -> str:
+    end, unit = found.end, found.search.data.kind.effort_unit
+    if verdict is Verdict.ADEQUATE:
+        return (
+            "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
+            f"law explains no more of it than of draws from the model{_steps(found)}{_hum(end)}{_peaks(end)}"
+        )
+    left = _left(found)
+    if verdict is Verdict.MISSING:
+        names = " and ".join(_or_rivals(entry) for entry in accepted)
+        before = f"{found.search.start.rmse:.3g} {unit}"
+        fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
+        nothing = f"no more than noise is left{_steps(found)}{_hum(end)}{_peaks(end)}"
+        return f"{fall}, and {nothing}" if found.complete else f"{fall}; {left}"
+    return f"the error is {end.rmse:.3g} {unit}; {left}"
+
+
+def _steps(found: Evidence) -> str:
+    """What a smooth law takes away beside a complete model where the position's steps may make it."""
+    end, unit, off = (
+        found.end,
+        found.search.data.kind.effort_unit,
+        encoder_step_error(found.end, found.measurement),
+    )
+    left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
+    if end.explainable_share() <= SMALL or left > off:
+        return ""
+    return f" or of encoders half a step off: {left:.3g} {unit}, where these make up to {off:.3g} {unit}"
+
+
+def _hum(end: FitResult) -> str:
+    """What of the noise swings, in words: mains, a fan or a drive that the sensor picks up."""
+    found = periodic_component(end) if free_air_noise(end.data) else None
+    if found is None:
+        return ""
+    size = f"{np.sqrt(found[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
+    return f"; {size} of the noise swings at {found[0]:.3g} Hz, in free air too"
+
+
+def _peaks(end: FitResult) -> str:
+    """That what passes for noise is hardly anywhere but in a few moments, such as those of breaking away."""
+    squares = np.sort(end.solution.residual[end.problem.used] ** 2)
+    share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
+    return f"; {100 * share:.0f} % of its square is in a twentieth of the samples" if share > _PEAKED else ""
+
+
+def _left(found: Evidence) -> str:
+    if found.objection:
+        return found.objection.reason
+    told, floor = ", ".join(found.signals) or "a mix of signals", found.floor
+    times = f"{found.end.rmse / floor:.2g} times the noise floor, " if floor > 0.0 else ""
+    return f"what is left is {times}and depends on {told}"
+
+
+def _or_rivals(entry: Accepted) -> str:
+    others = " or ".join(entry.confused_with)
+    return f"{entry.effect} (indistinguishable from {others})" if others else entry.effect
+
+
+def _next(found: Evidence, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:
+    search = found.search
+    for entry in accepted:
+        if entry.confused_with:
+            effect = next(one for one in search.effects if one.name == entry.effect)
+            return separating(effect, {entry.effect: found.end, **others[entry.effect]}, search.data)
+    return None if found.complete else exploring(found.signals, search.data)

@@ -1,0 +1,243 @@
+"""The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.reading_error import reading_error
+from estimation.effect import AdditiveEffect, Inner
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.joint_load import LOAD
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.cache_by_array import Itself
+from estimation.signals.runwise import sample_time
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+# Blocks per second aimed at; slower data is taken as it is. A joint's effort goes with an acceleration
+# that was derived twice from an encoder: what of it is noise lies above this rate.
+CONTACT_RATE_HZ, JOINT_RATE_HZ = 200.0, 100.0
+FOLDS = 6
+PIECES, _PIECE_FOLDS = 15, 5  # that a single run is cut into, each fold from all over it
+_CORNER = 0.06  # of a run's range of velocities, that no velocity changes by from reading to reading
+_SLOW_S = 0.011  # between samples
+_CORNER_REACH = 3  # samples to either side that a derived velocity is wrong for
+_MOST_CORNERS = 0.2  # of the blocks; more are no corners, but a motion that is coarsely sampled
+_BORDER = 3.0  # standard deviations of the position
+_SETTLING_S = 0.25  # from the first sample
+_UNKNOWN_S = 0.1  # from the start of a run: what a delay or a lag shows there happened before
+_UNKNOWN = 0.05  # of a run, at most
+_WITHIN = 0.05  # of the effort's variance, that means over blocks may lose
+_SMOOTH = 0.75  # of the variance of white noise's steps, below which it is a swing
+_AGAIN = (
+    0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
+)
+_REST = 0.05  # of the joint's usual highest speed
+
+
+@dataclass(frozen=True)
+class BlockedData:
+    """Blocks of a channel; columns are computed at the full rate and then averaged, which bends no model."""
+
+    data: ChannelData  # the channel at its full rate
+    rows: IntArray  # shape (m, block), the samples of each of the m blocks
+    run: IntArray  # shape (m,), run of each block
+    fold: IntArray  # shape (m,), fold in which each block is held out, from 0
+    trusted: BoolArray  # shape (m,), whether a block counts
+    # What was computed on blocks of this channel, whatever its load and whichever blocks count.
+    cache: FitCache = field(default_factory=FitCache)
+    load_cache: FitCache = field(default_factory=FitCache)  # what was computed with this load
+
+    def __len__(self) -> int:
+        """Number of blocks m."""
+        return len(self.rows)
+
+    @property
+    def folds(self) -> int:
+        """Number of folds."""
+        return int(self.fold.max()) + 1
+
+    def reduce(self, signal: FloatArray) -> FloatArray:
+        """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
+        block = self.rows.shape[1]
+        if block == 1:
+            return signal[self.rows[:, 0]]
+        sums = [self._sums @ column for column in np.atleast_2d(signal.T)]
+        return np.asarray(np.reshape(sums, (*signal.shape[1:], len(self))).T / block)
+
+    @property
+    def effort(self) -> FloatArray:
+        """What was measured on blocks, shape (m,)."""
+        return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
+
+    def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
+        """Columns of an effect on blocks, shape (m, k), on the motion as measured."""
+        return self._cached("columns", effect, inner, effect.columns)
+
+    def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
+        """Effort on blocks that an effect adds without any gain, shape (m,)."""
+        return self._cached("known", effect, inner, effect.known)
+
+    def _cached(
+        self,
+        what: str,
+        effect: AdditiveEffect,
+        inner: Inner,
+        compute: Callable[[ChannelData, Inner], FloatArray],
+    ) -> FloatArray:
+        cache = self.load_cache if LOAD in effect.needs else self.cache  # it changes with the model
+        key = (what, Itself(effect), *inner.values())
+        return cache.get_or_compute(key, lambda: self.reduce(compute(self.data, inner)))
+
+    @cached_property
+    def _sums(self) -> csr_array:
+        """Adds up the samples of each block, (m, n): ten times faster than to pick them and to add."""
+        count, block = self.rows.shape
+        edges = np.arange(0, count * block + 1, block)
+        return csr_array((np.ones(count * block), self.rows.ravel(), edges), shape=(count, len(self.data)))
+
+
+def block_length(data: ChannelData) -> int:
+    """Samples in a block; half as many as long as a joint's effort swings within the block."""
+    rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
+    block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
+    while block > 1 and data.kind is not ChannelKind.CONTACT and _swings_within(data.effort, block):
+        block //= 2
+    return block
+
+
+def _swings_within(effort: FloatArray, block: int) -> bool:
+    """Whether a fair share of an effort (n,) is lost with the means over blocks, and is no noise."""
+    blocks = effort[: len(effort) // block * block].reshape(-1, block)
+    within = blocks - blocks.mean(axis=1, keepdims=True)
+    if np.mean(within**2) < _WITHIN * np.var(effort):
+        return False
+    steps = np.diff(blocks, axis=1)  # of white noise, each has twice the variance
+    return bool(np.mean(steps**2) < _SMOOTH * 2.0 * np.mean(within**2) * block / (block - 1.0))
+
+
+def block_average(
+    data: ChannelData, good: BoolArray | None = None, cache: FitCache | None = None
+) -> BlockedData:
+    """Cut a channel into blocks that last 5 or 10 ms, or one sample where that is longer.
+
+    Blocks in which a contact begins or ends are not trusted, nor those so near to the surface that the error
+    of the position decides: a damper and friction make a step of it. Neither are blocks at a contact's sharp
+    corners of the motion, nor those in which a probing arm's joint rests or its sensor may still settle.
+
+    Args:
+        data: the channel.
+        good: samples that are fit for use, shape (n,); None for all.
+        cache: of another frame of this channel, with any load.
+    """
+    block = block_length(data)
+    rows, folds = [], []
+    runs = rows_of_runs(data.run)
+    pieces, most = (1, FOLDS) if len(runs) > 1 else (PIECES, _PIECE_FOLDS)
+    for number, of_run in enumerate(runs):
+        blocks = of_run[: len(of_run) // block * block].reshape(-1, block)
+        piece = np.arange(len(blocks)) * pieces // max(len(blocks), 1)
+        rows.append(blocks)
+        folds.append((number * pieces + piece) % most)
+    grid = np.concatenate(rows)
+    fold = np.unique(np.concatenate(folds), return_inverse=True)[1]
+    trusted = np.ones(len(grid), dtype=np.bool_) if good is None else good[grid].all(axis=1)
+    trusted &= ~(_at_rest(data, grid) | _at_corners(data, grid) | _at_starts(data, grid))
+    blocked = BlockedData(data, grid, data.run[grid[:, 0]], fold, trusted, cache or FitCache())
+    return exclude_boundaries(blocked, data)
+
+
+def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
+    """The frame without trust in blocks where a contact begins or ends by a motion, measured or another."""
+    return replace(blocked, trusted=blocked.trusted & ~_mixed(moved, blocked))
+
+
+def decimate(blocked: BlockedData) -> ChannelData:
+    """The channel averaged over blocks, one sample for each."""
+    data, mean = blocked.data, blocked.reduce
+    return replace(
+        data,
+        time_s=mean(data.time_s),
+        position=mean(data.position),
+        velocity=mean(data.velocity),
+        acceleration=mean(data.acceleration),
+        effort=mean(data.effort),
+        run=blocked.run,
+        phase=data.phase[blocked.rows[:, 0]],
+        context={name: mean(signal) for name, signal in data.context.items()},
+        position_step=0.0,  # means lie on no grid
+        touching=None if data.touching is None else np.asarray(data.touching[blocked.rows].all(axis=1)),
+        averaged=data.averaged * blocked.rows.shape[1],
+    )
+
+
+def _mixed(data: ChannelData, blocked: BlockedData) -> BoolArray:
+    """Blocks within a sample or the position's error of the border of a contact, shape (m,)."""
+    if data.kind is not ChannelKind.CONTACT:
+        return np.zeros(len(blocked), dtype=np.bool_)
+    engaged = data.engaged[blocked.rows]
+    mixed = np.array(engaged.any(axis=1) & ~engaged.all(axis=1))
+    borders = engaged[1:, 0] != engaged[:-1, -1]
+    mixed[1:] |= borders
+    if data.averaged > 1:  # the surface may lie among the readings that either sample is the mean of
+        mixed[:-1] |= borders
+    error = reading_error(blocked.data)
+    near: BoolArray = np.abs(data.position[blocked.rows]).min(axis=1) < _BORDER * float(np.std(error))
+    return mixed | near
+
+
+def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks of a contact in which the velocity jumps faster than it was sampled, shape (m,).
+
+    A damper makes a jump of the force there, and a derived velocity comes too early and too late. Slow data
+    has nothing but corners, and creep and relaxation begin at them: it is taken as it is.
+    """
+    if sample_time(data.time_s, data.run) > _SLOW_S:
+        return np.zeros(len(rows), dtype=np.bool_)
+    sharp = np.zeros(len(data), dtype=np.bool_)
+    for of_run in rows_of_runs(data.run) if data.kind is ChannelKind.CONTACT else ():
+        velocity = data.velocity[of_run]
+        jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * data.averaged * np.ptp(velocity))
+        around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
+        sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
+    found = np.asarray(sharp[rows].any(axis=1))
+    return found if np.mean(found) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+
+
+def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks at the start of a run, shape (m,): what is remembered there was not recorded.
+
+    A run that begins pressed remembers how it came there until it lets go; where it hardly presses
+    again, it is taken as if the press began with it.
+    """
+    found, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
+    for of_run in rows_of_runs(data.run):
+        since_s = data.time_s[of_run] - data.time_s[of_run[0]]
+        found[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
+        if data.kind is ChannelKind.CONTACT:
+            pressed = engaged[of_run]
+            until = len(pressed) if pressed.all() else int(np.argmin(pressed))
+            found[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
+    return np.asarray(found[rows].any(axis=1))
+
+
+def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Blocks in which a joint of a probing arm stands still or has just got its torque, shape (m,).
+
+    What friction holds there depends on how the joint came to rest, and the sign of a velocity that is noise
+    says nothing. A sensor that follows slowly begins with what it read before. Other recordings are taken as
+    they were made.
+    """
+    if data.kind is ChannelKind.CONTACT or (data.phase < 0).all():
+        return np.zeros(len(rows), dtype=np.bool_)
+    settling = data.time_s[rows[:, 0]] < data.time_s[0] + _SETTLING_S
+    return np.asarray(settling | ~is_moving(data, rows))
+
+
+def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
+    """Whether a joint moves in blocks of samples, shape (m,), or as good as rests."""
+    speed = np.abs(data.velocity[rows].mean(axis=1))
+    return np.asarray(speed >= _REST * float(np.quantile(np.abs(data.velocity), 0.95)))

@@ -1,0 +1,235 @@
+"""One model tried at given inner parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.fit.ar_noise import WHITE, ArNoise
+from estimation.fit.blocks import BlockedData
+from estimation.fit.linearised_parts import is_linear_on_blocks
+from estimation.fit.normal_equations import LinearFit, NormalEquations, gram_matrices, solve_normal_equations
+from estimation.information import Information
+from estimation.model import Model, Parts, own
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+NOT_HELD: Mapping[str, float] = MappingProxyType({})
+_MOST_ROUNDS = 7
+_LOST = 1e6  # times the largest effort
+
+
+@dataclass(frozen=True)
+class FitProblem:
+    """Where models are tried: the blocks, the colour of their noise, and weights of their residuals (m,)."""
+
+    blocked: BlockedData
+    noise_model: ArNoise
+    weights: FloatArray | None = None
+
+    @cached_property
+    def used(self) -> BoolArray:
+        """Blocks that count, shape (m,)."""
+        return self.noise_model.used(self.blocked.run, self.blocked.trusted)
+
+    @cached_property
+    def _by_fold(self) -> tuple[IntArray, list[slice]]:
+        """Blocks that count, in the order of the folds that hold them out, and where in it each fold is."""
+        fold = np.where(self.used, self.blocked.fold, -1)
+        order = np.argsort(fold, kind="stable")[np.sum(~self.used) :]
+        borders = np.searchsorted(fold[order], np.arange(self.blocked.folds + 1)).tolist()
+        return order, [slice(*ends) for ends in pairwise(borders)]
+
+    def whiten(self, blocks: FloatArray) -> FloatArray:
+        """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
+        return self._white(blocks)[self.used]
+
+    def _white(self, blocks: FloatArray) -> FloatArray:
+        white = self.noise_model.whiten(blocks)
+        return white if self.weights is None else (white.T * self.weights).T
+
+    def solve(
+        self,
+        columns: FloatArray,
+        target: FloatArray,
+        names: Sequence[str] = (),
+        held: Mapping[str, float] = NOT_HELD,
+    ) -> LinearFit:
+        """Fit columns (m, q) to a target (m,) by least squares, with the gains in `held` fixed."""
+        free = [i for i, name in enumerate(names) if name not in held] if held else []
+        if not held or len(free) == len(names):
+            return solve_normal_equations(
+                self.normal_equations(columns, target, names), dof=len(self._by_fold[0])
+            )
+        gains = np.array([held.get(name, 0.0) for name in names])
+        left = self.normal_equations(columns[:, free], target - columns @ gains, [names[i] for i in free])
+        return solve_normal_equations(left, dof=len(self._by_fold[0])).beside(gains, free)
+
+    def normal_equations(
+        self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
+    ) -> NormalEquations:
+        """Cross products of blocks (m, q) and a target (m,) with the colour taken out, by fold.
+
+        Args:
+            columns: shape (m, q).
+            target: shape (m,).
+            names: of the gains of the first columns, by which others of the arm may know them.
+        """
+        order, folds = self._by_fold
+        white = self._white(np.concatenate([columns.T, target[None]]).T).T.take(order, axis=1)
+        return NormalEquations(
+            gram_matrices(white[:, rows].T for rows in folds).products, self._known(names, columns.shape[1])
+        )
+
+    def _known(self, names: Sequence[str], count: int) -> Information | None:
+        """What other channels say of so many gains, of which the first have names; None if nothing."""
+        shared = self.blocked.data.shared
+        if shared is None or self.noise_model is not WHITE or not set(shared.names) <= set(names):
+            return None
+        place = [list(names).index(name) for name in shared.names]
+        size = len(shared.information.matrix)
+        matrix, vector = np.zeros((size, count, count)), np.zeros((size, count))
+        matrix[:, np.array(place)[:, None], place] = shared.information.matrix
+        vector[:, place] = shared.information.vector
+        return Information(matrix, vector)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A model with parameters, and how well it fits."""
+
+    model: Model  # what was tried
+    parameters: dict[str, float]  # gains and inner parameters by "effect.parameter"
+    columns: FloatArray  # slopes by each gain on blocks, shape (m, q), not whitened
+    target: FloatArray  # effort on blocks that the columns explain, shape (m,), not whitened
+    linear_fit: LinearFit  # of the linear fit at these inner parameters
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of the gains for white noise, by "effect.parameter"."""
+        return dict(zip(self.model.gains, self.linear_fit.standard_errors.tolist(), strict=True))
+
+    @property
+    def sse(self) -> float:
+        """Sum of squared whitened residuals."""
+        return float(self.linear_fit.sse.sum())
+
+    @property
+    def residual(self) -> FloatArray:
+        """Effort less prediction on blocks, shape (m,)."""
+        gains = np.array([self.parameters[name] for name in self.model.gains])
+        left: FloatArray = self.target - self.columns @ gains
+        return left
+
+    @property
+    def held_out(self) -> float:
+        """Sum of squared whitened residuals in held-out runs."""
+        return float(self.linear_fit.held_out.sum())
+
+    @property
+    def is_physical(self) -> bool:
+        """Whether no gain is beyond its bounds by more than twice its standard error."""
+        gains, standard_errors = self.model.gains, self.standard_errors
+        slack = {name: 2.0 * standard_errors[name] for name in gains}
+        return all(
+            p.lower - slack[name] <= self.parameters[name] <= p.upper + slack[name]
+            for name, p in gains.items()
+        )
+
+    def without_blocks(self) -> "Solution":
+        """The same with no columns and no target: enough to be compared, and of long data far smaller."""
+        return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())
+
+
+def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
+    """Effort less what the gains fitted to the other folds predict, shape (n,); NaN outside blocks."""
+    slopes, effort = solution.model.linearise(blocked.data, solution.parameters)
+    gains = np.array([solution.parameters[name] for name in solution.model.gains])
+    residual = np.full(len(blocked.data), np.nan)
+    for fold, fitted in enumerate(solution.linear_fit.fold_gains):
+        rows = blocked.rows[(blocked.fold == fold) & blocked.trusted].ravel()
+        residual[rows] = blocked.data.effort[rows] - effort[rows] - slopes[rows] @ (fitted - gains)
+    return residual
+
+
+def rmse(residual: FloatArray) -> float:
+    """Root mean square over the samples that have a value."""
+    return float(np.sqrt(np.nanmean(residual**2)))
+
+
+def solve_gains(
+    problem: FitProblem,
+    model: Model,
+    parameters: Mapping[str, float],
+    rounds: int | None = None,
+    arrived: float = 1.02,
+    *,
+    parts: Parts | None = None,
+) -> Solution:
+    """Fit the gains at the inner parameters given, from the gains given (zero where there is none).
+
+    Args:
+        problem: where to try.
+        model: what to try.
+        parameters: inner parameters and known gains.
+        rounds: Gauss-Newton steps at least; by default one, or two where the model is bent by its own effort.
+            Where a sensor bends it, more are made until one leads where the last was expected to.
+        arrived: times the energy that a step promised to leave, that is taken as kept.
+        parts: from `Model.parts` at these inner parameters, where they are at hand.
+    """
+    data = problem.blocked.data
+    if is_linear_on_blocks(data, model):
+        return _sum(problem, model, parameters)
+    bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
+    now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
+    names = list(model.gains)
+    least = rounds or (2 if bent else 1)
+    most = least if model.is_linear_in_gains else max(_MOST_ROUNDS, least)
+    expected, before = np.inf, np.empty(0, dtype=np.int64)
+    parts = parts or model.parts(data, now)
+    for number in range(most):
+        lifted = model.lifted(data, now, parts)
+        if number and model.is_linear_in_gains and np.array_equal(lifted, before):
+            break  # where the object lets go is where it did: the same fit again
+        before = lifted
+        slopes, effort = model.linearise(data, now, parts, lifted)
+        by_gain, gains = problem.blocked.reduce(slopes), np.array([now[name] for name in names])
+        wanted = problem.blocked.reduce(data.effort - effort) + by_gain @ gains
+        if number and not np.abs(wanted).max() < _LOST * np.abs(data.effort).max():
+            break  # the last step led nowhere near the data, and the next would overflow
+        target, columns = wanted, by_gain
+        if number >= least and _energy(problem, target - columns @ gains) <= arrived * expected:
+            break
+        linear_fit = problem.solve(columns, target, names, model.held)
+        expected = float(linear_fit.sse.sum())
+        now.update(zip(names, linear_fit.gains.tolist(), strict=True))
+    return Solution(model, now, columns, target, linear_fit)
+
+
+def _sum(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> Solution:
+    """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
+    blocked, blocks, known = (
+        problem.blocked,
+        [np.empty((0, len(problem.blocked)))],
+        np.zeros(len(problem.blocked)),
+    )
+    inner = {name: parameters.get(name, 0.0) for name in model.inner}
+    for effect in model.additive:
+        blocks.append(blocked.columns(effect, own(effect, inner)).T)
+        known = known + blocked.known(effect, own(effect, inner))
+    columns = np.concatenate(blocks).T
+    for sensor in model.sensors:
+        sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))
+        columns, known = sensed[:, :-1], sensed[:, -1]
+    target = blocked.effort - known
+    linear_fit = problem.solve(columns, target, list(model.gains), model.held)
+    gains = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
+    return Solution(model, {**gains, **inner}, columns, target, linear_fit)
+
+
+def _energy(problem: FitProblem, blocks: FloatArray) -> float:
+    left = problem.whiten(blocks)
+    return float(left @ left)

@@ -1,0 +1,204 @@
+"""What any smooth law could still explain: a wide, shrunken regression on all signals and their past.
+
+It names nothing. It says how much of the error can be explained at all, and by which signals. A velocity or
+acceleration that was derived is rounded off, and what a model makes of that looks like a law of its effort:
+this is corrected beside the model, and counts as noise (W. A. Fuller, Measurement Error Models (1987)).
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import convolve1d
+
+from estimation.fit.blocks import BlockedData
+from estimation.fit.fit_problem import FitProblem, Solution
+from estimation.fit.normal_equations import (
+    NormalEquations,
+    held_out_gains,
+    held_out_sse,
+    solve_normal_equations,
+)
+from estimation.fit.smooth_features import smooth_features
+from estimation.signals.blocks import of_equal_length
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
+_MOST_SIGNALS = 4  # that are taken one by one
+_WORTH = 0.005  # of the energy, that one more signal must take away
+_MOST_TIMES = 3.0  # what a window is expected to take off an effort
+_POWERS = 3  # of what a window takes off the effort, by which the unsmoothed one is approached
+# Half windows [samples] that velocity and acceleration went through, as far as a model depends on these.
+DifferentiationFilter = tuple[tuple[int, ...], tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class FlexibleRegression:
+    """The flexible regression on top of a model."""
+
+    before: (
+        FloatArray  # squared whitened residuals of the model by fold, its motion unsmoothed, shape (folds,)
+    )
+    held_out: FloatArray  # the same beside the smooth law
+    residual: FloatArray  # held-out residuals beside it, not whitened, one for each block, shape (m,)
+    residual_before: FloatArray  # the same without it
+    # Share of the error's energy that each signal alone can explain in held-out runs.
+    by_signal: dict[str, float]
+
+    @property
+    def explained(self) -> float:
+        """Squared whitened residuals that the smooth law takes away in held-out runs."""
+        return float(np.sum(self.before - self.held_out))
+
+    def share_of(self, solution: Solution, least: float = 0.0) -> float:
+        """Share of a model's error, or of `least` if that is more, that the smooth law takes away."""
+        whole = max(solution.held_out, least)
+        left = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
+        return float(1.0 - np.sqrt(left))
+
+
+def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatArray]:
+    """Columns (m, k) by signal, as of a model that was tried.
+
+    What acts before a sensor changes it is a signal, too: of what was cut off or came late, the reading says
+    less than what a law beside the model without that sensor would know.
+    """
+    blocked, model = problem.blocked, solution.model
+    efforts = [blocked.effort - solution.residual]
+    sensors = [sensor for sensor in model.sensors if not sensor.pointwise]
+    if sensors:
+        before = model.without(*(sensor.name for sensor in sensors))
+        efforts.append(blocked.reduce(before.predict(blocked.data, solution.parameters)))
+    return smooth_features(blocked, efforts)
+
+
+def fit_flexible(
+    problem: FitProblem, solution: Solution, filters: DifferentiationFilter, without: Collection[str] = ()
+) -> FlexibleRegression:
+    """Fit the flexible regression beside the model's own gains, and judge it on the folds held out.
+
+    Args:
+        problem: blocks, whose noise is taken for white.
+        solution: the model.
+        filters: by which the velocity and the acceleration were derived.
+        without: signals that it does not know.
+    """
+    blocked, target, names = problem.blocked, solution.target, list(solution.model.gains)
+    blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
+    parts = [
+        solution.columns,
+        smoothing_bias(blocked, blocked.effort - solution.residual, filters),
+        *blocks.values(),
+    ]
+    owner = np.concatenate([[number] * part.shape[1] for number, part in enumerate(parts, -2)])
+    columns = np.column_stack(parts)
+    equations = problem.normal_equations(columns, target, names)
+    if not _is_smoothing(equations, owner, columns):
+        equations, columns, owner = equations.only(owner != -1), columns[:, owner != -1], owner[owner != -1]
+    plainly = _shrunken(equations, owner, ())
+    alone = [_shrunken(equations, owner, (number,)) for number in range(len(blocks))]
+    best = _best(equations, owner, alone, plainly.energy)
+    by_signal = {
+        name: 1.0 - one.energy / plainly.energy if plainly.energy > 0.0 else 0.0
+        for name, one in zip(blocks, alone, strict=True)
+    }
+    residual, before = (
+        _held_out_residual(columns, target, blocked, equations, one) for one in (best, plainly)
+    )
+    return FlexibleRegression(plainly.held_out, best.held_out, residual, before, by_signal)
+
+
+def _is_smoothing(equations: NormalEquations, owner: IntArray, columns: FloatArray) -> bool:
+    """Whether a model is better with what windows took off, and that is about as large as it should be."""
+    taken = columns[:, owner == -1]
+    beside, alone = (solve_normal_equations(equations.only(which)) for which in (owner < 0, owner == -2))
+    if not taken.size or beside.held_out.sum() > alone.held_out.sum():
+        return False
+    return is_plausible_bias(taken, beside.gains[-taken.shape[1] :])
+
+
+def is_plausible_bias(taken: FloatArray, gains: FloatArray) -> bool:
+    """Whether what windows took off, (m, k) with gains (k,), is no more than some times what they take off.
+
+    With any gains it could stand for a missing law: waves of two frequencies leave room for a spring.
+    """
+    expected = taken[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
+    return bool(np.sum((taken @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
+
+
+def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
+    """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k)."""
+    data, block = blocked.data, blocked.rows.shape[1]
+    derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
+    every = tuple(sorted({*filters[0], *filters[1]}))
+    bent = zip((*derived, effort), (*filters, every), strict=True)
+    wide = [(signal, round(half / block)) for signal, halves in bent for half in halves]
+    taken = [_less_smooth(signal, half, blocked.run) for signal, half in wide if half > 0]
+    return np.hstack([np.empty((len(effort), 0)), *taken])
+
+
+def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
+    """What a window takes off a signal (m,), what it takes off that, and so on, shape (m, powers).
+
+    A local quadratic fit gives the derivative of a signal averaged with the weights of a parabola; together
+    these lead back to the signal as it was (P. H. van Cittert, Z. Physik 69 (1931)).
+    """
+    weights = 1.0 - (np.arange(-half, half + 1) / (half + 1.0)) ** 2
+    taken = [signal]
+    for _ in range(_POWERS):
+        smooth = np.empty_like(signal)
+        for rows in of_equal_length(run):
+            smooth[rows] = convolve1d(taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest")
+        taken.append(taken[-1] - smooth)
+    return np.column_stack(taken[1:])
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A regression on some signals."""
+
+    signals: tuple[int, ...]  # their numbers
+    kept: BoolArray  # columns that it has, shape (q,)
+    ridge: FloatArray  # shrinkage of those columns
+    held_out: FloatArray  # squared whitened residuals by fold, shape (folds,)
+
+    @property
+    def energy(self) -> float:
+        return float(self.held_out.sum())
+
+
+def _shrunken(equations: NormalEquations, owner: IntArray, signals: tuple[int, ...]) -> _Tried:
+    """The regression on these signals, with the shrinkage that serves best in the folds held out."""
+    kept = (owner < 0) | np.isin(owner, signals)
+    some, free = equations.only(kept), owner[kept] >= 0
+    tried = np.where(free, np.array(_RIDGES)[:, None], 1e-9)
+    energy = held_out_sse(some, tried)
+    best = int(np.argmin(energy.sum(axis=1)))
+    return _Tried(signals, kept, tried[best], energy[best])
+
+
+def _best(equations: NormalEquations, owner: IntArray, alone: list[_Tried], before: float) -> _Tried:
+    """All signals, or only those that help: what time or load say in other runs may mislead in this one."""
+    best = _shrunken(equations, owner, ())
+    while len(best.signals) < _MOST_SIGNALS:
+        more = [
+            _shrunken(equations, owner, (*best.signals, n)) if best.signals else alone[n]
+            for n in range(len(alone))
+            if n not in best.signals
+        ]
+        found = min(more, key=lambda one: one.energy)
+        if found.energy > best.energy - _WORTH * before:
+            break
+        best = found
+    every = _shrunken(equations, owner, tuple(range(len(alone))))
+    return min(best, every, key=lambda one: one.energy)
+
+
+def _held_out_residual(
+    columns: FloatArray, target: FloatArray, blocked: BlockedData, equations: NormalEquations, best: _Tried
+) -> FloatArray:
+    residual = np.empty_like(target)
+    for fold, gains in enumerate(held_out_gains(equations.only(best.kept), best.ridge)):
+        test = blocked.fold == fold
+        residual[test] = target[test] - columns[test][:, best.kept] @ gains
+    return residual

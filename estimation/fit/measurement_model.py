@@ -1,0 +1,225 @@
+"""Readings of a motion drawn again: the same true motion, read through the same chain with other errors.
+
+A measured motion is a reading, not the motion. Its errors (steps of an encoder, noise of a tracker) pass
+through the derivation of velocity and acceleration, and what a model makes of them looks like a law of the
+motion. The only way to know how much of it to expect is to repeat the measurement (R. J. Carroll et al.,
+Measurement Error in Nonlinear Models (2006), ch. 3; A. C. Davison, D. V. Hinkley, Bootstrap Methods and their
+Application (1997), ch. 4).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+
+from estimation.channel import ChannelData
+from estimation.data.derivatives import (
+    HALF_WINDOWS,
+    grid_step,
+    position_error,
+    rounding_variance,
+    wider_window,
+)
+from estimation.data.local_fit import local_derivative
+from estimation.signals.blocks import blocks, of_equal_length
+from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.shifted_motion import shifted_motion
+from robot_io.types import FloatArray, IntArray
+
+_PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
+_TRIED = 4000  # samples by which the operator that derived a velocity is recognised
+_ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
+
+
+@dataclass(frozen=True)
+class MeasurementModel:
+    """How a channel's motion was read."""
+
+    data: ChannelData  # the channel as it was recorded
+    error: FloatArray  # of each position, shape (n,): what differs from the smooth motion
+    velocity_error: FloatArray  # the same of each velocity that was measured; 0 where it was derived
+    halves: tuple[int, int]  # half windows [samples] that these were found by, for position and velocity
+    step: float  # of the grid on which positions lie; 0 where there is none
+    is_staircase: bool  # whether positions wait at steps on no grid: encoders of several joints
+    # How velocity and acceleration were derived; None for one that was measured, or given without noise.
+    filters: tuple[int | None, int | None]
+    is_of_velocity: bool  # whether the acceleration was derived from the velocity, not from positions
+    exact: tuple[FloatArray, FloatArray]  # velocity and acceleration of the smooth motion, shape (n,) each
+    bent: tuple[FloatArray, FloatArray]  # what the windows make of them; the same where nothing was derived
+
+    @property
+    def smoothed_motion(self) -> ChannelData:
+        """A channel that moves like the one recorded: its derivatives are exact, its position smooth."""
+        velocity, acceleration = self.exact
+        data = self.data
+        return shifted_motion(data, -self.error, velocity - data.velocity, acceleration - data.acceleration)
+
+    def simulate(self, rng: np.random.Generator) -> ChannelData:
+        """That motion read once more: other errors of the position, derived by the same windows."""
+        error, data = self._another_error(rng), self.data
+        if self.filters[0] is not None:
+            noise = channel_derivative(data, error, self.filters[0], 1)
+        else:
+            slow = low_frequency_noise(self.velocity_error, data.run, self.halves[1], rng)
+            noise = shuffle_noise(self.velocity_error, data.run, rng) + slow
+        velocity, acceleration = self.bent[0] + noise, self.bent[1]
+        if self.filters[1] is not None:
+            of, order = (noise, 1) if self.is_of_velocity else (error, 2)
+            acceleration = acceleration + channel_derivative(data, of, self.filters[1], order)
+        return shifted_motion(
+            data, error - self.error, velocity - data.velocity, acceleration - data.acceleration
+        )
+
+    def _another_error(self, rng: np.random.Generator) -> FloatArray:
+        if self.step > 0.0:
+            smooth = self.data.position - self.error
+            extra = max(float(np.mean(self.error**2)) - self.step**2 / 12.0, 0.0)
+            noisy = smooth + np.sqrt(extra) * rng.standard_normal(len(smooth))
+            shift = self.step * rng.random()
+            error: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift - smooth
+            return error - np.mean(error)  # what all have in common is a matter of the zero, not of reading
+        if self.is_staircase:
+            return self._elsewhere(rng)
+        slow = low_frequency_noise(self.error, self.data.run, self.halves[0], rng)
+        return shuffle_noise(self.error, self.data.run, rng) + slow
+
+    def _elsewhere(self, rng: np.random.Generator) -> FloatArray:
+        """The error as a function of the place, moved along, (n,): the same in each pass, as steps are.
+
+        As fast passes show it: where the motion is slow, a smoothing window follows the steps.
+        """
+        place, speed = self.data.position - self.error, np.abs(self.data.velocity)
+        fast = np.flatnonzero(speed >= np.median(speed))
+        fast = fast[np.argsort(place[fast])]
+        known, span = place[fast], float(np.ptp(place[fast])) or 1.0
+        wanted = known[0] + (place - known[0] + span * rng.random()) % span
+        nearest = np.minimum(np.searchsorted(known, wanted), len(fast) - 1)
+        return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
+
+
+def identify_measurement_model(data: ChannelData) -> MeasurementModel:
+    """Tell the errors of a channel's positions, and how its derivatives came about.
+
+    What is found is remembered for the same motion under another load.
+    """
+    return replace(_readings_of(data), data=data)
+
+
+@cache_by_array("time_s", "run", "position", "velocity", "acceleration", "position_step")
+def _readings_of(data: ChannelData) -> MeasurementModel:
+    step = data.position_step or grid_step(data.position)
+    rounding = rounding_variance(data.time_s, data.position, data.run, step)
+    error, half = position_error(data.time_s, data.position, data.run, rounding)
+    few = data.select(np.arange(min(len(data), _TRIED)))
+    velocity, _ = _window(few, few.position, error, few.velocity, 1)
+    of_velocity, half_of_velocity = np.zeros(len(data)), half
+    acceleration, apart = _window(few, few.position, error, few.acceleration, 2)
+    if velocity is None:
+        of_velocity, half_of_velocity = position_error(data.time_s, data.velocity, data.run, 0.0)
+    noise = of_velocity if velocity is None else channel_derivative(data, error, velocity, 1)
+    of_it, apart_from_it = _window(few, few.velocity, noise, few.acceleration, 1)
+    is_of_velocity = of_it is not None and apart_from_it < apart
+    acceleration = of_it if is_of_velocity else acceleration
+    filters = velocity, acceleration
+    is_staircase = step == 0.0 < rounding
+    halves, orders = (half, half_of_velocity), (1, 1 if is_of_velocity else 2)
+    exact = (
+        _unbent(data, data.velocity - of_velocity, filters[0], orders[0]),
+        _unbent(data, data.acceleration, filters[1], orders[1]),
+    )
+    bent = _bent(data, exact[0], filters[0], orders[0]), _bent(data, exact[1], filters[1], orders[1])
+    how = halves, step, is_staircase, filters, is_of_velocity
+    return MeasurementModel(data, error, of_velocity, *how, exact, bent)
+
+
+def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign."""
+    made = np.empty_like(noise)
+    for rows in of_equal_length(run):
+        count = rows.shape[1]
+        shift, sign = rng.integers(count, size=(len(rows), 1)), rng.choice([-1.0, 1.0], (len(rows), 1))
+        made[rows] = sign * np.take_along_axis(noise[rows], (np.arange(count) - shift) % count, axis=1)
+    return made
+
+
+def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.random.Generator) -> FloatArray:
+    """Errors slower than a smoothing window lets show, (n,), drawn at the density that it leaves beside.
+
+    A reading's error does not end at the frequency where the smooth motion begins. That is about where a
+    cubic fit to 2 h + 1 samples passes half of a wave's size (for short windows, rather higher): R. W.
+    Schafer, IEEE Signal Processing Magazine 28 (2011).
+    """
+    edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
+    slow = np.zeros_like(error)
+    for rows in of_equal_length(run) if error.any() else ():
+        count = rows.shape[1]
+        found, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
+        beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
+        if not beside.any() or not below.any():
+            continue
+        density = np.mean(np.abs(found[:, beside]) ** 2, axis=1, keepdims=True)
+        lacking = np.maximum(density - np.abs(found[:, below]) ** 2, 0.0)
+        parts = rng.standard_normal((2, *lacking.shape))
+        drawn = np.zeros_like(found)
+        drawn[:, below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
+        slow[rows] = np.fft.irfft(drawn, count)
+    return slow
+
+
+def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
+    """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
+    found = np.empty(len(signal))
+    for rows in blocks(data.run):
+        found[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
+    return found
+
+
+def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:
+    """What a window makes of an exact derivative of this order, (n,)."""
+    return (
+        exact if window is None else channel_derivative(data, _integrated(exact, data, order), window, order)
+    )
+
+
+def _unbent(data: ChannelData, found: FloatArray, window: int | None, order: int) -> FloatArray:
+    """A derivative (n,) that a window bends to about the one found: what it does to that, taken off.
+
+    J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing. Noise in what was found is no motion:
+    it is smoothed first, by a window a size wider, which bends a signal less than its derivatives.
+    """
+    if window is None:
+        return found
+    smooth = channel_derivative(data, found, wider_window(window, 1), 0)
+    return 2.0 * smooth - _bent(data, smooth, window, order)
+
+
+def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray:
+    """A signal (n,) integrated so many times from the start of each run."""
+    whole = signal
+    for _ in range(times):
+        whole = whole.copy()
+        for rows in blocks(data.run):
+            whole[rows] = cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
+    return whole
+
+
+def _window(
+    data: ChannelData, signal: FloatArray, error: FloatArray, given: FloatArray, order: int
+) -> tuple[int | None, float]:
+    """The window by which a derivative (n,) was derived from a signal (n,) with an error; None if by none.
+
+    And the median square by which it differs from that where something moves; infinite if by none. Other
+    ends of the pieces that were derived by themselves, or what was cut off behind, do not count in a median.
+    """
+    alike: list[tuple[float, int]] = []
+    moving = given != 0.0
+    if not moving.any():
+        return None, np.inf
+    for window in HALF_WINDOWS:
+        passed_on = channel_derivative(data, error[: len(data)], window, order)
+        apart = float(np.median((channel_derivative(data, signal, window, order) - given)[moving] ** 2))
+        limit = max(_PASSED_ON * float(np.median(passed_on**2)), _ALIKE * float(np.mean(given**2)))
+        if apart <= limit:
+            alike.append((apart, window))
+    least, best = min(alike, default=(np.inf, None))
+    return best, least

@@ -1,0 +1,146 @@
+"""Everything that a linear fit and its held-out errors need, in one small matrix per fold."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from estimation.information import Information
+from robot_io.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Cross products of columns and target, fold by fold."""
+
+    products: FloatArray  # shape (folds, q + 1, q + 1); the last row and column belong to the target
+    # What is known of the gains from elsewhere, matrix (1 + folds, q, q), see `SharedGains`.
+    known: Information | None = None
+
+    def only(self, columns: BoolArray) -> "NormalEquations":
+        """With only these columns, a mask of shape (q,), and the target."""
+        kept = np.append(np.flatnonzero(columns), len(columns))
+        known = self.known and Information(
+            self.known.matrix[:, kept[:-1, None], kept[None, :-1]], self.known.vector[:, kept[:-1]]
+        )
+        return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
+
+    def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What gains solve, of all folds and of all but each, for columns that are `scale` (q,) times these.
+
+        Returns:
+            Systems (1 + folds, q, q) and right-hand sides (1 + folds, q).
+        """
+        whole = self.products.sum(axis=0)
+        every = np.concatenate([whole[None], whole - self.products])
+        system, target = every[:, :-1, :-1], every[:, :-1, -1]
+        if self.known is not None:
+            system, target = system + self.known.matrix, target + self.known.vector
+        return system * scale[:, None] * scale, target * scale
+
+
+def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
+    """Cross products of columns and target side by side, one array (rows, q + 1) for each fold."""
+    return NormalEquations(np.stack([part.T @ part for part in parts]))
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A linear fit."""
+
+    gains: FloatArray  # fitted to all folds, shape (q,)
+    fold_gains: FloatArray  # fitted to all but each fold, shape (folds, q)
+    sse: FloatArray  # sum of squared residuals of that fit, by fold
+    train: FloatArray  # sum of squared residuals over the other folds, of the fit to those, shape (folds,)
+    held_out: FloatArray  # sum of squared residuals in each fold, of the fit to the others, shape (folds,)
+    system: FloatArray  # what the gains solve, for columns of unit length, shape (q, q)
+    scale: FloatArray  # factors that gave the columns that length, shape (q,)
+    dof: int  # samples that were fitted to; 0 where nobody said
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """Standard errors of the gains for white noise, shape (q,); NaN where there are too few samples."""
+        free = self.dof - len(self.gains)
+        if free <= 0:
+            return np.full(len(self.gains), np.nan)
+        variance = np.diag(np.linalg.inv(self.system)) * self.sse.sum() / free
+        return np.asarray(np.sqrt(variance) * self.scale)
+
+    def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
+        """The same fit among all gains (q,), of which only those at these places were free."""
+        whole = np.repeat(gains[None], len(self.fold_gains) + 1, axis=0)
+        whole[:, free] = np.concatenate([self.gains[None], self.fold_gains])
+        system, scale = np.eye(len(gains)), np.zeros(len(gains))
+        system[np.ix_(free, free)], scale[free] = self.system, self.scale
+        return replace(self, gains=whole[0], fold_gains=whole[1:], system=system, scale=scale)
+
+
+def solve_normal_equations(equations: NormalEquations, ridge: float = 1e-9, dof: int = 0) -> LinearFit:
+    """Fit to all and to all but each fold.
+
+    Args:
+        equations: of columns and target.
+        ridge: shrinkage on columns of unit mean square; the default only keeps collinear columns finite.
+        dof: samples, for the standard errors; 0 if they are not wanted.
+    """
+    scaled, scale = _scaled(equations)
+    others = scaled.sum(axis=0) - scaled
+    system, target = equations.training(scale)
+    system = system + ridge * np.eye(len(scale))
+    gains = np.linalg.solve(system, target[..., None])[..., 0]
+    used = np.concatenate([np.repeat(gains[:1], len(scaled), axis=0), gains[1:], gains[1:]])
+    sse, held_out, train = _sse(np.concatenate([scaled, scaled, others]), used).reshape(3, -1)
+    return LinearFit(gains[0] * scale, gains[1:] * scale, sse, train, held_out, system[0], scale, dof)
+
+
+def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
+    """Sum of squared residuals in each fold, of the fit to the others, (r, folds), for each shrinkage (r, q).
+
+    See `solve_normal_equations`, which does one of them and more.
+    """
+    scaled, scale = _scaled(equations)
+    return _sse(scaled, np.array([_shrunken(equations, scale, ridge) for ridge in ridges]))
+
+
+def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
+    """Gains (folds, q) from the folds other than each, with a shrinkage (q,)."""
+    _, scale = _scaled(equations)
+    return _shrunken(equations, scale, ridge) * scale
+
+
+def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) -> FloatArray:
+    system, target = equations.training(scale)
+    pairs = zip(system[1:] + np.diag(ridge), target[1:], strict=True)
+    return np.array([_solved(one, wanted) for one, wanted in pairs])
+
+
+def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
+    """Solve a symmetric system (q, q) that shrinkage made definite: in half the time of any other."""
+    if target.size:
+        _, gains, failed = dposv(system, target)
+        if not failed:
+            return np.asarray(gains)
+    return np.asarray(np.linalg.solve(system, target))
+
+
+def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:
+    """Products of columns of unit length over all folds, and the factors (q,) that made them so.
+
+    What is known counts as rows: a column that this data does not move is not blown up to unit length.
+    """
+    products = equations.products
+    squares = products.sum(axis=0).diagonal().copy()
+    if equations.known is not None:
+        squares[:-1] += equations.known.matrix[0].diagonal()
+    width = np.sqrt(squares)
+    width[-1] = 1.0  # the target stays as it is
+    scale = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
+    return products * scale[:, None] * scale, scale[:-1]
+
+
+def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
+    """Squared residuals of `gains` (q,) or (..., folds, q) on each fold's products."""
+    signed = np.concatenate([-gains, np.ones((*gains.shape[:-1], 1))], axis=-1)
+    sse: FloatArray = np.sum((products @ signed[..., None])[..., 0] * signed, axis=-1)
+    return np.maximum(sse, 0.0)

@@ -1,0 +1,62 @@
+"""How much of noise alone the best of many candidates takes away.
+
+Surrogates keep the residuals' own distribution and colour, and lose their tie to the motion: each run's
+residuals are shifted in time and change sign at random (J. Theiler et al., Physica D 58 (1992)). The largest
+gain over all candidates and all their inner parameters is what the observed one must beat (P. H. Westfall,
+S. S. Young, Resampling-Based Multiple Testing (1993)).
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_io.types import FloatArray, IntArray
+
+COUNT = 199
+
+
+def null_improvements(
+    noise: FloatArray,
+    run: IntArray,
+    base: FloatArray,
+    candidates: Iterable[FloatArray],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Largest share of the error that any candidate takes from each surrogate of the noise, shape (COUNT,).
+
+    Args:
+        noise: residuals (w,) of the best model, in order of time within each run.
+        run: of each, shape (w,).
+        base: columns (w, q) of the model without a candidate.
+        candidates: columns of the model with one, each of shape (w, q').
+        rng: for the surrogates.
+    """
+    drawn = surrogate_residuals(noise, run, rng).astype(np.float32)
+    explained = _explained(drawn, base)
+    left = np.sum(drawn**2, axis=0) - explained
+    best = np.zeros(drawn.shape[1])
+    for columns in candidates:
+        best = np.maximum(best, (_explained(drawn, columns) - explained) / left)
+    return best
+
+
+def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Noise (w,) like the one given, shape (w, COUNT)."""
+    made = np.empty((len(noise), COUNT))
+    for number in np.unique(run):
+        rows = np.flatnonzero(run == number)
+        shifts = (np.arange(len(rows))[:, None] + rng.integers(0, len(rows), COUNT)) % len(rows)
+        made[rows] = noise[rows][shifts] * rng.choice([-1.0, 1.0], COUNT)
+    return made
+
+
+def _explained(noise: NDArray[np.float32], columns: FloatArray) -> FloatArray:
+    """Energy of each surrogate (w, s) within the span of columns (w, q), shape (s,)."""
+    if columns.shape[1] == 0:
+        return np.zeros(noise.shape[1])
+    width = np.sqrt(np.sum(columns**2, axis=0))
+    u, size, _ = np.linalg.svd(columns / np.where(width > 0.0, width, 1.0), full_matrices=False)
+    basis = u[:, size > 1e-6 * max(size[0], 1e-300)].astype(np.float32)
+    energy: FloatArray = np.sum((basis.T @ noise) ** 2, axis=0)
+    return energy

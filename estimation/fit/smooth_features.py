@@ -1,0 +1,159 @@
+"""Signals that a smooth law may depend on, each as columns that bend where the samples are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.fit.blocks import BlockedData
+from estimation.signals.blocks import since_their_start
+from estimation.signals.exponential_memory import low_pass, relax
+from estimation.signals.runwise import play, rate, running_max, sample_time, shift
+from robot_io.types import FloatArray, IntArray
+
+_KNOTS = 9  # at quantiles, where the samples are
+_EVEN_KNOTS = 13  # over the whole range, also where samples are few
+_WAVES = 24
+_SHARPNESS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
+_MEMORIES_S = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+_LAGS = (1.0, 3.0, 10.0, 30.0)  # in blocks, over which the effort is remembered
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
+_CONTEXT = frozenset({"joint_position", "joint_velocity", "load"})
+
+
+def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Columns (m, k) by the signal that they are functions of.
+
+    Args:
+        blocked: the channel on its blocks.
+        efforts: what the model expects, on blocks, shape (m,); and before its sensors, if these change it.
+    """
+    data, run, effort = blocked.data, blocked.run, efforts[0]
+    x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
+    v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
+    sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
+    coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
+    found = {
+        "offset": np.ones((len(x), 1)),
+        "time": _ageing(time_s, run, v, effort, turn),
+        "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
+        "velocity": np.column_stack([_curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
+        "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
+        "acceleration": np.column_stack([_hats(a), a[:, None] * coarse_x]),
+        "past motion": blocked.cache.get_or_compute("past motion", lambda: _past(blocked)),
+        "effort": np.hstack([p for e in efforts for p in (_curves(e), _past_effort(e, time_s, run))]),
+    }
+    for name in sorted(_CONTEXT & data.context.keys()):
+        columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
+        found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
+    for name in sorted(data.recorded):
+        found[f"recorded {name}" if name in found else name] = _beside(
+            blocked.reduce(data.context[name]), x, v, effort
+        )
+    if "load" in found:
+        found["load"] = np.column_stack([found["load"], sharp * np.abs(blocked.reduce(data.context["load"]))])
+    return found
+
+
+def _ageing(
+    time_s: FloatArray, run: IntArray, v: FloatArray, effort: FloatArray, turn: FloatArray
+) -> FloatArray:
+    """A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done."""
+    work = np.cumsum(np.abs(effort * v))
+    clocks = [_unit(c) for c in (time_s, since_their_start(time_s, run), work, since_their_start(work, run))]
+    fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
+    return np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
+
+
+def _unit(clock: FloatArray) -> FloatArray:
+    run_down: FloatArray = (clock - clock[0]) / (float(np.ptp(clock)) or 1.0)
+    return run_down
+
+
+def _position(blocked: BlockedData) -> FloatArray:
+    """Curves over the present position, over the furthest so far, and waves."""
+    x = blocked.reduce(blocked.data.position)
+    touching = blocked.reduce(blocked.data.engaged.astype(np.float64))
+    return np.hstack([_curves(x), touching[:, None], _hats(running_max(x, blocked.run)), *_waves(blocked, x)])
+
+
+def _past(blocked: BlockedData) -> FloatArray:
+    """What of the way to the present position is remembered, for some time or until the next reversal."""
+    data, run = blocked.data, blocked.run
+    x, time_s, touching = (
+        blocked.reduce(s) for s in (data.position, data.time_s, data.engaged.astype(np.float64))
+    )
+    pressed, a = (blocked.reduce(s * data.engaged) for s in (data.position, data.acceleration))
+    if blocked.data.kind is ChannelKind.CONTACT:
+        fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    else:
+        fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
+    turns = [_memory(pressed, run, share) for share in _TURNS]
+    bent = [f * np.abs(f) for f in fading]
+    bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
+    past = np.column_stack([*fading, *bent, *turns, *bent_back])
+    return np.hstack([past * touching[:, None], _after(blocked, x)])
+
+
+def _after(blocked: BlockedData, x: FloatArray) -> FloatArray:
+    """What is still there beyond the surface once it was touched, shape (m, k); none for a joint."""
+    if blocked.data.kind is not ChannelKind.CONTACT:
+        return np.empty((len(x), 0))
+    touched = running_max((x > 0.0).astype(np.float64), blocked.run) * (x <= 0.0)
+    reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
+    return np.asarray(touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches))
+
+
+def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
+    """What a signal that no model knows may add, and how it may scale what is there."""
+    unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
+    return np.column_stack([_hats(unit), *(unit * other for other in others)])
+
+
+def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """What a sensor may remember of the effort: its way there, late, smoothed, or until it turns round."""
+    slope, step = rate(effort, time_s, run), sample_time(time_s, run)
+    late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
+    late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
+    turns = [_memory(effort, run, share) for share in _TURNS]
+    return np.column_stack([slope, *late, np.tanh(slope / (0.1 * _rms(slope))), *turns])
+
+
+def _memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
+    """Direction of the last reversal of a signal, over a path that is a share of its range and its unit."""
+    return signal - play(signal, run, share * float(np.ptp(signal)))
+
+
+def _curves(signal: FloatArray) -> FloatArray:
+    """Bumps, and powers that go on where another run went further."""
+    unit = signal / _rms(signal)
+    return np.column_stack([_hats(signal), unit, unit * np.abs(unit), unit**3])
+
+
+def _hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
+    """Piecewise linear bumps without the one at zero: a constant is not theirs.
+
+    Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.
+    """
+    low, high = float(signal.min()), float(signal.max())
+    quantiles = np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS))
+    knots = np.sort(np.concatenate([quantiles, np.linspace(low, high, even)]))
+    knots = knots[np.append(True, np.diff(knots) > 0.02 * (high - low))] if even else np.unique(knots)
+    if len(knots) < 3:
+        return signal[:, None]
+    place = np.interp(signal, knots, np.arange(len(knots)))
+    hats = np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(knots))), 0.0)
+    return np.delete(hats, int(np.argmin(np.abs(knots))), axis=1)
+
+
+def _waves(blocked: BlockedData, position: FloatArray) -> list[FloatArray]:
+    """Waves over the range of a joint's position, shape (m, 2 waves); none for a contact."""
+    if blocked.data.kind is ChannelKind.CONTACT:
+        return []
+    span = float(np.ptp(position)) or 1.0
+    angle = 2.0 * np.pi * (position / span)[:, None] * np.arange(1, _WAVES + 1)
+    return [np.sin(angle), np.cos(angle)]
+
+
+def _rms(signal: FloatArray) -> float:
+    return float(np.sqrt(np.mean(signal**2))) or 1.0

@@ -1,0 +1,349 @@
+"""What speaks against a model that leaves nothing to a smooth law, and what is only noise."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import differentiate
+from estimation.diagnosis import residual_checks
+from estimation.diagnosis.bootstrap import SMALL, BootstrapTest
+from estimation.diagnosis.residual_checks import (
+    ExcessVariance,
+    RunHeterogeneity,
+    check_residuals,
+    exceeds_noise,
+    free_air_noise,
+    run_heterogeneity,
+)
+from estimation.fit.ar_noise import WHITE
+from estimation.fit.blocks import BlockedData
+from estimation.fit.fit_problem import FitProblem, solve_gains
+from estimation.fit.fit_result import fit_model
+from estimation.fit.measurement_model import identify_measurement_model
+from estimation.models import MODELS
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.swings import swings
+
+MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
+
+
+def louder_with_load(seed):
+    data = session(seed)
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, len(data)) * np.abs(data.effort)
+    return replace(data, effort=data.effort + noise)
+
+
+def coarsely_read(seed, step_m=3e-4):
+    data = session(seed)
+    return replace(data, position=step_m * np.round(data.position / step_m))
+
+
+def derived_from_steps(seed):
+    """The speed's error is slow where two encoders step, and damping makes a force of it."""
+    data = session(seed)
+    x, v = 0.02 * data.position, 0.02 * data.velocity
+    noise = np.random.default_rng(seed).normal(0.0, 0.02, len(data))
+    read = sum(share * step * np.round(share * x / step) for share, step in ((0.8, 4e-6), (0.6, 7e-6)))
+    motion = differentiate(data.time_s, read, data.run)
+    force = np.where(x > 0.0, np.maximum(15e3 * x + 4e3 * v, 0.0), 0.0) + noise
+    return replace(
+        data, position=read, velocity=motion.velocity, acceleration=motion.acceleration, effort=force
+    )
+
+
+NOISE = {
+    "white": session,
+    "slow": lambda seed: session(seed, correlation=0.9),
+    "very slow": lambda seed: session(seed, correlation=0.97),
+    "growing with the load": louder_with_load,
+    "steps of the depth": coarsely_read,
+    "a speed derived from steps": derived_from_steps,
+}
+
+
+def objection(data):
+    measurement, rng = identify_measurement_model(data), np.random.default_rng(0)
+    return check_residuals(fit_model(data, MODEL, {}), measurement, rng, complete=True)
+
+
+@pytest.mark.parametrize("name", NOISE)
+def test_noise_is_no_objection(name):
+    assert [objection(NOISE[name](seed)) for seed in range(4)] == [None] * 4
+
+
+@pytest.mark.parametrize("length", [None, 60])
+def test_a_run_of_another_scale_is_found_also_beside_one_too_short_to_be_judged(length):
+    def scaled(t, x, v, run):
+        return kelvin_voigt(x, v) * np.where(run == 2, 1.2, 1.0)
+
+    data = session(6, scaled)
+    if length:
+        last = data.run == data.runs[-1]
+        data = data.select(~last | (np.cumsum(last) <= length))
+    assert "run 2 is off" in objection(data).reason
+    fitted = fit_model(data, MODEL, {})
+    found = run_heterogeneity(fitted.problem.blocked, fitted.solution)
+    assert found.run == 2
+    assert found.run_alone < 1.2 * NOISE_N < found.run_predicted
+
+
+def test_a_swing_of_its_own_in_each_run_is_told_with_its_size_and_what_is_left_beside_it():
+    data, size_n = session(7), 0.05
+    phase = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, int(data.run.max()) + 1)
+    swung = data.effort + size_n * np.sin(2.0 * np.pi * 7.0 * data.time_s + phase[data.run])
+    found = objection(replace(data, effort=np.where(data.effort > 5 * NOISE_N, swung, data.effort)))
+    frequency_hz, told_n = (float(found.reason.split(word)[0].split()[-1]) for word in (" Hz", " N,"))
+    assert frequency_hz == pytest.approx(7.0, rel=0.02)
+    assert told_n == pytest.approx(size_n / np.sqrt(2.0), rel=0.15)
+    assert found.depends_on == "time"
+    assert found.floor == pytest.approx(NOISE_N, rel=0.2)
+
+
+def contact(depth, force, run=None):
+    """A channel with a sample each 5 ms, which is a block."""
+    t, nothing = np.arange(len(depth)) * 0.005, np.zeros(len(depth))
+    run = np.zeros(len(depth), dtype=np.int64) if run is None else run
+    depth, force = np.asarray(depth, dtype=float), np.asarray(force, dtype=float)
+    return ChannelData("c", ChannelKind.CONTACT, t, depth, nothing, nothing, force, run, np.full(len(t), -1))
+
+
+WAVE = np.tile([1.0, -1.0], 200)
+
+
+@pytest.mark.parametrize(
+    ("before", "zero", "noise", "told"),
+    [
+        (60, 0.0, 0.1, 0.1),
+        (60, 3.0, 0.1, 0.1),  # about the mean of that run
+        (56, 0.0, 0.1, 0.1),  # of nine tenths, fifty are enough
+        (54, 0.0, 0.1, None),
+        (400, 0.0, 0.1, 0.1),  # nothing was touched
+        (0, 0.0, 0.1, None),
+    ],
+)
+def test_the_noise_of_free_air_is_that_before_the_first_touch(before, zero, noise, told):
+    at = np.arange(400)
+    depth = np.where((at < before) | (at > 390), -0.01, 0.01)
+    force = zero + noise * WAVE + np.where((at >= 0.9 * before) & (before < 400), 50.0, 0.0)
+    found = free_air_noise(contact(depth, force))
+    assert found is None if told is None else found == pytest.approx(told)
+    assert free_air_noise(swings(1)) is None
+
+
+def test_runs_with_a_zero_of_their_own_have_one_noise_of_free_air():
+    run = np.repeat([0, 1, 2], [200, 150, 50])
+    force = np.array([0.1, 0.3, 9.0])[run] * WAVE + np.array([0.0, 5.0, 0.0])[run]
+    depth = np.where(run < 2, -0.01, 0.01)
+    expected = np.sqrt((180 * 0.1**2 + 135 * 0.3**2) / 315)
+    assert free_air_noise(contact(depth, force, run)) == pytest.approx(expected, rel=1e-3)
+
+
+def of_runs(gains, lengths, noise=0.1):
+    """A spring of another stiffness in each run, and the fit to all; with a block a sample."""
+    run = np.repeat(np.arange(len(gains)), lengths)
+    rng = np.random.default_rng(1)
+    depth = rng.uniform(0.0, 1.0, len(run))
+    data = contact(depth, np.array(gains)[run] * depth + noise * rng.normal(size=len(run)), run)
+    blocked = BlockedData(data, np.arange(len(run))[:, None], run, run, np.ones(len(run), dtype=bool))
+    return blocked, solve_gains(FitProblem(blocked, WHITE), MODEL.without("damping"), {})
+
+
+def test_each_run_is_held_against_what_the_others_say_of_it_and_what_it_says_itself():
+    blocked, solution = of_runs([10.0, 10.0, 12.0, 10.0], 200)
+    data, found = blocked.data, run_heterogeneity(blocked, solution)
+    predicted, alone = np.empty(800), np.empty(800)
+    for run in range(4):
+        mine = data.run == run
+        x, y = data.position, data.effort
+        gain = np.sum((x * y)[~mine]) / np.sum((x * x)[~mine])
+        predicted[mine] = y[mine] - gain * x[mine]
+        design = np.column_stack([x[mine], np.ones(200)])  # a run may have a zero of its own
+        left = y[mine] - design @ np.linalg.lstsq(design, y[mine], rcond=None)[0]
+        alone[mine] = left * np.sqrt(200 / 198)
+
+    def size(error):
+        return np.sqrt(np.mean(error**2))
+
+    assert found.run == 2
+    assert (found.predicted, found.alone) == pytest.approx((size(predicted), size(alone)), rel=1e-6)
+    mine = data.run == 2
+    assert (found.run_predicted, found.run_alone) == pytest.approx(
+        (size(predicted[mine]), size(alone[mine])), rel=1e-6
+    )
+    assert found.own_residual == pytest.approx(alone, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gains", "lengths", "disagree"),
+    [
+        ([10.0, 10.0, 10.0], 200, False),
+        ([10.0, 11.2, 10.0], 200, True),
+        ([10.0, 10.3, 10.0], 200, False),  # less than half as much again as by themselves
+        ([10.0, 10.0, 12.0], [200, 200, 59], False),  # too short to be fitted by itself
+        ([10.0, 10.0, 12.0], [200, 200, 60], True),
+        ([10.0, 13.0], 200, True),
+        ([10.0, 13.0], [200, 50], False),  # a single run is left
+    ],
+)
+def test_runs_disagree_where_each_by_itself_leaves_clearly_less(gains, lengths, disagree):
+    blocked, solution = of_runs(gains, lengths, noise=0.3)
+    assert (run_heterogeneity(blocked, solution) is not None) is disagree
+
+
+@pytest.mark.parametrize(("memory", "chosen", "share"), [(0.0, 1.0, 0.0), (0.8, 1.0, 0.8), (0.8, 0.5, 0.8)])
+def test_what_neighbouring_blocks_share_is_their_covariance(memory, chosen, share):
+    rng, noise = np.random.default_rng(1), np.zeros(20_000)
+    for i in range(1, len(noise)):
+        noise[i] = memory * noise[i - 1] + rng.normal()
+    some = np.arange(len(noise)) % 100 < 100 * chosen
+    found = residual_checks._shared_by_neighbours(noise, np.zeros(len(noise), dtype=int), some)
+    assert found**2 / np.var(noise) == pytest.approx(share, abs=0.05)
+
+
+def test_blocks_of_two_runs_or_across_a_gap_are_no_neighbours():
+    noise, every = np.ones(50), np.ones(50, dtype=bool)
+    shared = residual_checks._shared_by_neighbours
+    assert shared(noise, np.arange(50), every) == 0.0
+    assert shared(noise, np.zeros(50), np.arange(50) % 2 == 0) == 0.0
+    assert shared(-noise, np.zeros(50), every) == 1.0
+    assert shared(noise, np.zeros(50), np.arange(50) < 21) == 1.0
+    assert shared(noise, np.zeros(50), np.arange(50) < 20) == 0.0  # too few pairs
+
+
+def test_noise_is_that_about_the_mean_of_each_run():
+    residual, run = np.array([1.0, 3.0, 99.0, 10.0, 14.0]), np.array([0, 0, 0, 1, 1])
+    found = residual_checks._about_run_means(residual, run, residual < 50.0)
+    assert found.tolist() == [-1.0, 1.0, -2.0, 2.0]
+
+
+def test_what_is_left_in_contact_is_held_against_free_air():
+    hum = session(2, lambda t, x, v, run: kelvin_voigt(x, v, 0.4 * np.sin(2 * np.pi * 7.3 * t)))
+    fit = fit_model(hum, MODEL, {})
+    found = exceeds_noise(fit, identify_measurement_model(hum), np.random.default_rng(0))
+    assert found.frequency_hz == pytest.approx(7.3, abs=0.05)
+    assert found.acting == pytest.approx(0.4 / np.sqrt(2.0), rel=0.15)
+    block = fit.problem.blocked.rows.shape[1]
+    assert found.expected == pytest.approx(NOISE_N / np.sqrt(block), rel=0.3)
+    told = check_residuals(fit, identify_measurement_model(hum), np.random.default_rng(0), complete=True)
+    assert f"{found.acting:.3g} N, is {found.acting / found.expected:.0f} times" in told.reason
+    assert told.floor == pytest.approx(NOISE_N, rel=0.15)  # of single samples
+    assert (
+        exceeds_noise(
+            fit_model(session(2), MODEL, {}), identify_measurement_model(hum), np.random.default_rng(0)
+        )
+        is None
+    )
+
+
+@pytest.mark.parametrize(("creak_nm", "is_noise"), [(0.1, False), (0.0, True)])
+def test_what_is_left_in_motion_is_held_against_rest(creak_nm, is_noise):
+    rng, t = np.random.default_rng(3), np.arange(0.0, 60.0, 0.005)
+    speed = np.repeat(np.tile([0.0, 2.0 * np.pi], 6), 1000)  # every other five seconds
+    phase = np.cumsum(0.005 * gaussian_filter1d(speed, 40.0))
+    q, v, a = np.sin(phase), np.gradient(np.sin(phase), t), np.gradient(np.gradient(np.sin(phase), t), t)
+    creak = gaussian_filter1d(rng.standard_normal(len(t)), 20.0) * 8.0 * (speed > 0.0)
+    effort = 0.05 * a + 0.5 * v + creak_nm * creak + 0.01 * rng.standard_normal(len(t))
+    run = np.zeros(len(t), dtype=np.int64)
+    data = ChannelData("joint_1", ChannelKind.REVOLUTE, t, q, v, a, effort, run, run - 1)
+    fit = fit_model(data, MODELS["inertia"]().build(ModelContext(joint=0)), {})
+    found = exceeds_noise(fit, identify_measurement_model(data), np.random.default_rng(0))
+    assert (found is None) is is_noise
+    told = check_residuals(fit, identify_measurement_model(data), np.random.default_rng(0), complete=True)
+    assert (told is None) is is_noise
+    assert is_noise or (f"in motion, {found.acting:.3g} N m" in told.reason and "at rest" in told.reason)
+
+
+APART = RunHeterogeneity(2, 1.0, 0.4, np.zeros(3), 2.0, 0.4)
+EXCESS = ExcessVariance(1.0, 0.1, None)
+
+
+@pytest.mark.parametrize(
+    ("complete", "floor", "apart", "chance", "excess", "depends_on"),
+    [
+        (True, 0.1, None, False, None, None),
+        (True, 0.1, APART, False, None, "run"),
+        (True, 0.1, APART, True, None, None),  # draws disagree as much
+        (True, 0.1, APART, True, EXCESS, "time"),
+        (True, 0.1, None, False, EXCESS, "time"),
+        (False, 0.1, None, False, EXCESS, None),  # a smooth law explains some of it: that is told
+        (False, 0.8, APART, False, EXCESS, None),
+        (False, 0.81, APART, False, EXCESS, "run"),  # runs by themselves leave less than half of its rest
+    ],
+)
+def test_runs_are_looked_at_first_then_what_is_left_in_contact(
+    complete, floor, apart, chance, excess, depends_on, monkeypatch
+):
+    monkeypatch.setattr(residual_checks, "run_heterogeneity", lambda *_: apart)
+    monkeypatch.setattr(residual_checks, "_is_no_chance", lambda *_: not chance)
+    monkeypatch.setattr(residual_checks, "exceeds_noise", lambda *_: excess)
+    monkeypatch.setattr(residual_checks, "_swings", lambda *_: None)
+    end = SimpleNamespace(
+        data=swings(1), problem=SimpleNamespace(blocked=None), solution=None, floor=lambda: floor
+    )
+    found = check_residuals(end, None, None, complete=complete)
+    assert (found and found.depends_on) == depends_on
+    if depends_on == "run":
+        assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2 N m when")
+        assert found.floor == 0.4
+    if depends_on == "time":
+        assert "1 N m, is 10 times the noise at rest, does not look like noise; no signal" in found.reason
+        assert found.floor == 0.1  # there is no free air
+
+
+@pytest.mark.parametrize(
+    ("drawn", "no_chance"),
+    [((1.0, 0.0), True), ((2.44, 1.0), True), ((2.46, 1.0), False), ((3.0, 9.0), False)],
+)
+def test_runs_that_follow_one_law_disagree_by_chance_as_draws_say(drawn, no_chance, monkeypatch):
+    """These do by 2.5; draws that agree count as none."""
+    figures = iter(drawn * 20)
+
+    def disagree(*_):
+        figure = next(figures)
+        return replace(APART, predicted=figure, alone=1.0) if figure else None
+
+    monkeypatch.setattr(residual_checks, "run_heterogeneity", disagree)
+    problem = SimpleNamespace(blocked=None)
+    monkeypatch.setattr(residual_checks, "bootstrap_samples", lambda *_: iter([(problem, None)] * 40))
+    end = SimpleNamespace(problem=SimpleNamespace(blocked=SimpleNamespace(reduce=lambda signal: signal)))
+    assert residual_checks._is_no_chance(APART, end, None, None) is no_chance
+    assert BootstrapTest(2.5, np.array(drawn)).is_significant is no_chance
+
+
+@pytest.mark.parametrize(
+    ("share", "times", "told"),
+    [(0.36, 40.0, True), (0.2, 40.0, True), (0.199, 40.0, False), (0.36, 39.9, False), (None, None, False)],
+)
+def test_a_swing_is_named_where_it_is_a_fair_part_and_stands_out(share, times, told, monkeypatch):
+    found = share and (7.0, share, times)
+    monkeypatch.setattr(residual_checks, "strongest_swing", lambda *_: found)
+    monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: None)
+    end = fit_model(session(7), MODEL, {})
+    swung = residual_checks._swings(end)
+    assert (swung is not None) is told
+    if told:  # the energy of a swing and of the rest add up
+        assert f"7 Hz with {share**0.5 * end.rmse:.3g} N" in swung.reason
+        assert swung.floor**2 == pytest.approx((1.0 - share) * end.rmse**2)
+
+
+@pytest.mark.parametrize(
+    ("air", "share", "named"),
+    [
+        (None, 0.5, True),
+        (0.99, 0.5, True),
+        (1.0, 0.5, False),
+        (2.0, 0.88, False),
+        (2.0, 0.89, True),  # the error is three times what is left beside it
+    ],
+)
+def test_a_swing_that_is_in_free_air_too_is_noise_unless_it_is_most_of_it(air, share, named, monkeypatch):
+    monkeypatch.setattr(residual_checks, "strongest_swing", lambda *_: (50.0, share, 100.0))
+    monkeypatch.setattr(residual_checks, "free_air_noise", lambda _: air)
+    end = fit_model(session(7), MODEL, {})
+    monkeypatch.setattr(type(end), "rmse", 1.0 + SMALL)
+    assert (residual_checks._swings(end) is not None) is named

@@ -1,0 +1,219 @@
+"""The steps of a search in made-up worlds: what each set of effects would leave is known."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from estimation.diagnosis import search as module
+from estimation.diagnosis.search import MOST_EFFECTS, backward_step, select_effects
+
+
+class World:
+    """Models are sets of letters; `left` says what each leaves, 100 or more where it does not."""
+
+    coarse = None
+
+    def __init__(self, left, *, unsound=(), exchanges=(), smooth=0.0, floor=0.0, glances="", rmse=None):
+        self._left = {frozenset(names): value for names, value in left.items()}
+        self._unsound = {frozenset(names) for names in unsound}
+        self._exchanges = [(frozenset(one), frozenset(two)) for one, two in exchanges]
+        self._smooth, self._floor, self._glances = smooth, floor, glances
+        self._known, self.fits = {}, []
+
+    def at(self, names):
+        names = frozenset(names)
+        if names not in self._known:
+            self.fits.append("".join(sorted(names)))
+            left = self._left.get(names, 100.0)
+            solution = SimpleNamespace(held_out=left, model=names, parameters={})
+            self._known[names] = SimpleNamespace(
+                names=names,
+                solution=solution,
+                rmse=left,
+                floor=lambda: self._floor,
+                explainable_share=lambda: self._smooth,
+            )
+        return self._known[names]
+
+    def __getattr__(self, name):
+        raise AssertionError(f"nobody asked for {name}")
+
+    @property
+    def start(self):
+        return self.at("")
+
+    def added_effects(self, one):
+        return sorted(one.names)
+
+    def fitted(self, model, parameters):
+        return self.at(model)
+
+    def refined(self, one):
+        return one
+
+    def refit_effect(self, one, name):
+        return one
+
+    def without(self, one, name):
+        return self.at(one.names - {name})
+
+    def extensions(self, one, count=4):
+        more = [names for names in self._left if len(names - one.names) == 1 and one.names < names]
+        more = [names for names in more if all(name.islower() for name in names)]
+        return self.ordered([self.at(names) for names in more])[:count]
+
+    def ordered(self, made):
+        return sorted(made, key=lambda one: one.solution.held_out)
+
+    def is_needed(self, before, after):
+        return after.rmse < 0.95 * before.rmse
+
+    def is_better(self, one, other):
+        return one.rmse < 0.98 * other.rmse
+
+    def is_sound(self, one, name):
+        return one.names not in self._unsound
+
+    def is_sensible(self, one):
+        return one.names not in self._unsound
+
+    def substitutions(self, one, name):
+        return [self.at(two) for given, two in self._exchanges if given == one.names]
+
+    def screen(self, one):
+        singles = [next(iter(names)) for names in self._left if len(names) == 1]
+        return [SimpleNamespace(names=one.names | {n}, possible=n.islower()) for n in singles]
+
+    def with_candidate(self, candidate):
+        return self.at(candidate.names)
+
+    def quick_screen(self, one):
+        pairs = [names for names in self._left if len(names) == 2 and one.names < names]
+        found = [SimpleNamespace(names=names, held_out=self._left[names]) for names in pairs]
+        return sorted(found, key=lambda pair: pair.held_out)
+
+
+def sought(world, is_complete, part=lambda one: one):
+    return select_effects(world, is_complete, part)
+
+
+def came_to(found):
+    return "".join(sorted(found.names))
+
+
+@pytest.mark.parametrize(
+    ("left", "found"),
+    [
+        ({"": 100, "a": 50, "b": 60, "ab": 20, "abc": 19.5}, "ab"),  # one by one, as long as one is needed
+        ({"": 100, "a": 96, "b": 97}, ""),
+        ({"": 100, "a": 98, "b": 99, "c": 90}, "c"),  # the best is not needed, the next is
+        ({"": 100, "a": 50, "b": 20, "ab": 10, "c": 60}, "ab"),
+        ({"": 100, "a": 50, "ab": 25, "b": 25.5}, "b"),  # a became needless
+        ({"": 100, "a": 90, "ab": 80, "abc": 70, "abcd": 60, "abcde": 50, "abcdef": 40}, "abcd"),
+    ],
+)
+def test_effects_are_added_as_long_as_one_is_needed_and_needless_ones_dropped(left, found):
+    assert len("abcd") == MOST_EFFECTS
+    world = World(left)
+    assert came_to(module._forward_selection(world, world.start)) == found
+
+
+def test_what_looking_back_undoes_ends_the_climb():
+    """An unsound effect is found again and again, and dropped each time."""
+    world = World({"": 100, "a": 50}, unsound=["a"])
+    assert module._forward_selection(world, world.start) is world.start
+
+
+@pytest.mark.parametrize(
+    ("left", "world", "begun", "found"),
+    [
+        ({"": 100, "a": 50}, {}, "a", "a"),
+        ({"": 100, "a": 97}, {}, "a", ""),  # needless
+        ({"": 100, "a": 50, "c": 40}, {"exchanges": [("a", "c")]}, "a", "c"),  # another does better
+        ({"": 100, "a": 50, "c": 49.5}, {"exchanges": [("a", "c")]}, "a", "a"),
+        ({"": 100, "a": 50, "c": 49.5}, {"exchanges": [("a", "c")], "unsound": ["a"]}, "a", "c"),
+        ({"": 100, "a": 50}, {"unsound": ["a"]}, "a", ""),  # nothing takes its place
+        ({"": 100, "a": 50, "c": 40, "d": 30}, {"exchanges": [("a", "c"), ("a", "d")]}, "a", "c"),
+    ],
+)
+def test_looking_back_drops_what_is_needless_and_exchanges_what_another_does_better(
+    left, world, begun, found
+):
+    made = World(left, **world)
+    assert came_to(backward_step(made, made.at(begun))) == found
+
+
+MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
+
+
+@pytest.mark.parametrize(
+    ("left", "complete", "found"),
+    [
+        (MISLED, {"a"}, "a"),  # it is complete: nothing else is tried
+        (MISLED, {"bc"}, "bc"),  # the best first effect misleads
+        (MISLED, set(), "bc"),  # what leaves least, if nothing is complete
+        ({"": 100, "a": 50, "b": 99, "c": 98, "bc": 10}, {"bc"}, "bc"),  # neither is needed alone
+        ({"": 100, "a": 50, "b": 99, "c": 98, "bc": 49.5}, {"bc"}, "a"),  # as good is not better
+        ({"": 100, "a": 50, "B": 99, "Bc": 10}, {"Bc"}, "a"),  # what is impossible begins no pair
+        ({"": 100}, set(), ""),
+    ],
+)  # fmt: skip
+def test_a_search_begins_with_other_effects_where_the_best_leads_to_no_complete_model(left, complete, found):
+    world = World(left)
+    assert came_to(sought(world, lambda one: came_to(one) in complete)) == found
+
+
+THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
+
+
+@pytest.mark.parametrize(
+    ("complete", "part", "found"),
+    [
+        ({"abc", "de"}, "abc", "de"),  # two explain what three did
+        ({"abc", "ab", "de"}, "ab", "ab"),  # draws from the two show what the third took away
+        ({"abc", "de"}, "ab", "de"),  # those two are not complete
+    ],
+)
+def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
+    world = World(THREE)
+    assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
+
+
+def test_what_came_out_unsound_is_not_taken():
+    world = World(MISLED, unsound=["bc"])
+    assert came_to(sought(world, lambda one: False)) == "a"
+
+
+def test_a_search_ends_with_the_first_model_that_is_complete():
+    world, asked = World({"": 100, "a": 50, "b": 55, "c": 60, "bd": 10, "ce": 5}), []
+    assert came_to(sought(world, lambda one: asked.append(came_to(one)) or came_to(one) == "bd")) == "bd"
+    assert asked == ["a", "bd"]
+
+
+@pytest.mark.parametrize(
+    ("smooth", "floor", "found"),
+    [
+        (0.19, 0.0, "a"),
+        (0.21, 0.0, "bc"),  # too much is left for draws to be asked
+        (0.21, 47.7, "a"),
+        (0.21, 47.5, "bc"),
+    ],
+)
+def test_draws_settle_it_only_where_little_is_left(smooth, floor, found):
+    """Of the error that a smooth law explains, or within a twentieth of the floor."""
+    world = World(MISLED, smooth=smooth, floor=floor)
+    assert came_to(sought(world, lambda one: came_to(one) == "a")) == found
+
+
+def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there():
+    whole = World({"": 100, "a": 50, "b": 20, "ab": 19.9})
+    whole.coarse = World({"": 100, "a": 50, "ab": 20})
+    assert came_to(sought(whole, lambda one: True)) == "b"
+    assert "abc" not in whole.fits
+
+
+def test_of_second_effects_the_best_pairs_come_first():
+    left = {"": 100, **dict.fromkeys("abcdef", 99)}
+    pairs = {"ab": 30, "ac": 40, "ad": 50, "ae": 10.5, "bc": 10, "cd": 60, "ef": 70}
+    world = World({**left, **pairs})
+    assert [came_to(one) for one in module._pairs(world)] == ["bc", "bc", "ae", "ae"]

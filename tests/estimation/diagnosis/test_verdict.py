@@ -1,0 +1,268 @@
+"""What is said of a search: the verdict, each effect with its evidence, what is left, what to record next."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelKind
+from estimation.design.next_experiment import exploring, separating, sufficient
+from estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
+from estimation.diagnosis.residual_checks import ResidualFinding
+from estimation.diagnosis.result import Verdict
+from estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
+from estimation.effects import EFFECTS
+from estimation.fit.fit_result import fit_model
+from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.measurement_model import identify_measurement_model
+from estimation.model import Model
+from tests.estimation.presses import NOISE_N, kelvin_voigt, session
+from tests.estimation.searches import PRESS, SWING, reached, searched
+from tests.estimation.swings import NOISE_NM, swings
+
+BOTH = ("joint_spring", "coulomb_friction")  # the most telling first
+
+
+@pytest.fixture(scope="module")
+def swung():
+    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02) + 6.0 * q)
+    search = searched(data, "coulomb_friction", "joint_spring", "bias")
+    return search, reached(search, *BOTH), identify_measurement_model(data)
+
+
+def said(swung, *, complete, objection=None, nothing=False):
+    search, end, measurement = swung
+    end = search.start if nothing else end
+    return decide_verdict(Evidence(search, measurement, end, complete, objection)), search, end
+
+
+def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameters(swung):
+    found, search, end = said(swung, complete=True)
+    assert (found.verdict, found.complete, found.channel) == (Verdict.MISSING, True, "joint_1")
+    spring, friction = found.accepted
+    assert (spring.effect, friction.effect) == BOTH
+    assert spring.rmse_before == found.baseline.rmse == search.start.rmse
+    assert spring.rmse_after == friction.rmse_before == search.without(end, "coulomb_friction").rmse
+    assert friction.rmse_after == found.final.rmse == found.remaining.rmse == end.rmse
+    known = estimate_parameters(*final_solution(end))
+    for entry in found.accepted:
+        effect = EFFECTS[entry.effect]
+        assert entry.parameters.keys() == {p.name for p in (*effect.gains, *effect.inner)}
+        assert (entry.physics, entry.equation, entry.signature) == (
+            effect.physics,
+            effect.equation,
+            effect.signature,
+        )
+        for name, told in entry.parameters.items():
+            one = known[f"{entry.effect}.{name}"]
+            assert (told.value, told.std_err, told.unit) == (one.value, one.std_err, one.unit)
+        assert entry.p_value <= 0.01
+        assert entry.confused_with == []
+    assert abs(spring.parameters["k"].value - 6.0) < 4.0 * spring.parameters["k"].std_err
+    assert found.final.parameters.keys() == known.keys()
+    assert found.baseline.parameters.keys() == SWING.gains.keys()
+
+
+def test_where_nothing_is_left_the_error_is_the_floor_and_nothing_is_to_be_recorded(swung):
+    found, _, end = said(swung, complete=True)
+    assert found.noise_floor == found.floor.value == end.rmse == pytest.approx(NOISE_NM, rel=0.1)
+    assert found.remaining.times_floor == 1.0
+    assert found.remaining.depends_on == found.depends_on == []
+    assert found.next_experiment is None
+    assert (found.floor.free_air, found.floor.share_left) == (None, end.explainable_share())
+    assert found.reason.endswith("with joint_spring and coulomb_friction, and no more than noise is left")
+    assert found.effort_unit == "N m"
+
+
+@pytest.mark.parametrize("hum_n", [0.3, 0.0])
+def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
+    hum = np.sqrt(2.0) * hum_n
+    data = session(2, lambda t, x, v, run: kelvin_voigt(x, v) + hum * np.sin(2.0 * np.pi * 7.3 * t))
+    search = searched(data, "cubic_stiffness")
+    told = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
+    assert told.verdict is Verdict.ADEQUATE
+    found = re.search(r"; 0.3 N of the noise swings at (\S+) Hz, in free air too", told.reason)
+    assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
+
+
+def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(swung):
+    found, _, end = said(swung, complete=False, nothing=True)
+    assert (found.verdict, found.complete, found.accepted) == (Verdict.UNEXPLAINED, False, [])
+    assert found.noise_floor == end.floor() < 0.5 * end.rmse
+    assert found.remaining.times_floor == pytest.approx(end.rmse / end.floor())
+    assert found.depends_on == found.remaining.depends_on == end.depends_on != []
+    assert (
+        f"{end.rmse / end.floor():.2g} times the noise floor, and depends on {found.depends_on[0]}"
+        in found.reason
+    )
+    assert found.next_experiment.purpose.endswith(", ".join(found.depends_on))
+    assert said(swung, complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
+
+
+def test_an_objection_says_what_is_left_and_how_little_it_could_be(swung):
+    objection = ResidualFinding("run 2 is off", "run", 1e-3)
+    found, *_ = said(swung, complete=False, objection=objection)
+    assert found.verdict is Verdict.MISSING
+    assert found.reason.endswith("; run 2 is off")
+    assert found.depends_on == ["run"]
+    assert found.noise_floor == 1e-3
+    assert found.next_experiment.purpose.endswith("run")
+
+
+@pytest.mark.parametrize(
+    ("complete", "held", "floor"),
+    [(True, 1.0, 3.0), (False, None, 2.0), (False, 1.0, 1.0), (False, 5.0, 2.0)],
+)
+@pytest.mark.parametrize("rmse", [3.0, 1.5])
+def test_the_floor_is_the_lowest_that_is_known(complete, held, floor, rmse):
+    end = SimpleNamespace(rmse=rmse, floor=lambda: 2.0)
+    objection = None if held is None else ResidualFinding("", "time", held)
+    found = Evidence(None, None, end, complete, objection).floor
+    assert found == (rmse if complete else min(floor, rmse))
+
+
+def test_candidates_alone_are_ranked_by_the_error_that_each_would_leave(swung):
+    found, search, _ = said(swung, complete=True)
+    assert [one.effect for one in found.ranking] == ["joint_spring", "coulomb_friction", "bias"]
+    for one in found.ranking:
+        assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=0.03)
+        assert one.score == pytest.approx(1.0 - one.rmse_held_out / search.start.rmse)
+
+
+def test_of_a_quick_recording_the_ranking_is_that_of_single_samples_too():
+    """Judged on blocks of ten samples, of which a sketch is made: the error is told sample by sample."""
+    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
+    search = searched(data, "coulomb_friction", "bias")
+    assert search.coarse is not None
+    found = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
+    assert [one.effect for one in found.ranking] == ["coulomb_friction", "bias"]
+    for one in found.ranking:
+        assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=0.15)
+
+
+@pytest.mark.parametrize(("scale", "confused"), [(0.1, ["joint_spring"]), (1.0, [])])
+def test_effects_that_the_data_cannot_tell_apart_are_told_with_what_would(scale, confused):
+    """Where a sine is nearly straight, a weight and a spring are one."""
+    made = swings(5)
+    made = replace(made, **{n: scale * getattr(made, n) for n in ("position", "velocity", "acceleration")})
+    noise = 0.1 * NOISE_NM * np.random.default_rng(0).standard_normal(len(made))
+    torque = 0.05 * made.acceleration + 0.15 * made.velocity + 2.0 * np.sin(made.position) + noise
+    data = replace(made, effort=torque)
+    base = Model("inertia", (EFFECTS["inertia"](), EFFECTS["viscous_friction"]()))
+    search = searched(data, "weight", "joint_spring", base=base)
+    found = decide_verdict(
+        Evidence(search, identify_measurement_model(data), reached(search, "weight"), True, None)
+    )
+    (entry,) = found.accepted
+    assert (entry.effect, entry.confused_with) == ("weight", confused)
+    assert ("with weight (indistinguishable from joint_spring), and" in found.reason) == bool(confused)
+    assert (found.next_experiment is not None) == bool(confused)
+    if confused:
+        assert found.next_experiment.separates == ["weight", "joint_spring"]
+        assert found.next_experiment.purpose == "tell weight from joint_spring"
+
+
+def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advice():
+    data = replace(swings(5), context={"payload_effort_per_kg": np.ones(len(swings(5)))})
+    one = fit_model(data, SWING.with_effect(EFFECTS["payload"]()), {})
+    found = separating(EFFECTS["payload"](), {"payload": one, "gravity_tilt": one}, data)
+    assert found.instruction.startswith("change the posture (the motion recorded here goes")
+    unknown = separating(EFFECTS["payload"](), {"payload": one, "drift": one}, data)
+    assert unknown.instruction.startswith("move over a wider range, slowly and fast, in both directions (")
+
+
+@pytest.mark.parametrize(
+    ("signals", "words"),
+    [
+        (
+            ["past motion"],
+            "hold still for longer, then repeat the motion at once (the motion recorded here goes",
+        ),
+        (["velocity", "time"], "move slower and faster ("),
+        (["run"], "repeat one and the same motion, and see whether a run differs again ("),
+        (["joint position"], "move over a wider range"),
+        (
+            ["temperature"],
+            "repeat the same motion at different values of temperature, each kept while it lasts",
+        ),
+        ([], "go further, slowly ("),
+        (["nothing that is known"], "move over a wider range"),
+    ],
+)
+def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(signals, words):
+    data = session(3)
+    data = replace(data, context={"temperature": data.time_s}, recorded=frozenset({"temperature"}))
+    found = exploring(signals, data)
+    assert found.instruction.startswith(words)
+    assert found.purpose.endswith(", ".join(signals) or "nothing found yet")
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason", "words"),
+    [
+        (
+            "contact",
+            "the effort never changes; check the sensor and the column",
+            "check the sensor and the column",
+        ),
+        (
+            "contact",
+            "the deepest indentation is 9 m; is the displacement in millimetres?",
+            "check units and columns",
+        ),
+        ("contact", "only 60 samples; record at least 100", "begin and end each run free of any effort"),
+        ("revolute", "only 60 samples; record at least 100", "move over a wider range, slowly and fast"),
+        ("revolute", "only 4 different readings, 0.1 N m apart; use more", "use a finer sensor"),
+        ("revolute", "a single run", "repeat the motion at least three times"),
+    ],
+)
+def test_what_makes_up_for_data_that_cannot_say(kind, reason, words):
+    assert sufficient(reason, ChannelKind(kind)).instruction.startswith(words)
+
+
+def test_of_data_that_cannot_say_nothing_is_said_but_why():
+    found = insufficient_diagnosis(session(3), "a single run")
+    assert (found.verdict, found.reason, found.channel) == (Verdict.INSUFFICIENT, "a single run", "contact")
+    assert (found.complete, found.accepted, found.baseline, found.effort_unit) == (None, [], None, "N")
+    assert found.next_experiment.instruction.startswith("repeat the motion")
+
+
+DRAWN = 0.15 * np.random.default_rng(8).standard_normal(6)
+DRAWN -= DRAWN.mean()
+VARIED = {
+    "a gain": ("run_gain", "1", lambda t, x, v, run: (1.0 + DRAWN[run]) * kelvin_voigt(x, v)),
+    "a zero": ("run_offset", "N", lambda t, x, v, run: kelvin_voigt(x, v) + 0.2 + DRAWN[run]),
+    "nothing": ("", "", lambda t, x, v, run: kelvin_voigt(x, v)),
+}
+
+
+@pytest.mark.parametrize("name", VARIED)
+def test_what_differs_from_run_to_run_is_told_with_its_spread(name):
+    """Of a standard deviation of six draws, the error is a third; what all share is no difference."""
+    effect, unit, law = VARIED[name]
+    data = session(8, law)
+    search = searched(data, "run_gain", "run_offset", "bias", base=PRESS)
+    found = add_run_variation(search, search.start)
+    assert search.added_effects(found) == ([effect] if effect else [])
+    if not effect:
+        assert found is search.start
+        return
+    told = run_standard_deviation(found, found.solution.model.effects[-1])
+    truth = float(np.std(DRAWN, ddof=1))
+    assert told.value == pytest.approx(truth, rel=0.25)
+    assert told.std_err == pytest.approx(told.value / np.sqrt(10.0))
+    assert told.unit == unit
+    assert found.rmse == pytest.approx(NOISE_N, rel=0.15)
+    entry = decide_verdict(Evidence(search, identify_measurement_model(data), found, True, None)).accepted[0]
+    assert entry.parameters["spread"] == told
+
+
+def test_an_effect_that_stood_for_the_difference_between_runs_is_left_out():
+    """A zero of its own in each run looked like a bias in all of them."""
+    zero = np.array([0.9, 1.0, 1.1, 0.8, 1.2, -1.0])
+    data = session(8, lambda t, x, v, run: kelvin_voigt(x, v) + zero[run])
+    search = searched(data, "run_offset", "bias", base=PRESS)
+    found = add_run_variation(search, reached(search, "bias"))
+    assert search.added_effects(found) == ["run_offset"]

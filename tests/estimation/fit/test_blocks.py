@@ -1,0 +1,211 @@
+"""Which blocks a fit works on, and which of them count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effects import EFFECTS
+from estimation.fit.blocks import block_average, block_length, decimate
+from tests.estimation.presses import kelvin_voigt
+from tests.estimation.swings import swings
+
+
+def recorded(kind, position, effort, *, rate_hz=1000.0, run=None, phase=-1):
+    """A channel with exact derivatives as numpy makes them; one run unless `run` says more."""
+    time_s = np.arange(len(position)) / rate_hz
+    velocity = np.gradient(position, time_s)
+    run = np.zeros(len(time_s), dtype=np.int64) if run is None else run
+    acceleration, phases = np.gradient(velocity, time_s), np.full(len(time_s), phase)
+    return ChannelData("c", kind, time_s, position, velocity, acceleration, effort, run, phases)
+
+
+def press(seconds=4.0, rate_hz=1000.0, free_m=0.003, shape=np.sin):
+    """A press that begins and ends in the air, 10 mm deep, and where its surface is passed."""
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    x = -free_m + 0.013 * np.clip(shape(np.pi * t / seconds), 0.0, 1.0)
+    return recorded(ChannelKind.CONTACT, x, kelvin_voigt(x, 0.0 * x), rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate_hz", "block"),
+    [
+        *((ChannelKind.CONTACT, 1000.0, 5), (ChannelKind.CONTACT, 600.0, 3), (ChannelKind.CONTACT, 90.0, 1)),
+        *((ChannelKind.REVOLUTE, 1000.0, 10), (ChannelKind.REVOLUTE, 100.0, 1)),
+    ],
+)
+def test_a_block_lasts_5_or_10_ms(kind, rate_hz, block):
+    t = np.arange(0.0, 4.0, 1.0 / rate_hz)
+    data = recorded(kind, np.sin(3.0 * t), np.sin(3.0 * t), rate_hz=rate_hz)
+    assert block_length(data) == block
+    assert block_average(data).rows.shape == (len(t) // block, block)
+
+
+@pytest.mark.parametrize(("frequency_hz", "block"), [(5.0, 10), (15.0, 5), (40.0, 2)])
+def test_a_joint_s_effort_does_not_swing_within_a_block(frequency_hz, block):
+    t = np.arange(0.0, 4.003, 1e-3)
+    data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(2.0 * np.pi * frequency_hz * t + 0.3))
+    assert block_length(data) == block
+
+
+@pytest.mark.parametrize(("rate_hz", "block"), [(100.0, 1), (200.0, 2), (300.0, 3)])
+def test_a_signal_on_blocks_is_its_mean_over_each(rate_hz, block):
+    data = swings(1, runs=1, rate_hz=rate_hz)
+    blocked = block_average(data)
+    several = np.column_stack([data.position, data.velocity])
+    assert blocked.reduce(several) == pytest.approx(several.reshape(-1, block, 2).mean(axis=1))
+    assert blocked.effort == pytest.approx(data.effort.reshape(-1, block).mean(axis=1))
+
+
+def test_noise_of_a_joint_s_effort_is_no_swing():
+    t, noise = np.arange(0.0, 4.0, 1e-3), np.random.default_rng(1).normal(0.0, 1.0, 4000)
+    assert block_length(recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), noise)) == 10
+
+
+@pytest.mark.parametrize(("seconds", "unknown_s"), [(10.0, 0.1), (1.0, 0.05)])
+def test_what_was_before_a_run_is_not_known_at_its_start(seconds, unknown_s):
+    t = np.arange(0.0, seconds, 1e-3)
+    data = recorded(ChannelKind.REVOLUTE, np.sin(3.0 * t), np.sin(3.0 * t))
+    blocked = block_average(replace(data, time_s=data.time_s + 7.0))
+    assert np.argmax(blocked.trusted) == pytest.approx(unknown_s / 0.01, abs=1)
+    assert blocked.trusted[np.argmax(blocked.trusted) :].all()
+
+
+def test_a_run_is_held_out_whole_and_a_single_one_in_five_parts_from_all_over_it():
+    several = block_average(swings(1, runs=8))
+    assert several.folds == 6
+    assert all(len(set(several.fold[several.run == run])) == 1 for run in range(8))
+    one = block_average(swings(1, runs=1, seconds=10.0))
+    assert np.bincount(one.fold).tolist() == [len(one) // 5] * 5
+    pieces = np.split(one.fold, np.flatnonzero(np.diff(one.fold)) + 1)
+    assert [int(piece[0]) for piece in pieces] == [0, 1, 2, 3, 4] * 3
+
+
+@pytest.mark.parametrize("good_from", [0, 2000])
+def test_blocks_with_samples_that_are_not_fit_for_use_do_not_count(good_from):
+    data = swings(1, runs=1, seconds=10.0, rate_hz=1000.0)
+    blocked = block_average(data, np.arange(len(data)) >= good_from + 5)
+    assert not blocked.trusted[blocked.rows[:, 0] < good_from + 5].any()
+    assert blocked.trusted[blocked.rows[:, 0] >= max(good_from + 5, 100)].all()
+
+
+@pytest.mark.parametrize(("phase", "rests"), [(-1, False), (0, True)])
+def test_where_a_probing_arm_s_joint_rests_or_has_just_begun_friction_says_nothing(phase, rests):
+    t = np.arange(0.0, 10.0, 1e-3)
+    q = np.where(t < 4.0, np.sin(2.0 * np.pi * t), 0.02 * t)  # 6.3 rad/s, then 20 mrad/s
+    blocked = block_average(recorded(ChannelKind.REVOLUTE, q, q, phase=phase))
+    begun_s = blocked.reduce(blocked.data.time_s)
+    slow = np.abs(blocked.reduce(blocked.data.velocity)) < 0.05 * 6.2
+    assert blocked.trusted[~slow & (begun_s > 0.26)].all()
+    assert blocked.trusted[slow & (begun_s > 0.26)].any() != rests
+    assert blocked.trusted[(begun_s > 0.11) & (begun_s < 0.24)].any() != rests
+
+
+def triangle(angle):
+    return np.minimum(angle, np.pi - angle) * 2.0 / np.pi
+
+
+def test_a_corner_of_a_contact_s_motion_counts_only_where_data_has_nothing_else():
+    sharp, round_ = block_average(press(shape=triangle)), block_average(press())
+    top = np.abs(sharp.reduce(sharp.data.time_s) - 2.0)
+    assert not sharp.trusted[top < 0.004].any()
+    assert sharp.trusted[(top > 0.012) & (top < 0.5)].all()
+    assert round_.trusted[top < 0.5].all()
+    single = block_average(press(rate_hz=200.0, shape=triangle))  # a sample is a block
+    assert np.sum(~single.trusted[350:450]) == 9  # the corner, its neighbours, and three more to either side
+    slow = block_average(press(seconds=40.0, rate_hz=50.0, shape=triangle))
+    assert slow.trusted[np.abs(slow.reduce(slow.data.time_s) - 20.0) < 5.0].all()
+
+
+def test_blocks_within_the_error_of_the_position_of_a_surface_do_not_count():
+    data = press()
+    noisy = replace(data, position=data.position + np.random.default_rng(1).normal(0.0, 2e-4, len(data)))
+    nearest = [
+        np.abs(one.data.position[one.rows[one.trusted]]).min() for one in map(block_average, (data, noisy))
+    ]
+    assert nearest[0] < 1.5e-4
+    assert 3.9e-4 < nearest[1] < 7.5e-4
+
+
+def test_the_coarse_copy_has_a_sample_for_each_block():
+    data = replace(swings(1, rate_hz=1000.0), context={"temperature_c": np.arange(15_000.0)})
+    blocked = block_average(data)
+    copy = decimate(blocked)
+    assert (len(copy), copy.name, copy.kind) == (1500, data.name, data.kind)
+    for name in ("time_s", "position", "velocity", "acceleration", "effort"):
+        assert getattr(copy, name) == pytest.approx(getattr(data, name).reshape(-1, 10).mean(axis=1))
+    assert copy.context["temperature_c"] == pytest.approx(4.5 + 10.0 * np.arange(1500))
+    np.testing.assert_array_equal(copy.run, data.run[::10])
+    press_copy = decimate(block_average(replace(press(), touching=np.arange(4000) >= 1000)))
+    assert press_copy.touching.tolist() == [False] * 200 + [True] * 600
+    assert decimate(block_average(replace(data, phase=np.arange(15_000)))).phase[:3].tolist() == [0, 10, 20]
+
+
+def stepping(times, run=None):
+    """A deep contact at 200 Hz, a sample to a block, whose velocity steps down and up at these samples."""
+    speed = np.zeros(800)
+    for number, at in enumerate(times):
+        speed[at:] = -1.0 if number % 2 else 1.0
+    data = recorded(ChannelKind.CONTACT, np.full(800, 0.05), np.ones(800), rate_hz=200.0, run=run)
+    return replace(data, velocity=speed + 0.05 * np.sin(np.arange(800) / 5.0))
+
+
+@pytest.mark.parametrize(
+    ("times", "sharp"),
+    [
+        ((400,), [*range(396, 404)]),  # a jump from one sample to the next, and three to either side
+        ((400, 403), [*range(396, 407)]),
+        ((798,), [*range(794, 800)]),
+        (range(100, 800, 40), 18 * 8),  # a fifth of all blocks
+        (range(100, 800, 34), 0),  # more: so coarsely sampled that there is nothing else
+    ],
+)
+def test_where_the_velocity_jumps_a_contact_does_not_count(times, sharp):
+    blocked = block_average(stepping(times))
+    lost = np.flatnonzero(~blocked.trusted[20:]) + 20
+    assert (lost.tolist() if isinstance(sharp, list) else len(lost)) == sharp
+
+
+def test_a_jump_from_one_run_to_the_next_is_no_corner():
+    assert block_average(stepping((400,), np.repeat([0, 1], 400))).trusted[380:400].all()
+
+
+@pytest.mark.parametrize(("averaged", "share"), [(1, 0.0), (2, 1.0)])
+def test_a_corner_is_where_the_velocity_jumps_from_reading_to_reading(averaged, share):
+    speeds = np.linspace(0.0, 0.9, 800) + 0.1 * (np.arange(800) >= 400)
+    data = replace(stepping(()), velocity=speeds, averaged=averaged)
+    assert block_average(data).trusted[396:404].mean() == share
+
+
+@pytest.mark.parametrize(("averaged", "lost"), [(1, [40]), (4, [39, 40])])
+def test_of_means_neither_beside_a_surface_counts(averaged, lost):
+    """Which reading passed it is not known."""
+    depth = np.where(np.arange(100) < 40, -0.01, 0.01)
+    data = replace(
+        recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0, run=np.repeat([0, 1], 50)),
+        averaged=averaged,
+        position_step=1e-6,
+    )
+    assert np.flatnonzero(~block_average(data).trusted[10:45]).tolist() == [one - 10 for one in lost]
+
+
+@pytest.mark.parametrize(("again", "taken"), [(20, False), (6, True)])
+def test_a_press_that_was_not_seen_from_its_start_counts_where_there_is_hardly_another(again, taken):
+    depth = np.full(200, -0.01)
+    depth[:100] = depth[150 : 150 + again] = 0.01
+    data = recorded(ChannelKind.CONTACT, depth, depth, rate_hz=50.0)
+    blocked = block_average(replace(data, position_step=1e-6))
+    assert blocked.trusted[20:99].all() == blocked.trusted[20:99].any() == taken
+    assert blocked.trusted[102:149].all()
+
+
+def test_blocks_share_what_does_not_depend_on_the_load_and_compute_the_rest_anew():
+    data = replace(swings(1, runs=1), context={"load": np.ones(750)})
+    one = block_average(data)
+    two = block_average(replace(data, context={"load": np.full(750, 3.0)}), cache=one.cache)
+    viscous, loaded = EFFECTS["viscous_friction"](), EFFECTS["load_dependent_friction"]()
+    inner = {"transition": 0.01, "link_share": 1.0}
+    assert two.columns(viscous, {}) is one.columns(viscous, {})
+    assert two.columns(loaded, inner) == pytest.approx(3.0 * one.columns(loaded, inner))
+    assert one.columns(loaded, inner) is one.columns(loaded, inner)

@@ -1,0 +1,389 @@
+"""One linear fit and its search against numpy and scipy, and the intervals against how estimates scatter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from estimation.base_model import ModelContext
+from estimation.effects import EFFECTS
+from estimation.fit.ar_noise import estimate_ar_noise
+from estimation.fit.blocks import block_average
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_problem import held_out_residual, solve_gains
+from estimation.fit.fit_result import fit_model
+from estimation.fit.intervals import _widest, estimate_parameters, final_solution, inner_slopes
+from estimation.fit.joint_load import with_load
+from estimation.fit.linearised_parts import linearise_along
+from estimation.fit.normal_equations import gram_matrices, held_out_sse, solve_normal_equations
+from estimation.information import Information
+from estimation.model import Model
+from estimation.models import MODELS
+from tests.estimation.fits import MODEL, fits
+from tests.estimation.presses import K, kelvin_voigt, session
+from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
+
+PRESS, SWING = (MODELS[name]().build(ModelContext()) for name in ("kelvin_voigt", "pendulum"))
+
+
+def _moments(columns, target, fold, folds):
+    both = np.column_stack([columns, target])
+    return gram_matrices(both[fold == f] for f in range(folds))
+
+
+def with_effects(base, *names):
+    return Model(base.name, (*base.effects, *(EFFECTS[name]() for name in names)))
+
+
+def linear_problem():
+    rng = np.random.default_rng(0)
+    columns, fold = rng.normal(size=(300, 3)) * [1.0, 50.0, 1e-3], rng.integers(0, 4, 300)
+    return columns, columns @ [2.0, -0.1, 500.0] + rng.normal(size=300), fold
+
+
+def test_scores_are_those_of_least_squares_without_the_fold():
+    columns, target, fold = linear_problem()
+    found = solve_normal_equations(_moments(columns, target, fold, 4), dof=300)
+    assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
+    for number in range(4):
+        train = fold != number
+        own = np.linalg.lstsq(columns[train], target[train], rcond=None)[0]
+        assert found.fold_gains[number] == pytest.approx(own, rel=1e-6)
+        left = target - columns @ own
+        assert found.held_out[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
+        assert found.train[number] == pytest.approx(left[train] @ left[train], rel=1e-6)
+    variance = np.linalg.inv(columns.T @ columns) * found.sse.sum() / 297
+    assert found.standard_errors == pytest.approx(np.sqrt(np.diag(variance)), rel=1e-6)
+
+
+def test_what_is_known_from_elsewhere_counts_as_samples_that_are_never_held_out():
+    columns, target, fold = linear_problem()
+    mine, others = fold < 3, fold == 3
+    gram, told = columns[others].T @ columns[others], columns[others].T @ target[others]
+    known = Information(np.tile(gram, (4, 1, 1)), np.tile(told, (4, 1)))
+    equations = replace(_moments(columns[mine], target[mine], fold[mine], 3), known=known)
+    found = solve_normal_equations(equations)
+    assert found.gains == pytest.approx(np.linalg.lstsq(columns, target, rcond=None)[0], rel=1e-6)
+    for number in range(3):
+        train, out = fold != number, fold == number
+        own = np.linalg.lstsq(columns[train], target[train], rcond=None)[0]
+        assert found.fold_gains[number] == pytest.approx(own, rel=1e-6)
+        left = target[out] - columns[out] @ own
+        assert found.held_out[number] == pytest.approx(left @ left, rel=1e-6)
+    part = solve_normal_equations(equations.only(np.array([True, False, True])))
+    assert part.gains == pytest.approx(np.linalg.lstsq(columns[:, [0, 2]], target, rcond=None)[0], rel=1e-6)
+    assert np.isnan(found.standard_errors).all()  # nobody said how many samples there are
+
+
+def test_shrunken_errors_are_those_of_ridge_regression_without_the_fold():
+    columns, target, fold = linear_problem()
+    found = held_out_sse(_moments(columns, target, fold, 4), np.array([[1e-9] * 3, [0.1] * 3]))
+    unit = columns / np.linalg.norm(columns, axis=0)
+    for row, ridge in zip(found, (1e-9, 0.1), strict=True):
+        for number in range(4):
+            train = fold != number
+            system = unit[train].T @ unit[train] + ridge * np.eye(3)
+            left = target - unit @ np.linalg.solve(system, unit[train].T @ target[train])
+            assert row[number] == pytest.approx(left[~train] @ left[~train], rel=1e-6)
+
+
+def test_columns_that_are_alike_do_not_break_the_fit():
+    column = np.random.default_rng(1).normal(size=(200, 1))
+    found = solve_normal_equations(
+        _moments(np.hstack([column, column]), 3 * column[:, 0], np.arange(200) % 3, 3)
+    )
+    assert found.gains.sum() == pytest.approx(3.0, rel=1e-6)
+    assert found.held_out.sum() < 1e-6
+
+
+@pytest.mark.parametrize("memory", [(0.9,), (0.5, 0.3), ()])
+def test_colour_is_recovered_and_taken_out(memory):
+    rng, run, every = np.random.default_rng(2), np.repeat(np.arange(10), 1000), np.ones(10000, dtype=bool)
+    made = [lfilter([1.0], [1.0, *(-m for m in memory)], rng.normal(size=1200))[200:] for _ in range(10)]
+    noise = np.concatenate(made)
+    noise_model = estimate_ar_noise(noise, run, every)
+    assert noise_model.coefficients == pytest.approx([*memory, *[0.0] * (4 - len(memory))], abs=0.05)
+    kept = noise_model.used(run, every)
+    assert not kept[[0, 1, 2, 3, 1000, 5003]].any()
+    white = noise_model.whiten(noise)[kept]
+    assert np.std(white) == pytest.approx(1.0, rel=0.03)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
+
+
+def test_blocks_hold_whole_runs_out_and_leave_the_edge_of_contact():
+    data = session(1)
+    blocked = block_average(data)
+    for fold in range(blocked.folds):
+        assert set(blocked.run[blocked.fold == fold]).isdisjoint(blocked.run[blocked.fold != fold])
+    engaged = data.engaged[blocked.rows]
+    assert (engaged.all(axis=1) | ~engaged.any(axis=1))[blocked.trusted].all()
+    assert blocked.trusted.mean() > 0.9
+    assert blocked.reduce(data.position)[7] == pytest.approx(data.position[blocked.rows[7]].mean())
+
+
+def test_a_run_that_begins_pressed_counts_once_it_has_let_go():
+    """What it remembers of the way there was not recorded."""
+    data = session(1)
+    cut = data.select(np.flatnonzero((data.run > 0) | (data.position > 0.006)))
+    assert block_average(cut).trusted[block_average(cut).run == 0].any()  # it presses only once
+    joined = replace(cut, run=np.maximum(cut.run, 1))
+    blocked = block_average(joined)
+    first = blocked.rows[:, 0] < np.sum(cut.run == 0)
+    assert not blocked.trusted[first & joined.engaged[blocked.rows].all(axis=1)].any()
+    assert blocked.trusted[~first].mean() > 0.9
+
+
+def test_blocks_are_those_of_each_run_also_where_runs_take_turns():
+    data = session(3)
+    blocked = block_average(replace(data, run=np.arange(len(data)) % 3))
+    assert (blocked.rows % 3 == blocked.run[:, None]).all()
+    assert (np.diff(blocked.rows, axis=1) == 3).all()
+
+
+def test_the_held_out_error_of_a_run_is_that_of_a_fit_to_the_others():
+    data = swings(2)
+    found = fit_model(data, SWING, {})
+    error = held_out_residual(found.problem.blocked, found.solution)
+    slopes, _ = SWING.linearise(data, dict.fromkeys(SWING.gains, 0.0))
+    trusted = np.isfinite(error)
+    for run in data.runs:  # every run has a fold of its own
+        others = trusted & (data.run != run)
+        gains = np.linalg.lstsq(slopes[others], data.effort[others], rcond=None)[0]
+        mine = trusted & (data.run == run)
+        expected = data.effort[mine] - slopes[mine] @ gains
+        assert np.sqrt(np.mean((error[mine] - expected) ** 2)) < 0.1 * NOISE_NM
+
+
+def power_law(t, x, v, run):
+    return np.where(x > 0, 2.0e4 * np.maximum(x, 0.0) ** 1.7 + 15.0 * v, 0.0).clip(0.0)
+
+
+INNER = {
+    "an exponent": (
+        ("power_law_stiffness", "damping"),
+        session(7, power_law),
+        {"power_law_stiffness.n": 1.5},
+    ),
+    "a surface": (
+        ("stiffness", "damping", "contact_offset"),
+        session(8, lambda t, x, v, run: kelvin_voigt(x - 6e-4, v)),
+        {},
+    ),
+    "a transition": (
+        ("pendulum", "viscous_friction", "coulomb_friction"),
+        swings(6, lambda q, v, a: 0.4 * np.tanh(v / 0.05)),
+        {"coulomb_friction.transition": 0.2},
+    ),
+    "a ripple": (
+        ("pendulum", "viscous_friction", "torque_ripple"),
+        swings(6, lambda q, v, a: 0.3 * np.sin(9.0 * q)),
+        {"torque_ripple.cycles": 9.2},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INNER)
+def test_inner_parameters_are_those_of_scipy_over_all_parameters(name):
+    """Of the same blocks; scipy moves gains and inner parameters together."""
+    effects, data, start = INNER[name]
+    model = Model("m", tuple(EFFECTS[effect]() for effect in effects))
+    found = fit_model(data, model, start)
+    problem, solution = found.problem, found.solution
+    names = [*model.gains, *model.inner]
+    scale = np.array([abs(solution.parameters[n]) or 1e-6 for n in names])
+
+    def residual(numbers):
+        predicted = model.predict(problem.blocked.data, dict(zip(names, numbers * scale, strict=True)))
+        return (problem.blocked.effort - problem.blocked.reduce(predicted))[problem.used]
+
+    ours = np.array([solution.parameters[n] for n in names]) / scale
+    best = least_squares(residual, ours * 1.002, x_scale="jac", xtol=1e-12, ftol=1e-12)
+    assert np.sum(residual(ours) ** 2) <= 1.001 * 2.0 * best.cost
+
+
+@pytest.mark.parametrize(("newton", "metre"), [(1e-7, 1e-5), (1e6, 1.0), (1.0, 1e-3)])
+def test_units_change_nothing(newton, metre):
+    """A contact in other units: the same blocks, the same shares, the same exponent."""
+    model = Model("m", (EFFECTS["power_law_stiffness"](), EFFECTS["damping"]()))
+    data = session(7, power_law)
+    motion = {name: metre * getattr(data, name) for name in ("position", "velocity", "acceleration")}
+    other = replace(data, effort=newton * data.effort, **motion)
+    start = {"power_law_stiffness.n": 1.5}
+    one, two = (fit_model(each, model, start) for each in (data, other))
+    exponent = [each.solution.parameters["power_law_stiffness.n"] for each in (one, two)]
+    assert exponent[1] == pytest.approx(exponent[0], rel=1e-3)
+    assert two.rmse / newton == pytest.approx(one.rmse, rel=1e-3)
+    assert two.floor() / newton == pytest.approx(one.floor(), rel=0.01)
+
+
+HELD = {
+    "a viscous friction": (
+        "viscous_friction.d",
+        (),
+        DAMPING,
+        lambda seed: swings(seed, runs=4, rate_hz=100.0),
+        SWING,
+    ),
+    "a mass from a derived acceleration": (
+        "pendulum.inertia",
+        (),
+        INERTIA,
+        lambda seed: read(swings(seed, runs=4, rate_hz=100.0), noise=2e-5, seed=seed),
+        SWING,
+    ),
+    "a stiffness in slow noise": ("stiffness.k", (), K, lambda seed: session(seed, correlation=0.9), PRESS),
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_95_percent_intervals_hold_the_truth(name):
+    """Of 20 data sets in 16 or more: fewer come by chance in 0.3 %; nor are they much too wide."""
+    parameter, _, truth, made, model = HELD[name]
+    found = [
+        estimate_parameters(*final_solution(fit_model(made(seed), model, {})))[parameter]
+        for seed in range(20)
+    ]
+    off = np.array([(one.value - truth) / one.std_err for one in found])
+    assert np.sum(np.abs(off) < 1.96) >= 16
+    assert 0.6 < np.sqrt(np.mean(off**2)) < 1.4
+
+
+def test_a_mass_is_as_uncertain_as_its_smoothed_acceleration():
+    """Smoothing cuts peaks, so that the mass seems larger in every run; the residual does not show it."""
+    exact, kernel = swings(3, rate_hz=500.0), np.ones(31) / 31.0
+    cut = np.concatenate(
+        [np.convolve(exact.acceleration[exact.run == r], kernel, "same") for r in exact.runs]
+    )
+    smoothed = replace(exact, acceleration=cut)
+    one, two = (
+        estimate_parameters(*final_solution(fit_model(data, SWING, {})))["pendulum.inertia"]
+        for data in (exact, smoothed)
+    )
+    assert abs(one.value - INERTIA) < 3.0 * one.std_err
+    assert two.value - INERTIA > 3.0 * one.std_err
+    assert abs(two.value - INERTIA) < 3.0 * two.std_err
+
+
+def test_a_sample_that_a_small_step_carries_over_the_surface_has_no_slope():
+    model, name = with_effects(PRESS, "contact_offset"), "contact_offset.offset"
+    problem, solution = final_solution(fit_model(session(4), model, {}))
+    rows = problem.blocked.rows[problem.used].ravel()
+    x, v = problem.blocked.data.position[rows], problem.blocked.data.velocity[rows]
+    touching = float(x[(x > 1e-4) & (v > 0.02)].min()) + 1e-9
+    there = solve_gains(problem, model, {**solution.parameters, name: touching})
+    (slope,) = inner_slopes(problem, there)
+    assert 0.9 * K < np.abs(slope).max() < 3.0 * K
+
+
+ROTOR, SHARE = 0.03, 0.3
+
+
+def geared():
+    """A pendulum on a drive whose gear rubs with a share of what passes it; the rotor does not."""
+
+    def torque(q, v, a):
+        passed = INERTIA * a + WEIGHT * np.sin(q)
+        return ROTOR * a + SHARE * np.abs(passed) * np.tanh(v / 0.02)
+
+    return swings(11, torque)
+
+
+def test_the_load_of_a_gear_is_what_passes_it():
+    base = ("pendulum", "viscous_friction")
+    data = with_load(
+        geared(), SWING, {"pendulum.inertia": 0.08, "pendulum.gravity": 2.0, "viscous_friction.d": 0}
+    )
+    assert data.context["load"] == pytest.approx(0.08 * data.acceleration + 2.0 * np.sin(data.position))
+    rubbing = EFFECTS["load_dependent_friction"]().suited_to(data)
+    model = Model("m", (*(EFFECTS[name]() for name in base), rubbing))
+    start = {"load_dependent_friction.transition": 0.02, "load_dependent_friction.link_share": 0.4}
+    found = fit_model(geared(), model, start).solution.parameters
+    assert found["load_dependent_friction.link_share"] == pytest.approx(INERTIA / (INERTIA + ROTOR), abs=0.03)
+    assert found["load_dependent_friction.mu"] == pytest.approx(SHARE, abs=0.015)
+    assert found["pendulum.inertia"] == pytest.approx(INERTIA + ROTOR, rel=0.02)
+
+
+def test_a_contact_and_a_channel_that_brings_its_own_keep_their_load():
+    contact = session(1)
+    assert with_load(contact, PRESS, {}) is contact
+    brought = replace(swings(1), context={"load": np.ones(len(swings(1)))})
+    assert with_load(brought, SWING, {}) is brought
+
+
+def test_models_that_share_their_work_are_fitted_as_by_themselves():
+    """Also where the load, which one effect takes from the model around it, changes from model to model."""
+    data, shared = geared(), FitCache()
+    rubbing = with_effects(SWING, "load_dependent_friction", "coulomb_friction")
+    start = {"load_dependent_friction.transition": 0.01, "coulomb_friction.transition": 0.02}
+    for model in (rubbing, rubbing.without("coulomb_friction"), rubbing.without("viscous_friction")):
+        together, alone = (fit_model(data, model, start, cache=cache) for cache in (shared, None))
+        assert together.solution.parameters == pytest.approx(alone.solution.parameters, rel=1e-9)
+        assert together.flexible.by_signal == pytest.approx(alone.flexible.by_signal, rel=1e-9, abs=1e-12)
+    assert shared.size > 0
+
+
+def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
+    """A friction is missing, and the last run is as noisy as three."""
+    data = swings(1, lambda q, v, a: 0.3 * np.tanh(v / 0.01))
+    last = data.run == data.runs[-1]
+    noise = np.random.default_rng(1).normal(0.0, 3.0 * NOISE_NM, len(data))
+    base = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+    found = fit_model(replace(data, effort=data.effort + noise * last), base, {})
+    assert found.floor_in_runs(data.runs) == pytest.approx(found.floor(), rel=0.01)
+    quiet, loud = found.floor_in_runs(data.runs[:-1]), found.floor_in_runs(data.runs[-1:])
+    assert quiet == pytest.approx(NOISE_NM, rel=0.7)
+    assert loud == pytest.approx(np.sqrt(10.0) * NOISE_NM, rel=0.2)
+
+
+def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
+    monkeypatch.setattr("estimation.fit.fit_cache.MOST_BYTES", 3 * 80)
+    cache, asked = FitCache(), []
+
+    def made(number):
+        asked.append(number)
+        return np.full(10, float(number))
+
+    for number in (0, 1, 2, 0, 3, 0, 1):
+        assert cache.get_or_compute(number, lambda n=number: made(n))[0] == number
+    assert asked == [0, 1, 2, 3, 1]  # 1 had to go for 3, 0 had just been asked for again
+    assert cache.size == 3 * 80
+
+
+@pytest.mark.parametrize(
+    ("name", "inner"), [("dry_friction", {"presliding": 1e-4, "transition": 1e-4}), ("lag", {"tau": 0.01})]
+)
+def test_parts_along_an_effect_are_those_of_the_whole_model_there(name, inner):
+    data, effect = session(1), EFFECTS[name]()
+    base = Model("m", tuple(EFFECTS[one]() for one in ("stiffness", "contact_offset", "stress_relaxation")))
+    model, there = base.with_effect(effect), {"contact_offset.offset": 1e-3, "stress_relaxation.tau": 0.3}
+    own = {f"{name}.{key}": value for key, value in inner.items()}
+    found = linearise_along(data, model, effect, {**there, **dict.fromkeys(own, 1.0)})(inner)
+    for one, other in zip(found, model.parts(data, {**there, **own}), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "names", [("contact_offset", "cubic_stiffness"), ("cubic_stiffness", "contact_offset")]
+)
+@pytest.mark.parametrize(
+    ("offset_m", "k", "k3"), [(0.004, 300.0, 3e6), (0.005, 800.0, 2e7), (-0.003, 300.0, 3e5)]
+)
+def test_where_a_surface_lies_is_found_beside_a_spring_that_stiffens(names, offset_m, k, k3):
+    """Another minimum has a surface that is hardly off and a stiffness below zero."""
+
+    def law(t, x, v, run):
+        depth = np.maximum(x - offset_m, 0.0)
+        return k * depth + k3 * depth**3
+
+    found = fits(session(3, law), MODEL, names)[-1]
+    assert found.values["contact_offset.offset"] == pytest.approx(offset_m, abs=1e-4)
+    assert found.values["stiffness.k"] == pytest.approx(k, rel=0.1)
+    assert found.unphysical == ()
+
+
+@pytest.mark.parametrize(("value", "widest"), [(5e3, 2e5), (5e4, 5e5), (8e6, 1e7)])
+def test_an_error_far_beyond_all_that_is_met_determines_nothing(value, widest):
+    (k,) = EFFECTS["stiffness"].gains
+    assert _widest(k, value) == widest

@@ -1,0 +1,285 @@
+"""What a law without a name can draw, by the signal that it is a law of; and what it leaves of noise."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimation.effects import EFFECTS
+from estimation.fit.blocks import block_average
+from estimation.fit.fit_result import fit_model
+from estimation.fit.flexible_regression import (
+    _best,
+    _shrunken,
+    fit_flexible,
+    is_plausible_bias,
+    model_features,
+)
+from estimation.fit.normal_equations import gram_matrices
+from estimation.fit.smooth_features import _hats, smooth_features
+from estimation.model import Model
+from estimation.signals.exponential_memory import low_pass
+from estimation.signals.runwise import play, rate, shift
+from tests.estimation.presses import kelvin_voigt, session
+from tests.estimation.swings import NOISE_NM, smoothed, swings, within
+
+MEASURED = ((), ())  # velocity and acceleration were not derived
+SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
+CONTEXT = {"load": 0.3, "temperature": 1.0, "time": 2.0}
+SWUNG = swings(1, rate_hz=100.0)
+SWUNG = replace(SWUNG, context={n: np.sin(s * SWUNG.time_s + s) + 2.0 for n, s in CONTEXT.items()},
+                recorded=frozenset({"temperature", "time"}))  # fmt: skip
+PRESSED = session(1)
+
+
+def signals(data):
+    """Signals of a channel on blocks, as laws below have them, with the effort that is expected."""
+    blocked = block_average(data)
+    names = ("time_s", "position", "velocity", "acceleration")
+    t, x, v, a = (blocked.reduce(getattr(data, name)) for name in names)
+    e = blocked.reduce(data.effort)
+    direction = turned(v, 0.02)
+    since = t - np.array([t[blocked.run == run][0] for run in blocked.run])
+    done = np.cumsum(np.abs(e * v))
+    own = {
+        "t": t,
+        "x": x,
+        "v": v,
+        "a": a,
+        "e": e,
+        "s": direction,
+        "since": since,
+        "work": done,
+        "run": blocked.run,
+    }
+    own |= {name: blocked.reduce(data.context[name]) for name in data.context}
+    return blocked, own
+
+
+def turned(v, share):
+    return np.tanh(v / (share * np.sqrt(np.mean(v**2))))
+
+
+def bent(signal):
+    return signal * np.abs(signal)
+
+
+def fades(x, t, run, tau):
+    return x - low_pass(x, t, run, tau)
+
+
+def late(e, t, run, blocks):
+    return shift(e, t, run, 0.01 * blocks)
+
+
+def way(x, run, share):
+    """Towards which side a gap, a share of the range wide, was crossed last."""
+    return x - play(x, run, share * np.ptp(x))
+
+
+LAWS = {  # of a joint: which signal's columns draw it; those that begin with "about" bend between its knots
+    "a constant": ("offset", lambda o: 1.0 + 0 * o.x),
+    "a trend": ("time", lambda o: o.t),
+    "a trend that bends": ("time", lambda o: o.t**2),
+    "warming up in each run": ("time", lambda o: o.since),
+    "damping that ages": ("time", lambda o: o.t * o.v),
+    "damping that ages in each run": ("time", lambda o: o.since * o.v),
+    "friction that wears by work": ("time", lambda o: o.work * o.s),
+    "a gain that fades": ("time", lambda o: o.t * o.e),
+    "about a kink": ("position", lambda o: np.abs(o.x - 0.3)),
+    "a ripple": ("position", lambda o: np.sin(2 * np.pi * 7 * o.x / np.ptp(o.x) + 1)),
+    "a fine ripple": ("position", lambda o: np.cos(2 * np.pi * 24 * o.x / np.ptp(o.x))),
+    "a spring that stiffens": ("position", lambda o: o.x**3),
+    "drag": ("velocity", lambda o: o.v * np.abs(o.v)),
+    "drag by the cube": ("velocity", lambda o: o.v**3),
+    "about damping by place": ("velocity", lambda o: o.v * np.abs(o.x)),
+    "dry friction": ("direction", lambda o: o.s),
+    "about friction by place": ("direction", lambda o: o.s * np.abs(o.x)),
+    "about friction by load": ("direction", lambda o: o.s * np.abs(o.e)),
+    "about a mass that is not constant": ("acceleration", lambda o: np.abs(o.a)),
+    "creep": ("past motion", lambda o: fades(o.x, o.t, o.run, 0.1)),
+    "slow creep": ("past motion", lambda o: fades(o.x, o.t, o.run, 1.0)),
+    "hysteresis": ("past motion", lambda o: way(o.x, o.run, 0.04)),
+    "a rate": ("effort", lambda o: rate(o.e, o.t, o.run)),
+    "creep that bends": ("past motion", lambda o: bent(fades(o.x, o.t, o.run, 0.3))),
+    "hysteresis by depth": ("past motion", lambda o: np.abs(way(o.x, o.run, 0.01)) * o.x),
+    "hysteresis of a reader": ("effort", lambda o: way(o.e, o.run, 0.15)),
+    "sharp friction": ("direction", lambda o: turned(o.v, 0.004)),
+    "a late reading": ("effort", lambda o: o.e - late(o.e, o.t, o.run, 3.0)),
+    "a smoothed reading": ("effort", lambda o: o.e - low_pass(o.e, o.t, o.run, 0.1)),
+    "a gain": ("effort", lambda o: o.e),
+    "about saturation": ("effort", lambda o: np.clip(o.e, -1.0, 1.0)),
+    "its cube": ("effort", lambda o: o.e**3),
+    "friction by a load that is known": ("load", lambda o: turned(o.v, 0.004) * o.load),
+    "about a kink of the load": ("load", lambda o: np.abs(o.load - 2.0)),
+    "about warmth": ("temperature", lambda o: o.temperature**2),
+    "damping by warmth": ("temperature", lambda o: o.v * (o.temperature - o.temperature.mean())),
+    "stiffness by warmth": ("temperature", lambda o: o.x * (o.temperature - o.temperature.mean())),
+    "a gain by a clock of one's own": ("recorded time", lambda o: o.e * (o.time - o.time.mean())),
+}  # fmt: skip
+
+
+def left(columns, law):
+    """Share of a law's energy about its mean that the columns do not draw."""
+    columns = np.column_stack([np.ones(len(law)), columns])
+    return np.var(law - columns @ np.linalg.lstsq(columns, law, rcond=None)[0]) / max(np.var(law), 1e-12)
+
+
+@pytest.fixture(scope="module")
+def swung():
+    blocked, own = signals(SWUNG)
+    return own, smooth_features(blocked, [own["e"]])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_of_a_signal_is_drawn_by_its_columns(swung, name):
+    own, columns = swung
+    signal, law = LAWS[name]
+    law = law(SimpleNamespace(**own))
+    assert left(columns[signal], law) < (0.02 if name.startswith("about") else 1e-6)
+    assert all(np.isfinite(one).all() and len(one) == len(law) for one in columns.values())
+    if signal in {"recorded time", "load", "temperature", "acceleration"}:
+        assert left(columns["velocity"], law) > 0.1
+
+
+PRESS_LAWS = {
+    "creep": (
+        "past motion",
+        lambda o: low_pass(np.maximum(o.x, 0), o.t, o.run, 0.3, from_rest=True) * (o.x > 0),
+    ),
+    "a film that sticks": (
+        "past motion",
+        lambda o: np.exp(o.x / (0.06 * o.x.max())) * o.touched * (o.x <= 0),
+    ),
+    "a spring": ("position", lambda o: np.maximum(o.x, 0)),
+    "a layer": ("position", lambda o: np.maximum(o.x - 0.006, 0)),
+    "what was pressed flat": ("position", lambda o: o.furthest),
+    "damping": ("velocity", lambda o: o.v * (o.x > 0)),
+}
+
+
+@pytest.mark.parametrize("name", PRESS_LAWS)
+def test_a_law_of_a_contact_is_drawn_where_it_was_touched(name):
+    blocked, own = signals(PRESSED)
+    columns = smooth_features(blocked, [own["e"]])
+    own["furthest"] = np.concatenate([np.maximum.accumulate(own["x"][own["run"] == r]) for r in range(6)])
+    own["touched"] = own["furthest"] > 0
+    signal, law = PRESS_LAWS[name]
+    law = law(SimpleNamespace(**own))
+    assert left(columns[signal], law) < 0.02
+    before = (own["furthest"] < -1e-4) & (own["x"] < -1e-4)
+    assert not columns["past motion"][before].any()  # nothing is remembered of free air
+    assert not columns["velocity"][before].any() or "velocity" not in name
+
+
+@pytest.mark.parametrize("low", [-1.0, 0.5])
+def test_bumps_make_up_any_kinked_line_but_no_constant_of_their_own(low):
+    values = np.sort(np.random.default_rng(1).uniform(low, 2.0, 400))
+    hats = _hats(values)
+    assert (hats >= 0.0).all()
+    assert hats.sum(axis=1).max() == pytest.approx(1.0)
+    nearest = np.argmin(np.abs(values))
+    assert hats[nearest].sum() < 0.1  # of the knot at zero, or nearest to it, none is left
+    assert 10 < hats.shape[1] < 22
+    assert _hats(np.full(10, low)).shape == (10, 1)
+    crowded = np.append(np.zeros(900), np.linspace(0.0, 1.0, 100))
+    assert np.linalg.cond(np.column_stack([np.ones(1000), _hats(crowded)])) < 1e4
+
+
+HIDDEN = {  # and a signal that says nothing of it
+    "velocity": (lambda q, v, a: 0.2 * np.sin(3.0 * v), "offset"),
+    "position": (lambda q, v, a: 0.2 * np.sin(9.0 * q), "offset"),
+    "offset": (lambda q, v, a: 0.1 + 0.0 * q, ""),  # bumps of any signal make up most of a constant
+}
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_what_a_model_leaves_is_explained_by_the_signal_that_it_depends_on(name):
+    law, nothing = HIDDEN[name]
+    one = fit_model(swings(6, law, rate_hz=100.0), SWING, {})
+    found = fit_flexible(one.problem, one.solution, MEASURED)
+    assert found.by_signal[name] > 0.98 * max(found.by_signal.values())
+    assert found.by_signal[name] > 0.8 > 0.3 > found.by_signal.get(nothing, 0.0)
+    count = one.problem.used.sum()
+    assert NOISE_NM < np.sqrt(found.held_out.sum() / count) < 0.1  # of 0.14 and the noise
+    kept = one.problem.used
+    assert np.sum(found.residual[kept] ** 2) == pytest.approx(found.held_out.sum(), rel=0.01)
+    others = fit_flexible(one.problem, one.solution, MEASURED, without=[name])
+    assert name not in others.by_signal
+    assert others.held_out.sum() > (1.3 if nothing else 1.0) * found.held_out.sum()
+    assert set(model_features(one.problem, one.solution)) == set(found.by_signal)
+
+
+def test_of_noise_next_to_nothing_is_explained_and_never_more_than_there_is():
+    for data, model in (
+        (swings(3, rate_hz=100.0), SWING),
+        (session(3), Model("m", (EFFECTS["stiffness"](), EFFECTS["damping"]()))),
+    ):
+        one = fit_model(data, model, {})
+        found = fit_flexible(one.problem, one.solution, MEASURED)
+        assert 0.97 * one.solution.held_out < found.held_out.sum() <= (1.0 + 1e-9) * one.solution.held_out
+        assert all(share < 0.02 for share in found.by_signal.values())
+    exact = session(3, lambda t, x, v, run: kelvin_voigt(x, v))
+    exact = replace(exact, effort=np.zeros(len(exact)))
+    one = fit_model(exact, Model("m", (EFFECTS["stiffness"](),)), {})
+    assert set(fit_flexible(one.problem, one.solution, MEASURED).by_signal.values()) == {0.0}
+
+
+@pytest.mark.parametrize("half", [25, 35, 50])
+def test_what_a_window_takes_off_the_motion_is_no_law(half):
+    data = smoothed(swings(6), half)
+    one = fit_model(data, SWING, {}, within(data, half))
+    beside = fit_flexible(one.problem, one.solution, ((half,), (half,)))
+    noise = NOISE_NM / np.sqrt(one.problem.blocked.rows.shape[1])
+    before, after = (
+        np.sqrt(left / one.problem.used.sum()) for left in (one.solution.held_out, beside.before.sum())
+    )
+    assert after == pytest.approx(noise, rel=0.03)
+    assert before > 1.1 * after
+    assert (
+        beside.share_of(one.solution)
+        < 0.02
+        < fit_flexible(one.problem, one.solution, MEASURED).share_of(one.solution)
+    )
+
+
+def test_a_law_is_explained_beside_what_a_window_takes_off():
+    hidden = swings(6, lambda q, v, a: 0.2 * np.sin(9.0 * q))
+    one = fit_model(smoothed(hidden, 25), SWING, {})
+    assert fit_flexible(one.problem, one.solution, ((25,), (25,))).share_of(one.solution) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("weights", "taken"),
+    [
+        ((5.0, 4.0, 3.0, 2.0, 1.5), (0, 1, 2, 3)),  # at most four
+        ((4.0, 5.0, 0.55, 0.0, 0.0), (1, 0, 2)),
+        ((4.0, 5.0, 0.4, 0.0, 0.0), (1, 0)),  # three thousandths of the energy are not worth one more
+    ],
+)
+def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken):
+    """Beside them is one that says the opposite in the second fold: all together do worse."""
+    rng, parts = np.random.default_rng(1), []
+    for sign in (1.0, -1.0, 1.0):
+        x = rng.normal(size=(2000, 6))
+        x /= np.sqrt(np.mean(x**2, axis=0))
+        parts.append(np.column_stack([x, x @ [*weights, 3.0 * sign] + 0.1 * rng.normal(size=2000)]))
+    equations, owner = gram_matrices(parts), np.arange(6)
+    alone = [_shrunken(equations, owner, (number,)) for number in range(6)]
+    assert _best(equations, owner, alone, _shrunken(equations, owner, ()).energy).signals == taken
+
+
+@pytest.mark.parametrize(
+    ("gains", "fits"),
+    [
+        ((0.0, 3.0, 0.0, 0.0), True),  # thrice the widest window's three
+        ((0.0, -3.0, 0.0, 0.0), True),
+        ((0.0, 3.01, 0.0, 0.0), False),
+        ((0.6, 0.0, 0.0, 0.0), True),  # of another window
+        ((0.61, 0.0, 0.0, 0.0), False),
+    ],
+)
+def test_what_a_window_took_off_is_about_as_large_as_it_should_be(gains, fits):
+    taken = np.array([[5.0, 1.0, 0.0, 0.0], [-5.0, -1.0, 0.0, 0.0]])
+    assert is_plausible_bias(taken, np.array(gains)) is fits

@@ -1,0 +1,258 @@
+"""Readings drawn again: as noisy, on the same grid, and derived by the same window as the channel's own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import freqz, savgol_coeffs
+
+from estimation.data.derivatives import differentiate
+from estimation.fit.measurement_model import (
+    _window,
+    channel_derivative,
+    identify_measurement_model,
+    low_frequency_noise,
+    shuffle_noise,
+)
+from tests.estimation.presses import channel, motion, session
+from tests.estimation.swings import read, swings
+
+SMOOTH = swings(1)
+STEP = 2 * np.pi / 4096
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_the_redrawn_position_is_as_noisy_as_the_measured_one(noise):
+    measurement = identify_measurement_model(read(SMOOTH, noise=noise))
+    drawn = [measurement.simulate(np.random.default_rng(seed)).position for seed in range(4)]
+    off = np.array(drawn) - SMOOTH.position
+    assert np.std(off) == pytest.approx(noise, rel=0.15)
+    # another error each time, not the one that was measured
+    assert abs(np.corrcoef(off[0], off[1])[0, 1]) < 0.1
+    assert abs(np.corrcoef(off[0], measurement.data.position - SMOOTH.position)[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_redrawn_encoder_keeps_its_steps(noise):
+    """Its zero may lie anywhere between two of them."""
+    measurement = identify_measurement_model(read(SMOOTH, step=STEP, noise=noise))
+    assert measurement.step == pytest.approx(STEP)
+    drawn = measurement.simulate(np.random.default_rng(0)).position
+    steps = (drawn - drawn[0]) / STEP
+    assert steps == pytest.approx(np.round(steps), abs=1e-6)
+    assert np.std(drawn - SMOOTH.position) == pytest.approx(np.hypot(STEP / np.sqrt(12), noise), rel=0.15)
+    assert (drawn != measurement.data.position).mean() > 0.2
+
+
+@pytest.mark.parametrize("given", [{"step": STEP}, {"noise": 1e-3}])
+def test_derivatives_follow_the_redrawn_position_by_their_own_window(given):
+    data = read(SMOOTH, **given)
+    made = differentiate(data.time_s, data.position, data.run)
+    measurement = identify_measurement_model(data)
+    assert measurement.filters == made.half_windows
+    one, two = (measurement.simulate(np.random.default_rng(seed)) for seed in (0, 1))
+    apart = channel_derivative(data, one.position - two.position, made.half_windows[0], 1)
+    assert one.velocity - two.velocity == pytest.approx(apart, abs=1e-9 * np.ptp(one.velocity))
+
+
+def test_the_redrawn_velocity_is_as_noisy_as_white_noise_of_the_position_makes_it():
+    measurement = identify_measurement_model(read(SMOOTH, noise=1e-3))
+    white = np.random.default_rng(3).normal(0.0, 1e-3, len(SMOOTH))
+    expected = np.std(channel_derivative(SMOOTH, white, measurement.filters[0], 1))
+    one, two = (measurement.simulate(np.random.default_rng(seed)).velocity for seed in (0, 1))
+    assert np.std(one - two) / np.sqrt(2.0) == pytest.approx(expected, rel=0.25)
+
+
+def test_a_measured_velocity_is_redrawn_with_noise_of_its_own():
+    noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.2, len(SMOOTH))
+    data = replace(read(SMOOTH, noise=1e-3), velocity=noisy)
+    measurement = identify_measurement_model(data)
+    one, two = (measurement.simulate(np.random.default_rng(seed)) for seed in (0, 1))
+    assert np.std(one.velocity - SMOOTH.velocity) == pytest.approx(0.2, rel=0.15)
+    assert np.std(one.velocity - two.velocity) == pytest.approx(0.2 * np.sqrt(2.0), rel=0.15)
+    assert abs(np.corrcoef(one.velocity - SMOOTH.velocity, noisy - SMOOTH.velocity)[0, 1]) < 0.1
+    np.testing.assert_array_equal(one.effort, data.effort)
+
+
+def test_an_acceleration_follows_the_redrawn_velocity_that_it_was_derived_from():
+    noisy = SMOOTH.velocity + np.random.default_rng(1).normal(0.0, 0.05, len(SMOOTH))
+    made = differentiate(SMOOTH.time_s, noisy, SMOOTH.run)
+    measurement = identify_measurement_model(
+        replace(read(SMOOTH, noise=1e-4), velocity=noisy, acceleration=made.velocity)
+    )
+    assert measurement.is_of_velocity
+    assert measurement.filters == (None, made.half_windows[0])
+    one, two = (measurement.simulate(np.random.default_rng(seed)) for seed in (0, 1))
+    apart = channel_derivative(SMOOTH, one.velocity - two.velocity, made.half_windows[0], 1)
+    assert one.acceleration - two.acceleration == pytest.approx(apart, abs=1e-9 * np.ptp(one.acceleration))
+
+
+def through_an_arm(x, steps, start):
+    """Tips of joints whose encoders step, each with its own share of the way and its own zero."""
+    share = np.array([0.7, 0.5, -0.2])
+    return sum(
+        np.round(s * x / step + o) * step - o * step for s, step, o in zip(share, steps, start, strict=True)
+    )
+
+
+def test_a_redrawn_arm_makes_steps_as_large_as_its_encoders_do():
+    """Its tip lies on no grid: each joint's encoder steps at places of its own."""
+    rng, steps = np.random.default_rng(2), np.array([0.2, 0.13, 0.05])
+    slow = replace(SMOOTH, time_s=10.0 * SMOOTH.time_s)
+    read_by_arm = [through_an_arm(SMOOTH.position, steps, rng.random(3)) for _ in range(2)]
+    measurement = identify_measurement_model(replace(slow, position=read_by_arm[0]))
+    assert measurement.is_staircase
+    off = [measurement.simulate(rng).position - measurement.smoothed_motion.position for _ in range(12)]
+    assert np.std(off, axis=1) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.25)
+    alike = np.corrcoef(off)[np.triu_indices(len(off), 1)]
+    assert abs(np.mean(alike)) < 0.15  # of any sign, as steps at other places are
+
+
+def test_derivatives_without_the_position_s_noise_are_not_redrawn():
+    data = replace(read(SMOOTH, noise=1e-3), velocity=SMOOTH.velocity, acceleration=SMOOTH.acceleration)
+    drawn = identify_measurement_model(data).simulate(np.random.default_rng(0))
+    assert np.std(drawn.velocity - data.velocity) < 1e-3 * np.std(data.velocity)
+    assert np.std(drawn.acceleration - data.acceleration) < 1e-3 * np.std(data.acceleration)
+
+
+def test_the_true_motion_is_nearer_than_the_reading():
+    data = read(swings(2), noise=2e-3)
+    true = identify_measurement_model(data).smoothed_motion
+    exact = swings(2)
+    for signal, share in (("position", 0.6), ("acceleration", 0.7), ("velocity", 1.0)):
+        off, read_off = (getattr(one, signal) - getattr(exact, signal) for one in (true, data))
+        assert np.std(off) < share * np.std(read_off)
+
+
+def test_a_derivative_is_that_of_a_cubic_and_stays_within_its_run():
+    data = session(1)
+    cubic = (data.time_s - data.time_s.mean()) ** 3 + 5.0 * data.run
+    inside = channel_derivative(data, cubic, 5, 1)
+    assert inside == pytest.approx(3.0 * (data.time_s - data.time_s.mean()) ** 2, rel=1e-6, abs=1e-6)
+
+
+def test_shuffled_noise_keeps_its_values_and_loses_its_place():
+    rng = np.random.default_rng(0)
+    run = np.repeat([0, 1], 400)
+    noise = np.convolve(rng.normal(size=804), np.ones(5), "valid")
+    made = np.array([shuffle_noise(noise, run, rng) for _ in range(40)])
+    assert np.sort(np.abs(made[:, :400])) == pytest.approx(np.tile(np.sort(np.abs(noise[:400])), (40, 1)))
+    assert np.mean(np.abs([np.corrcoef(noise, one)[0, 1] for one in made])) < 0.15
+
+
+def test_wide_windows_are_recognised_in_runs_longer_than_what_is_looked_at():
+    data = read(swings(2, runs=3, seconds=9.0, rate_hz=500.0), step=STEP)
+    made = differentiate(data.time_s, data.position, data.run)
+    assert identify_measurement_model(data).filters == made.half_windows
+    assert made.half_windows[1] > 14
+
+
+def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_themselves():
+    """As a session's are, whose samples have gaps: near these the derivatives are others."""
+    noisy = read(SMOOTH, noise=1e-4)
+    piece = np.arange(len(noisy)) // 150
+    made = differentiate(noisy.time_s, noisy.position, piece, 10)
+    data = replace(noisy, velocity=made.velocity, acceleration=made.acceleration)
+    assert identify_measurement_model(data).filters == (10, 10)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("noise", "off", "known"),
+    [
+        (0.0, 0.99e-3, True),  # of the derivative itself
+        (0.0, 1.01e-3, False),
+        (1e-3, 0.99 * np.sqrt(0.5), True),  # of what the window makes of the noise
+        (1e-3, 1.01 * np.sqrt(0.5), False),
+    ],
+)
+def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noise_in_it(
+    sign, noise, off, known, monkeypatch
+):
+    monkeypatch.setattr("estimation.fit.measurement_model.HALF_WINDOWS", (10,))
+    position = sign * SMOOTH.position
+    error = noise * np.random.default_rng(1).normal(size=len(SMOOTH))
+    given = channel_derivative(SMOOTH, position, 10, 1)
+    unit = np.sqrt(np.median(channel_derivative(SMOOTH, error, 10, 1) ** 2) if noise else np.mean(given**2))
+    given = given + off * unit * np.resize([1.0, -1.0], len(given))
+    assert (_window(SMOOTH, position, error, given, 1)[0] is not None) is known
+
+
+def test_where_an_arm_hardly_moves_its_steps_are_drawn_as_large_as_elsewhere():
+    """A smoothing window follows them there: what it leaves is too small."""
+    rng, steps = np.random.default_rng(2), np.array([4e-4, 2.6e-4, 1e-4])
+    time_s, place, _, run = motion(rng)
+    data = channel(0.0 * place, time_s, through_an_arm(place, steps, rng.random(3)), 0.0 * place, run)
+    made = differentiate(data.time_s, data.position, data.run)
+    measurement = identify_measurement_model(
+        replace(data, velocity=made.velocity, acceleration=made.acceleration)
+    )
+    rests = np.abs(np.gradient(place, time_s)) < 0.003
+    off = [
+        (measurement.simulate(rng).position - measurement.smoothed_motion.position)[rests] for _ in range(12)
+    ]
+    assert measurement.is_staircase
+    assert np.std(off) == pytest.approx(np.sqrt(np.sum(steps**2) / 12.0), rel=0.3)
+
+
+def test_an_acceleration_derived_from_a_derived_velocity_is_recognised():
+    data = read(SMOOTH, noise=1e-4)
+    velocity = channel_derivative(data, data.position, 3, 1)
+    twice = replace(data, velocity=velocity, acceleration=channel_derivative(data, velocity, 5, 1))
+    measurement = identify_measurement_model(twice)
+    assert measurement.filters == (3, 5)
+    assert measurement.is_of_velocity
+    drawn = (
+        measurement.simulate(np.random.default_rng(1)).acceleration - measurement.smoothed_motion.acceleration
+    )
+    # more than the reading's: what noise the exact motion still has is bent, too
+    assert 0.8 < np.std(drawn) / np.std(twice.acceleration - SMOOTH.acceleration) < 1.6
+
+
+@pytest.mark.parametrize("half", [10, 25, 50])
+def test_noise_that_a_window_hid_is_drawn_up_to_where_the_window_passes_half_of_its_size(half):
+    """White noise less what a cubic through the window follows, with what is drawn for that, is white."""
+    window = savgol_coeffs(2 * half + 1, 3)
+    turn, passed = freqz(window, worN=np.pi * np.linspace(1e-3, 0.5, 2000))
+    edge = turn[np.argmax(np.abs(passed) < 0.5)] / (2.0 * np.pi)  # in cycles a sample
+    rng, run = np.random.default_rng(half), np.repeat(np.arange(20), 500)
+    frequency, power = np.fft.rfftfreq(500), 0.0
+    white = np.fft.rfft(rng.normal(size=(20, 500)), axis=1) * (frequency > edge)
+    error = np.fft.irfft(white, 500, axis=1).ravel()
+    drawn = [low_frequency_noise(error, run, half, rng).reshape(20, 500) for _ in range(10)]
+    power = np.mean([np.abs(np.fft.rfft(one, axis=1)) ** 2 for one in drawn], axis=(0, 1)) / 500.0
+    assert power[0] == pytest.approx(0.0, abs=1e-12)
+    assert power[(frequency > 0.0) & (frequency < 0.85 * edge)].mean() == pytest.approx(1.0, rel=0.25)
+    assert power[frequency > 1.25 * edge].max() < 1e-12
+    whole = np.random.default_rng(1).normal(size=10_000)  # hides nothing: little is added
+    assert np.std(low_frequency_noise(whole, run, half, rng)) < 0.8 * np.sqrt(2.0 * edge)
+    assert not low_frequency_noise(np.zeros(10_000), run, half, rng).any()
+    short = np.repeat(np.arange(2500), 4)
+    assert np.isfinite(low_frequency_noise(whole, short, 200, rng)).all()
+
+
+def test_derivatives_without_any_noise_are_recognised_and_what_bent_them_is_taken_back():
+    halves = (3, 20)
+    velocity, acceleration = (
+        channel_derivative(SMOOTH, SMOOTH.position, h, k) for k, h in enumerate(halves, start=1)
+    )
+    measurement = identify_measurement_model(replace(SMOOTH, velocity=velocity, acceleration=acceleration))
+    assert measurement.filters == halves
+    for name in ("position", "velocity", "acceleration"):
+        exact = getattr(SMOOTH, name)
+        off, bent = (
+            np.std(getattr(one, name) - exact) for one in (measurement.smoothed_motion, measurement.data)
+        )
+        assert off < max(0.5 * bent, 1e-4 * np.std(exact)), name
+        drawn = getattr(measurement.simulate(np.random.default_rng(0)), name)
+        assert np.std(drawn - getattr(measurement.data, name)) < 5e-3 * np.std(exact), name
+
+
+def test_what_rests_or_whose_acceleration_nobody_knows_is_read_as_it_was():
+    rest = replace(SMOOTH, position=0.0 * SMOOTH.position, velocity=0.0 * SMOOTH.velocity)
+    for data in (rest, replace(rest, acceleration=0.0 * rest.velocity)):
+        measurement = identify_measurement_model(data)
+        assert measurement.filters == (None, None)
+        drawn = measurement.simulate(np.random.default_rng(0))
+        assert not drawn.velocity.any()
+        assert drawn.acceleration == pytest.approx(data.acceleration)
