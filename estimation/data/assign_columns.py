@@ -1,7 +1,7 @@
 """Decides which column holds which quantity, and in which unit."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from estimation.data.choose_columns import (
     TIME,
     Key,
     choose_columns,
-    pressed_position,
+    is_pressed,
 )
 from estimation.data.column_guess import guess_columns
 from estimation.data.column_units import (
@@ -23,11 +23,14 @@ from estimation.data.column_units import (
     assign_unit,
     check_all_say_their_units,
     check_units_are_used,
+    is_said_scaled,
+    unit_of,
 )
 from estimation.data.import_options import ImportOptions
 from estimation.data.joint_numbers import joint_shift
 from estimation.data.mixed_rates import with_one_rate
 from estimation.data.press_runs import FEWEST_ROWS
+from estimation.data.press_sides import press_sides
 from estimation.data.quantities import (
     PHASE,
     RUN,
@@ -37,12 +40,9 @@ from estimation.data.quantities import (
     unit_in_name,
 )
 from estimation.data.table import Table
-from estimation.statistics.correlation import likeness
+from estimation.data.units import dimension_of
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
-
-_FAR = 3.0  # times as far to the one side as to the other
-_LIKE = 0.5  # correlation of a way and its force
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class Columns:
     run: str | None  # column with the run of each row, or None
     phase: str | None  # column with the phase of each row, or None
     said: tuple[str, ...] = ()  # notes on how they were chosen
+    two_sided: bool = False  # whether the element of displacement and force pulls as well as pushes
     shift: int = 0  # what the joints' numbers have more than in the file
 
     def __contains__(self, key: object) -> bool:
@@ -62,7 +63,7 @@ class Columns:
     def values(self, key: Key) -> FloatArray:
         """A quantity in SI, shape (n,)."""
         found = self.assigned[key]
-        return found.factor * self.table.numbers(found.column)
+        return found.factor * self.table.numbers(found.column) - found.zero
 
     def name(self, key: Key) -> str:
         """A quantity's column in the file."""
@@ -141,14 +142,14 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     run = _special(table, options, RUN) or _run_by_name(table)
     table, note = _with_one_rate(table, chosen, run)
     notes = [note] if note else []
-    notes += _pressed(table, chosen) if not options.columns else []
+    notes += _press_or_axis(table, options, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     check_all_say_their_units(table, options, chosen)
     assigned = {key: assign_unit(table, options, role, name) for key, (role, name) in chosen.items()}
     check_units_are_used(table, options, chosen)
-    assigned, turned = _turned(table, assigned)
-    notes += turned
-    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes), shift)
+    assigned, two_sided, note = _with_sides(table, options, assigned, shift)
+    notes += [note] if note else []
+    return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes), two_sided, shift)
 
 
 def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str | None) -> tuple[Table, str]:
@@ -175,28 +176,91 @@ def _by_own_name(
     return chosen
 
 
-def _pressed(table: Table, chosen: dict[Key, tuple[Role, str]]) -> Iterator[str]:
-    """Take the position of a press for the displacement, and say so; that of palpate's own name stays."""
-    if pressed_position(table, chosen) and not _own_name(chosen[POSITION][1]):
-        role, column = chosen.pop(POSITION)
-        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit), column
+def _press_or_axis(
+    table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
+) -> Iterator[str]:
+    """Take the position of a press for the displacement, and say so; that of palpate's own name stays.
+
+    Raises:
+        InputError: a column whose name says no unit may be the position of either.
+    """
+    if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
+        return
+    role, column = chosen[POSITION]
+    if _own_name(column) or column in options.columns.values():
+        return
+    if dimension_of(unit_of(table, options, role, column)) != "length":
+        return
+    quoted = shlex.quote(column)
+    if is_pressed(table.numbers(column), table.numbers(chosen[FORCE][1])):
+        del chosen[POSITION]
+        chosen[DISPLACEMENT] = Role(*DISPLACEMENT, role.unit or unit_of(table, options, role, column)), column
         yield (
             f"'{column}' and '{chosen[FORCE][1]}' go together as those of a press; if it is a linear axis, "
-            f"add --column position={shlex.quote(column)}"
+            f"add --column position={quoted}"
+        )
+    elif not role.unit:
+        raise InputError(
+            f"{table.path}: '{column}' and '{chosen[FORCE][1]}' may be those of a press or of a linear axis; "
+            f"say --column displacement={quoted} or --column position={quoted}"
+        )
+    else:
+        yield (
+            f"'{column}' is taken for a linear axis; if it is that of a press, add "
+            f"--column displacement={quoted}"
         )
 
 
-def _turned(table: Table, assigned: dict[Key, Assigned]) -> tuple[dict[Key, Assigned], list[str]]:
-    """Turn way and force of a machine that counts compression negative; palpate's own names say the sign."""
-    pair = [assigned[key] for key in (DISPLACEMENT, FORCE) if key in assigned]
-    if len(pair) < 2 or any(found.factor < 0.0 or _own_name(found.column) for found in pair):
-        return assigned, []
-    way, force = pair
-    if not counted_negative(table.numbers(way.column), table.numbers(force.column)):
-        return assigned, []
-    note = f"'{way.column}' and '{force.column}' count compression negative: both are turned"
-    turned = {key: replace(assigned[key], factor=-assigned[key].factor) for key in (DISPLACEMENT, FORCE)}
-    return assigned | turned, [note]
+def _with_sides(
+    table: Table, options: ImportOptions, assigned: dict[Key, Assigned], shift: int
+) -> tuple[dict[Key, Assigned], bool, str]:
+    """Turn displacement and force so that compression is positive, and find whether the element pulls too.
+
+    Where the user says a number before the unit, such as 1N, nothing is turned; where --column names the
+    displacement, it is that of a contact.
+
+    Returns:
+        The columns, whether the element is held at both ends, and a note or nothing.
+    """
+    if DISPLACEMENT not in assigned or FORCE not in assigned:
+        return assigned, False, ""
+    way, force = assigned[DISPLACEMENT], assigned[FORCE]
+    sides = press_sides(way.factor * table.numbers(way.column), force.factor * table.numbers(force.column))
+    kept = {
+        key
+        for key, found in ((DISPLACEMENT, way), (FORCE, force))
+        if is_said_scaled(table, options, Role(*key, "", shift), found.column)
+    }
+    factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
+    turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in kept}
+    result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in turned}
+    notes = [_turned(turned, assigned)] if turned else []
+    if sides.zero_m and not kept:
+        result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
+        notes.append(
+            f"'{way.column}' counts from {sides.zero_m / result[DISPLACEMENT].factor:.6g} {way.unit} on, "
+            f"where the force begins; --unit displacement=1{way.unit} keeps it, `palpate add FILE "
+            "contact_offset` fits it"
+        )
+    if sides.two_sided and way.column not in options.columns.values():
+        quoted, contact = shlex.quote(way.column), "--column displacement={} makes a contact of it"
+        notes.append(f"'{way.column}' and '{force.column}' go to both sides and")
+        if sides.springy or POSITION in assigned:
+            notes[-1] += " together: an element that pulls as well as pushes, without a surface; "
+            notes[-1] += f"{contact.format(quoted)}, --column position={quoted} a linear axis"
+            return result, True, "; ".join(notes)
+        notes[-1] += f" not together, as of a damper: taken for a linear axis; {contact.format(quoted)}"
+        result = {POSITION if key == DISPLACEMENT else key: found for key, found in result.items()}
+    return result, False, "; ".join(notes)
+
+
+def _turned(turned: Mapping[Key, str], assigned: Mapping[Key, Assigned]) -> str:
+    """Say which columns were turned, and how to keep them as they are."""
+    keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
+    names = " and ".join(map(repr, turned.values()))
+    if len(turned) > 1:
+        return f"{names} count compression negative: both are turned; {keep} keeps them"
+    return f"{names} counts compression negative: it is turned; {keep} keeps it"
 
 
 def _own_name(column: str) -> bool:
@@ -223,12 +287,3 @@ def _by_option(table: Table, options: ImportOptions, shift: int) -> dict[Key, tu
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
-
-
-def counted_negative(way: FloatArray, force: FloatArray) -> bool:
-    """Whether displacement (n,) and force (n,) of a contact both go the negative way where it is pressed."""
-    for values in (way, force):
-        low, high = np.quantile(values, [0.005, 0.995])
-        if not -low > _FAR * max(high, 0.0) or low == high:
-            return False
-    return likeness(way, force) > _LIKE

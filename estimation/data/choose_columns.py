@@ -1,7 +1,7 @@
 """Which columns of other names make channels, where the user did not say."""
 
 import shlex
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
 from estimation.statistics.correlation import likeness
 from robot_io.errors import InputError
+from robot_io.types import FloatArray
 
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
 TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)
@@ -94,16 +95,11 @@ def _refuse_spoilt(table: Table, known: Collection[Key], named: Collection[Guess
             table.numbers(one.column)
 
 
-def pressed_position(table: Table, chosen: Mapping[Key, tuple[Role, str]]) -> bool:
-    """Whether the one position [m] and force [N] of a file are rather those of a press than of an axis.
+def is_pressed(position: FloatArray, force: FloatArray) -> bool:
+    """Whether a position (n,) and a force (n,) are rather those of a press than of an axis.
 
     A press's force has one sign and grows with the position; what moves an axis has both.
     """
-    if DISPLACEMENT in chosen or not {POSITION, FORCE} <= set(chosen) or ("torque", 0) in chosen:
-        return False
-    if dimension_of(chosen[POSITION][0].unit) != "length":
-        return False
-    position, force = (table.numbers(chosen[key][1]) for key in (POSITION, FORCE))
     low, high = np.quantile(force, [0.005, 0.995])
     one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
     return bool(one_sided and abs(likeness(position, force)) > _GOES_WITH)

@@ -5,8 +5,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from estimation.data.quantities import QUANTITIES, RUN, joint_number, parse_role, split_unit
-from estimation.data.units import dimension_of
+from estimation.data.quantities import QUANTITIES, RUN, STANDS_FOR, joint_number, parse_role, split_unit
+from estimation.data.units import dimension_of, read_as
 
 WORDS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
@@ -67,8 +67,8 @@ class Guess:
 
     @property
     def fit(self) -> tuple[bool, int, bool]:
-        """How well it suits its quantity, to compare columns; a current only for want of a torque."""
-        return dimension_of(self.unit) != "current", self.rank, bool(self.unit)
+        """How well it suits its quantity, to compare columns; what stands for an effort comes last."""
+        return dimension_of(self.unit) not in STANDS_FOR, self.rank, bool(self.unit)
 
 
 def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Guess]:
@@ -120,6 +120,8 @@ def guess_column(name: str) -> Guess:
     if _NOT_MEASURED & set(letters):
         return Guess(name, "")
     letters = [word for word in letters if word not in _SAYS_NOTHING]
+    if not WORDS["torque"].isdisjoint(letters):
+        unit = read_as(unit, QUANTITIES["torque"])
     quantity, rank = _named("".join(letters), letters, unit) if letters else ("", 0)
     if not quantity:
         return Guess(name, "")
@@ -147,7 +149,8 @@ def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
     for quantity, known in _KNOWN:
         if _fits(quantity, unit) and not known.isdisjoint(long):
             return quantity, _BY_WORD
-    by_unit = next((quantity for quantity in QUANTITIES if _fits(quantity, unit)), "")
+    is_effort = dimension not in {"voltage", "pressure"}  # by itself either may be anything
+    by_unit = next((quantity for quantity in QUANTITIES if is_effort and _fits(quantity, unit)), "")
     by_pair = next((one for one in _JOINTLY if words[-1] in WORDS[one]), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 

@@ -8,9 +8,25 @@ import numpy as np
 from estimation.data.choose_columns import Key, units_meant
 from estimation.data.clock_times import clocks_of
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import QUANTITIES, Role, si_unit, unit_in_name
+from estimation.data.quantities import (
+    QUANTITIES,
+    STANDS_FOR,
+    Role,
+    si_unit,
+    unit_in_name,
+    unknown_unit,
+)
 from estimation.data.table import Table
-from estimation.data.units import SI, dimension_of, factor_to_si, likely_time_unit, normalise, scaled_unit
+from estimation.data.units import (
+    SI,
+    dimension_of,
+    factor_to_si,
+    is_scaled,
+    likely_time_unit,
+    normalise,
+    read_as,
+    scaled_unit,
+)
 from robot_io.errors import InputError
 
 _LARGE = {  # the unit that is likely where the numbers span more
@@ -28,6 +44,7 @@ class Assigned:
     unit: str  # of its numbers
     factor: float  # turns its numbers into SI
     note: str = ""  # what the reader should know, or empty
+    zero: float = 0.0  # what its numbers count from, in SI
 
 
 def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
@@ -43,8 +60,13 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
             "with --column"
         )
     said, own = _said_unit(table, options, role, column), _own_unit(table, column)
-    unit = _unit(table, options, role, column)
+    unit = unit_of(table, options, role, column)
     note = ""
+    if not unit and role.quantity == "time" and (unknown := unknown_unit(column)):
+        raise InputError(
+            f"{table.path}: column '{column}': '{unknown}' is no unit of time that is known; say --unit "
+            "time=s, or ms, us, min, h"
+        )
     if not unit and role.quantity == "time":
         unit = _likely_unit(table, role, column)
         note = (
@@ -62,10 +84,12 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
         raise InputError(f"{table.path}: column '{column}': unit '{said}' has no factor to multiply by")
     if not said and own and dimension_of(own) not in dimensions:
         note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
-    if dimension == "current":
+    if dimension in STANDS_FOR:
+        effort, what, example = STANDS_FOR[dimension]
+        unit_of_it = si_unit(dimension)
         note = (
-            f"column '{column}' is a current that stands for the torque: 1 A counts as 1 N m; say the torque "
-            f"constant, as in --unit {role.numbered}=0.5Nm/A"
+            f"column '{column}' is a {dimension} that stands for the {role.quantity}: 1 {unit_of_it} counts "
+            f"as 1 {effort}; say the {what}, as in --unit {role.numbered}={example}"
         )
     factor = scale * factor_to_si(unit, dimension, f"column '{column}'")
     return Assigned(column, dimension, said if scale != 1.0 else unit, factor, note)
@@ -76,9 +100,9 @@ def _own_unit(table: Table, column: str) -> str:
     return "s" if column in clocks_of(table.columns) else unit_in_name(column)
 
 
-def _unit(table: Table, options: ImportOptions, role: Role, column: str) -> str:
+def unit_of(table: Table, options: ImportOptions, role: Role, column: str) -> str:
     """A column's unit; empty where nothing says it."""
-    own = _own_unit(table, column)
+    own = read_as(_own_unit(table, column), QUANTITIES[role.quantity])
     fits = dimension_of(own) in QUANTITIES[role.quantity]
     return _said_unit(table, options, role, column) or (own if fits else "") or role.unit
 
@@ -90,17 +114,20 @@ def check_all_say_their_units(
     silent = [
         (role, column)
         for role, column in chosen.values()
-        if role.quantity != "time" and not _unit(table, options, role, column)
+        if role.quantity != "time" and not unit_of(table, options, role, column)
     ]
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
         units = dict.fromkeys(
             f"--unit {role.quantity}={_likely_unit(table, role, column)}" for role, column in silent
         )
-        one = len(silent) == 1
+        unknown = next(filter(None, (unknown_unit(column) for _, column in silent)), "")
+        single = len(silent) == 1
+        said = f"{'does' if single else 'do'} not say {'its unit' if single else 'their units'}"
+        said += f" in a way that is known ('{unknown}')" if unknown else ""
         raise InputError(
-            f"{table.path}: column{'' if one else 's'} {columns} {'does' if one else 'do'} not say "
-            f"{'its unit' if one else 'their units'}; say {'it' if one else 'them'}, as in {' '.join(units)}"
+            f"{table.path}: column{'' if single else 's'} {columns} {said}; say "
+            f"{'it' if single else 'them'}, as in {' '.join(units)}"
         )
 
 
@@ -112,6 +139,11 @@ def _likely_unit(table: Table, role: Role, column: str) -> str:
     span = float(np.ptp(values))
     most, other = _LARGE.get(role.quantity, (np.inf, ""))
     return other if span > most else si_unit(QUANTITIES[role.quantity][0])
+
+
+def is_said_scaled(table: Table, options: ImportOptions, role: Role, column: str) -> bool:
+    """Whether the user says a unit with a number before it, which decides the sign."""
+    return any(is_scaled(options.units[name]) for name in units_meant(table, options, role, column))
 
 
 def _said_unit(table: Table, options: ImportOptions, role: Role, column: str) -> str:

@@ -12,7 +12,7 @@ from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, assign_columns
 from estimation.data.choose_columns import Key
 from estimation.data.derivatives import differentiate
-from estimation.data.differenced import is_difference
+from estimation.data.given_derivatives import is_difference, mistaken_scale
 from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from estimation.data.press_phases import press_phases
@@ -23,8 +23,6 @@ from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_WRONG_SCALE = 4.0  # ratio of a given velocity to the derived one beyond which their units cannot be right
-_RELATED = 0.5  # correlation of the two above which that ratio means anything
 _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
@@ -190,26 +188,19 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
     piece = number_pieces(rows.time_s, rows.run)
     derived = differentiate(rows.time_s, position, piece)
     velocity, acceleration = derived.velocity, derived.acceleration
-    before = position
-    for key in (("velocity", joint), ("acceleration", joint)):
-        if key not in columns:
-            continue
-        given = _given(columns, key, source, rows)
-        calm = velocity if key[0] == "velocity" else acceleration
-        if key[0] == "velocity":
-            _check_scale(columns, key, source, given, calm)
-        if is_difference(rows.time_s, before, given, calm, piece):
-            notes.append(
-                f"column '{columns.name(key)}' is a difference of single samples, which multiplies their "
-                "noise: derived again over more samples"
-            )
-        elif key[0] == "velocity":
-            velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
-        else:
-            acceleration = given
-        before = given
-    effort = columns.values(source.effort)[rows.order]
-    unknown, contact = (rows.phase == UNKNOWN_PHASE).all(), source.kind is ChannelKind.CONTACT
+    given, note = _given(columns, ("velocity", joint), source, rows, position, velocity)
+    notes += [note] if note else []
+    if given is not None:
+        velocity, acceleration = given, differentiate(rows.time_s, given, piece).velocity
+    given, note = _given(columns, ("acceleration", joint), source, rows, velocity, acceleration)
+    notes += [note] if note else []
+    if given is not None:
+        acceleration = given
+    effort, phase = columns.values(source.effort)[rows.order], rows.phase
+    is_contact = source.kind is ChannelKind.CONTACT
+    both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
+    if is_contact and (phase == UNKNOWN_PHASE).all():
+        phase = press_phases(position, velocity, effort, rows.run, both_ways)
     return ChannelData(
         source.name,
         source.kind,
@@ -219,33 +210,44 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
         acceleration,
         effort,
         rows.run,
-        press_phases(position, velocity, effort, rows.run) if unknown and contact else rows.phase,
+        phase,
+        touching=both_ways,
     )
 
 
-def _given(columns: Columns, key: Key, source: _Source, rows: Rows) -> FloatArray:
-    """A derivative that the file brings along, in the unit that goes with its position."""
+def _given(  # noqa: PLR0917
+    columns: Columns, key: Key, source: _Source, rows: Rows, signal: FloatArray, derived: FloatArray
+) -> tuple[FloatArray | None, str]:
+    """A derivative that the file brings along, if it is of use; and a note where it is not.
+
+    Args:
+        columns: of the file.
+        key: of the derivative.
+        source: of the channel.
+        rows: of the table.
+        signal: what it is the derivative of, shape (n,).
+        derived: the derivative as that signal says it, shape (n,).
+    """
+    if key not in columns:
+        return None, ""
+    name, signal_name = columns.name(key), columns.name(source.position)
     of_position, own = columns.assigned[source.position].dimension, columns.assigned[key].dimension
     if not own.startswith(of_position):
-        raise InputError(
-            f"{columns.table.path}: columns '{columns.name(key)}' and '{columns.name(source.position)}' have "
-            "units that do not go together; correct one with --unit"
+        return None, (
+            f"column '{name}' is not used: its unit does not go with that of '{signal_name}', from which the "
+            f"{key[0]} is derived; else correct one with --unit"
         )
-    return columns.values(key)[rows.order]
-
-
-def _check_scale(columns: Columns, key: Key, source: _Source, given: FloatArray, derived: FloatArray) -> None:
-    """Refuse a velocity that is many times what the position says, or has the other sign."""
-    product, power = float(given @ derived), float(derived @ derived)
-    if abs(product) < _RELATED * np.sqrt(power * float(given @ given)) or power == 0.0:
-        return
-    ratio = product / power
-    if 1 / _WRONG_SCALE < ratio < _WRONG_SCALE:
-        return
-    remedy = "one of the units is wrong: correct it with --unit"
-    if ratio < 0.0:
-        remedy = "one of the two has the wrong sign: turn it in the file, or leave the velocity out"
-    raise InputError(
-        f"{columns.table.path}: column '{columns.name(key)}' is {ratio:.3g} times the rate of change of "
-        f"'{columns.name(source.position)}'; {remedy}"
-    )
+    given = columns.values(key)[rows.order]
+    ratio = mistaken_scale(rows.time_s, signal, given, rows.run)
+    if ratio is not None:
+        wrong = "it has the wrong sign" if ratio < 0.0 else "a unit is wrong: correct it with --unit"
+        return None, (
+            f"column '{name}' is {ratio:.3g} times the rate of change of '{signal_name}', from which the "
+            f"{key[0]} is derived; {wrong}"
+        )
+    if is_difference(rows.time_s, signal, given, derived, number_pieces(rows.time_s, rows.run)):
+        return None, (
+            f"column '{name}' is a difference of single samples, which multiplies their noise: derived again "
+            "over more samples"
+        )
+    return given, ""

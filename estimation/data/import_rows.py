@@ -69,7 +69,7 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     A clock that begins anew begins a run; a contact's presses are cut apart in free air.
     """
     place = columns.table.path
-    contact = DISPLACEMENT in columns and FORCE in columns
+    contact = DISPLACEMENT in columns and FORCE in columns and not columns.two_sided
     piece = restarts(columns.values(TIME))
     if not contact and count is not None:
         raise InputError(f"{place}: --runs {count}: there is no contact whose presses could be cut apart")

@@ -22,7 +22,13 @@ _PHASES = np.array(  # of what is free and what is pressed, by the way it moves
 )
 
 
-def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, run: IntArray) -> IntArray:
+def press_phases(
+    position: FloatArray,
+    velocity: FloatArray,
+    force: FloatArray,
+    run: IntArray,
+    pressed: BoolArray | None = None,
+) -> IntArray:
     """Numbers of `control.loop.phases.Phase`, shape (n,).
 
     What is pressed is below the surface, if the displacement says where that is, or else has a force.
@@ -32,8 +38,10 @@ def press_phases(position: FloatArray, velocity: FloatArray, force: FloatArray, 
         velocity: shape (n,).
         force: shape (n,), positive in compression.
         run: shape (n,), one block of samples for each run.
+        pressed: where something is pressed or pulled, shape (n,); None to find out.
     """
-    pressed = _pressed(position, force)
+    if pressed is None:
+        pressed = _pressed(position, force)
     usual = _usual(velocity)
     moves = np.abs(velocity) > _SLOW * usual
     # A velocity that was derived over many samples begins before the motion, and ends after it.

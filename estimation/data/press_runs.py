@@ -26,6 +26,7 @@ class Levels:
 
     pressed: float  # above it something is pressed
     released: float  # below it nothing is
+    free: float  # in free air
 
 
 def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
@@ -38,6 +39,7 @@ def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
     return Levels(
         base + max(_PRESSED * span, min(_SIGMAS[0] * noise, 0.5 * span)),
         base + max(_RELEASED * span, min(_SIGMAS[1] * noise, 0.25 * span)),
+        base,
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from estimation.data.units import SI, dimension_of, normalise
+from estimation.data.units import SI, dimension_of, normalise, read_as
 from robot_io.errors import InputError
 
 RUN, PHASE = "run", "phase"
@@ -17,11 +17,20 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "position": ("angle", "length"),
         "velocity": ("length_rate", "angle_rate"),
         "acceleration": ("length_rate_2", "angle_rate_2"),
-        "force": ("force",),
+        "force": ("force", "voltage", "pressure"),
         "torque": ("torque", "current"),
     }
 )
-"""Dimensions that each quantity may have. A motor's current may stand for its torque."""
+"""Dimensions that each quantity may have; see `STANDS_FOR`."""
+
+STANDS_FOR: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        "current": ("N m", "torque constant", "0.5Nm/A"),
+        "voltage": ("N", "sensor's constant", "20N/V"),
+        "pressure": ("N", "area", "5e-4N/Pa"),
+    }
+)
+"""What may stand for an effort: the effort's unit, the constant between them, and an example of it."""
 
 OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force"})
 
@@ -64,7 +73,7 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
     named, number, ending = match.group(1).lower(), match.group(2), match.group(3) or ""
     quantity = _ALSO.get(named, named)
     joint = int(number or 0) + shift * (number is not None and quantity in OF_JOINTS)
-    unit = normalise(ending)
+    unit = read_as(normalise(ending), QUANTITIES[quantity])
     if unit and dimension_of(unit) not in QUANTITIES[quantity]:
         return None
     if named == "angle" and dimension_of(unit) != "angle":  # without its unit it may be any angle
@@ -94,17 +103,30 @@ def split_unit(name: str) -> tuple[str, str]:
 
     Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
     """
-    match = _BRACKETED.search(name) or _AFTER.search(name)
+    match = _BRACKETED.search(name)
+    stem, _, last = name.strip().rpartition(" ")
+    if not match and stem and "/" in last and dimension_of(unit := normalise(last)):
+        return stem.removesuffix(" in"), unit
+    match = match or _AFTER.search(name)
     if match and dimension_of(unit := normalise(match[1])):
         return name[: match.start()], unit
     if match and match.re is _BRACKETED:
         return name[: match.start()], ""
     parts = re.split(r"[_ ]", name.strip())
     for count in (2, 1):
-        ending = normalise("_".join(parts[-count:]))
-        if len(parts) > count and dimension_of(ending):
-            return "_".join(parts[:-count]), ending
+        if len(parts) <= count:
+            continue
+        for mark in ("_", ""):  # "mm s" may be mm/s, "kgf cm" is a product
+            ending = normalise(mark.join(parts[-count:]))
+            if dimension_of(ending):
+                return "_".join(parts[:-count]), ending
     return name, ""
+
+
+def unknown_unit(name: str) -> str:
+    """What stands in brackets at the end of a name, if it is no unit that is known; else empty."""
+    match = _BRACKETED.search(name)
+    return match[1] if match and not dimension_of(normalise(match[1])) else ""
 
 
 def unit_in_name(name: str) -> str:

@@ -16,6 +16,7 @@ from robot_io.session import Column, Samples, Session, Stream
 
 RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
 _NUMBER = re.compile("[0-9]{1,18}$")
+_HELD = "touching"  # column of samples that press or pull, however deep they seem
 _CONTEXT = "context_"  # begins the name of a further signal
 
 _COLUMNS = {
@@ -75,6 +76,8 @@ def _stream(channel: ChannelData) -> Stream:
         Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
     ]
     columns += [Column(n, u, 1, _DOCS.get(n, "")) for n, u in zip(names, units, strict=True)]
+    if channel.touching is not None:
+        columns.append(Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32"))
     columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in sorted(channel.recorded)]
     return Stream(channel.name, tuple(columns))
 
@@ -87,6 +90,8 @@ def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
         "phase": channel.phase.astype(np.int32),
     }
     arrays.update(zip(_COLUMNS[channel.kind], motion, strict=True))
+    if channel.touching is not None:
+        arrays[_HELD] = channel.touching.astype(np.int32)
     arrays.update({_CONTEXT + name: channel.context[name] for name in sorted(channel.recorded)})
     return arrays
 
@@ -104,6 +109,8 @@ def _channel(name: str, samples: Samples) -> ChannelData:
     context = {
         column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
     }
+    if _HELD in samples:
+        _check(name, samples, (_HELD,))
     return ChannelData(
         name,
         kinds[0],
@@ -116,6 +123,7 @@ def _channel(name: str, samples: Samples) -> ChannelData:
         samples["phase"].astype(np.int64),
         context,
         recorded=frozenset(context),
+        touching=samples[_HELD] != 0 if _HELD in samples else None,
     )
 
 

@@ -2,28 +2,44 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
 from robot_io.errors import InputError
 
-_LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
-_ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}
-_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
-SLOWEST_S = 0.5  # time from sample to sample, beyond which another unit of time is likelier
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 _STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it stands for a force
 _POUND = 0.45359237 * _STANDARD_GRAVITY
-_FORCE = {
-    "N": 1.0,
-    "mN": 1e-3,
-    "kN": 1e3,
+_INCH = 0.0254
+SLOWEST_S = 0.5  # time from sample to sample, beyond which another unit of time is likelier
+
+
+def _with_prefixes(unit: str, prefixes: str) -> dict[str, float]:
+    """A unit of SI, and its multiples."""
+    return {unit: 1.0} | {prefix + unit: _PREFIXES[prefix] for prefix in prefixes}
+
+
+_LENGTH = _with_prefixes("m", "mcun") | {"in": _INCH, "ft": 12.0 * _INCH}
+_ANGLE = _with_prefixes("rad", "mu") | {"deg": math.pi / 180.0, "rev": 2.0 * math.pi}
+_TIME = _with_prefixes("s", "mun") | {"min": 60.0, "h": 3600.0}
+_FORCE = _with_prefixes("N", "munkM") | {
+    "pN": 1e-12,
     "gf": 1e-3 * _STANDARD_GRAVITY,
     "kgf": _STANDARD_GRAVITY,
+    "ozf": _POUND / 16.0,
     "lbf": _POUND,
 }
-_TORQUE = {"Nm": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2, "kNm": 1e3, "lbfin": 0.0254 * _POUND}
-_CURRENT = {"A": 1.0, "mA": 1e-3}
-_VOLTAGE = {"V": 1.0, "mV": 1e-3}
+_TORQUE = _with_prefixes("Nm", "mukM") | {
+    "Nmm": 1e-3,
+    "Ncm": 1e-2,
+    "gfcm": 1e-5 * _STANDARD_GRAVITY,
+    "kgfcm": 1e-2 * _STANDARD_GRAVITY,
+    "kgfm": _STANDARD_GRAVITY,
+    "ozfin": _POUND / 16.0 * _INCH,
+    "lbfin": _POUND * _INCH,
+    "lbfft": _POUND * 12.0 * _INCH,
+}
+_PRESSURE = _with_prefixes("Pa", "mkM") | {"mbar": 1e2, "bar": 1e5, "psi": _POUND / _INCH**2}
 
 
 def _rates(units: Mapping[str, float], order: int) -> dict[str, float]:
@@ -39,77 +55,109 @@ SI: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "length_rate": _rates(_LENGTH, 1),
         "length_rate_2": _rates(_LENGTH, 2),
         "angle": _ANGLE,
-        "angle_rate": _rates(_ANGLE, 1),
+        "angle_rate": _rates(_ANGLE, 1) | {"rpm": 2.0 * math.pi / 60.0},
         "angle_rate_2": _rates(_ANGLE, 2),
         "force": _FORCE,
         "torque": _TORQUE,
-        "current": _CURRENT,
-        "voltage": _VOLTAGE,
+        "current": _with_prefixes("A", "m"),
+        "voltage": _with_prefixes("V", "mu"),
+        "pressure": _PRESSURE,
     }
 )
 """Factor to SI of each unit, by dimension."""
 
+_FACTORS = {unit: (dimension, factor) for dimension, units in SI.items() for unit, factor in units.items()}
 
+_SPELLINGS = {  # of units, in lower case, as machines and people write them
+    "s": "sec secs second seconds sek sekunde sekunden seg segundos secondes",
+    "ms": "msec msecs millisecond milliseconds",
+    "us": "usec usecs microsecond microseconds",
+    "ns": "nsec nsecs nanosecond nanoseconds",
+    "min": "mins minute minutes minuten",
+    "h": "hr hrs hour hours std stunde stunden heure heures",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "cm": "centimeter centimeters centimetre centimetres",
+    "m": "meter meters metre metres",
+    "um": "micron microns micrometer micrometers micrometre micrometres",
+    "nm": "nanometer nanometers nanometre nanometres",
+    "in": 'inch inches "',
+    "ft": "foot feet",
+    "rad": "radian radians",
+    "deg": "degree degrees degs grad °",
+    "rev": "revs revolution revolutions turn turns",
+    "rpm": "rev_min u_min 1_min",
+    "N": "newton newtons",
+    "mN": "millinewton millinewtons",
+    "uN": "micronewton micronewtons",
+    "nN": "nanonewton nanonewtons",
+    "pN": "piconewton piconewtons",
+    "kN": "kilonewton kilonewtons",
+    "MN": "meganewton meganewtons",
+    "gf": "g gram grams gramm",
+    "kgf": "kg kp",
+    "ozf": "oz ounce ounces",
+    "lbf": "lb lbs pound pounds",
+    "Nm": "n.m n-m n·m newton-meter newton-metre",
+    "Nmm": "n.mm n-mm n·mm",
+    "Ncm": "n.cm n-cm n·cm",
+    "gfcm": "gf.cm gf-cm gf·cm gcm g.cm g-cm g·cm",
+    "kgfcm": "kgf.cm kgf-cm kgf·cm kgcm kg.cm kg-cm kg·cm kpcm",
+    "kgfm": "kgf.m kgf-m kgf·m kgm kg.m kg-m kg·m",
+    "ozfin": "ozf.in ozf-in ozf·in ozin oz.in oz-in oz·in in-oz inoz",
+    "lbfin": "lbf.in lbf-in lbf·in lbin lb.in lb-in lb·in in-lbf in-lb inlb",
+    "lbfft": "lbf.ft lbf-ft lbf·ft lbft lb.ft lb-ft lb·ft ft-lbf ft-lb ftlb",
+    "A": "amp amps ampere amperes",
+    "V": "volt volts",
+    "mV": "millivolt millivolts",
+    "Pa": "pascal pascals",
+    "psi": "psig lbf_in2",
+}
 _SPELT: Mapping[str, str] = MappingProxyType(
-    {
-        spelling: unit
-        for unit, spellings in {
-            "s": "sec secs second seconds sek sekunden seg segundos secondes",
-            "ms": "msec msecs millisecond milliseconds",
-            "us": "usec usecs microsecond microseconds",
-            "ns": "nsec nsecs nanosecond nanoseconds",
-            "min": "minute minutes",
-            "mm": "millimeter millimeters millimetre millimetres",
-            "cm": "centimeter centimetre",
-            "m": "meter meters metre metres",
-            "in": 'inch inches "',
-            "um": "micron microns",
-            "rad": "radian radians",
-            "deg": "degree degrees degs °",
-            "N": "n newton newtons",
-            "mN": "mn millinewton",
-            "kN": "kn kilonewton",
-            "gf": "g gram grams gramm",
-            "kgf": "kg kp",
-            "lbf": "lb lbs pound pounds",
-            "Nm": "nm n.m n-m n·m newton-meter",
-            "Nmm": "nmm n.mm n-mm n·mm",
-            "mNm": "mnm",
-            "lbfin": "lbf.in lbf-in lbf·in lb-in in-lbf in-lb",
-            "A": "a amp amps ampere",
-            "mA": "ma",
-            "V": "v volt volts",
-        }.items()
-        for spelling in spellings.split()
-    }
+    {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 )
-"""Other spellings, in lower case, as machines and people write them."""
 
+
+def _small(unit: str) -> str:
+    """In lower case but for an M that begins a unit: it is mega, and m is milli, in any surrounding."""
+    return "M" + unit[1:].lower() if unit.startswith("M") else unit.lower()
+
+
+# "KN" is kN, and "NM" is Nm.
+_BY_LETTERS = {_small(unit): unit for unit in _FACTORS if unit != "nm"} | {"Min": "min"}
 
 _SCALED = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)(.+)")
-
-
 _CLOCK = re.compile(
     r"(h{1,2}:)?m{1,2}:s{1,2}([.,:][sf0mx]+)?", re.IGNORECASE
 )  # the form of what is read as s
 
 
 def normalise(unit: str) -> str:
-    """The spelling used here: "mm/s^2" and "mm/s2" are "mm_s2", "N m" and "N*m" are "Nm", "sec" is "s"."""
-    plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_").replace("μ", "µ")
-    plain = plain.replace(" ", "").replace("*", "")
+    """Spell a unit as here: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm", "sec" becomes "s".
+
+    A capital M is mega and a small one milli: "MN" is no millinewton. What is not known stays as it is.
+    """
+    plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
+    plain = re.sub("[µμ]", "u", plain).replace(" ", "").replace("*", "").rstrip(".")
     if _CLOCK.fullmatch(plain):
         return "s"
     if dimension_of(plain):
         return plain
-    upright, slash, per = plain.partition("_")
-    spelt = _SPELT.get(upright.lower(), upright if dimension_of(upright) else upright.lower())
-    return spelt + slash + per if dimension_of(spelt + slash + per) else plain
+    upright, _, per = plain.partition("_")
+    for whole, rest in ((plain, ""), (upright, f"_{per.lower()}")):
+        spelt = _SPELT.get(whole.lower()) or _BY_LETTERS.get(_small(whole), "")
+        if dimension_of(spelt + rest):
+            return spelt + rest
+    return plain
+
+
+def read_as(unit: str, dimensions: Collection[str]) -> str:
+    """A unit as a quantity of these dimensions has it: "nm" is a nanometre, of a torque a newton metre."""
+    return "Nm" if unit == "nm" and "torque" in dimensions else unit
 
 
 def dimension_of(unit: str) -> str | None:
     """The dimension that a unit measures, or None if it is not known."""
-    return next((dimension for dimension, units in SI.items() if unit in units), None)
+    return _FACTORS[unit][0] if unit in _FACTORS else None
 
 
 def likely_time_unit(step: float) -> str:
@@ -135,20 +183,32 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
         raise InputError(f"{where}: '{unit}' is no unit of it. Valid: {', '.join(units)}") from None
 
 
-def scaled_unit(unit: str, own: str) -> tuple[float, str]:
-    """The number before a unit, times what turns a column's own unit into what it is per; and the unit.
+def is_scaled(unit: str) -> bool:
+    """Whether a unit begins with a number, such as "-1N"."""
+    return _SCALED.fullmatch(unit.strip()) is not None
 
-    Such as "-1N" where a sensor counts the other way, or "0.5Nm/A" for a current in mA.
+
+def scaled_unit(unit: str, own: str) -> tuple[float, str]:
+    """Split a unit into the number before it and the unit, and turn a column's own unit into what it is per.
+
+    Such as "-1N" where a sensor counts the other way, "0.5Nm/A" for a current in mA, "20N/V" for a voltage,
+    or "5e-4N/Pa" for a pressure.
 
     Args:
         unit: as the user says it, normalised.
-        own: of the column's name, normalised; empty for none.
+        own: of the column's name, normalised; empty for none, which is then what the unit is per.
+
+    Returns:
+        What to multiply by, and the unit that this leads to.
     """
     match = _SCALED.fullmatch(unit)
     if not match:
         return 1.0, unit
     scale, of = float(match[1]), normalise(match[2])
-    whole, per, below = of.rpartition("_")
-    if per and below in ("A", "V") and dimension_of(own) == dimension_of(below):
-        return scale * factor_to_si(own, str(dimension_of(own)), own), normalise(whole)
+    whole, _, below = of.rpartition("_")
+    dimension, factor = _FACTORS.get(normalise(below), ("", 1.0))
+    if whole and dimension in {"current", "voltage", "pressure"}:
+        read = own or normalise(below)
+        if dimension_of(read) == dimension:
+            return scale * factor_to_si(read, dimension, read) / factor, normalise(whole)
     return scale, of

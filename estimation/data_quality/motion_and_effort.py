@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.data.given_derivatives import mistaken_scale
 from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
-from estimation.signals.blocks import places
 from estimation.signals.runwise import sample_time
 from estimation.statistics.correlation import likeness
 from robot_io.types import FloatArray
@@ -14,10 +14,6 @@ _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7
 _SOFTEST_N_M = 1e-2
 _FASTEST_RAD_S = 300.0
-_SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
-_OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
-_WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
-_LEAST_WAYS = 0.5  # of the samples, at which a way must begin
 _LEAST_PRESSED = 0.01  # of the samples
 # Standard deviations of free air, that one in twenty pressed samples is above: of noise, 1 in 16 000 is.
 _ABOVE_AIR, _ONE_IN_TWENTY = 4.0, 0.95
@@ -67,27 +63,14 @@ def mistaken_units(data: ChannelData) -> str | None:
 
 
 def mistaken_times(data: ChannelData) -> str | None:
-    """The velocity must be the position's slope: else times, or units of one of them, are off.
+    """Say by how much the velocity contradicts the position: times, or units of one of them, are off.
 
-    Compared are ways, as two positions have them and as the velocity leads in between, over the time that
-    makes them most alike: long enough for steps and noise of a position to count little, and short enough for
-    what integration adds up of a velocity's error.
+    A file's velocity that does so is not used; this is of other sources.
     """
-    steps_s, piece = np.diff(data.time_s), places(data.run)[1]
-    mean = 0.5 * (data.velocity[1:] + data.velocity[:-1])
-    led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
-    best, ratio = 0.0, 1.0
-    for samples in _WAYS:
-        same = piece[samples:] == piece[:-samples]
-        if np.sum(same) < _LEAST_WAYS * len(data):
-            break
-        moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (data.position, led))
-        alike = likeness(moved, by_velocity)
-        if alike > best:
-            best, ratio = alike, float(by_velocity @ by_velocity) / float(moved @ by_velocity)
-    if best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
-        return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
-    return None
+    ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
+    if ratio is None:
+        return None
+    return f"the velocity is {ratio:.3g} times the slope of the position; check times and units"
 
 
 def misaligned(data: ChannelData) -> str | None:

@@ -255,7 +255,12 @@ def test_any_increasing_times_and_finite_forces_are_accepted(tmp_path_factory, s
     time_s = np.cumsum(steps)
     force = np.array(forces[: len(steps)])
     channel = only(
-        import_file(write_csv(path, {"time_s": time_s, "displacement_m": force, "force_N": force}))
+        import_file(
+            write_csv(path, {"time_s": time_s, "displacement_m": force, "force_N": force}),
+            ImportOptions(
+                columns={"displacement": "displacement_m"}, units={"displacement": "1m", "force": "1N"}
+            ),
+        )
     )
     np.testing.assert_array_equal(channel.effort, force)
     assert np.isfinite(channel.acceleration).all()
@@ -379,15 +384,6 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
         ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),
         ({"displacement_mm": 1e3 * X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
-        (
-            {"velocity_m_s": 1e3 * RATE},
-            {},
-            "column 'velocity_m_s' is 1e+03 times the rate of change of 'displacement_m'",
-        ),
-        (SWING | {"velocity_rad_s": -RATE}, {}, "column 'velocity_rad_s' is -1 "),
-        (SWING | {"velocity_rad_s": -0.97 * RATE}, {}, "column 'velocity_rad_s' is -0.97 "),
-        (SWING | {"velocity_rad_s": -0.97 * RATE}, {}, "wrong sign"),
-        (SWING | {"velocity_m_s": X}, {}, "units that do not go together"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
         (
             {"phase": ["hold", "squeeze"] + ["hold"] * 48},
@@ -405,6 +401,42 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
 )
 def test_what_makes_no_channel_is_refused_with_its_place_and_remedy(contact, changed, options, words):
     assert words in refusal(contact(**changed), **options)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            {"velocity_m_s": 1e3 * RATE},
+            "column 'velocity_m_s' is 999 times the rate of change of 'displacement_m', from which",
+        ),
+        (SWING | {"velocity_rad_s": -0.1 * RATE}, "column 'velocity_rad_s' is -0.0999 times"),
+        (SWING | {"velocity_rad_s": -RATE}, "wrong sign"),
+        (SWING | {"velocity_m_s": X}, "its unit does not go with that of 'position_rad'"),
+        (
+            {"velocity_m_s": RATE, "acceleration_m_s2": -8.1 * np.sin(9 * T)},
+            "column 'acceleration_m_s2' is 99.9 times",
+        ),
+    ],
+)
+def test_a_derivative_that_contradicts_the_position_is_derived_and_said(contact, changed, words):
+    imported = import_file(contact(**changed))
+    assert words in " ".join(imported.notes)
+    derived = only(
+        import_file(contact(**{n: v for n, v in changed.items() if n[:4] not in {"velo", "acce"}}))
+    )
+    kept = RATE if "acceleration" in words else derived.velocity
+    np.testing.assert_array_equal(only(imported).velocity, kept)
+
+
+def test_a_joint_that_rests_does_not_refuse_the_recording(contact):
+    """Its encoder toggles between two steps, and its velocity is exactly zero."""
+    toggles = 1e-5 * (np.arange(50) % 3 == 0)
+    resting = {"position_2_rad": 0.3 + toggles, "velocity_2_rad_s": np.zeros(50), "torque_2_Nm": np.zeros(50)}
+    moving = {"position_1_rad": X, "velocity_1_rad_s": RATE, "torque_1_Nm": F}
+    joints = import_file(contact(displacement_m=None, force_N=None, **moving, **resting)).channels
+    np.testing.assert_array_equal(joints[0].velocity, RATE)
+    np.testing.assert_array_equal(joints[1].velocity, 0.0)
 
 
 TEXT = "time_s,displacement_m,force_N\n" + "".join(f"{i / 100},{0.001 * i},{i}\n" for i in range(9))

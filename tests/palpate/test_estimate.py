@@ -81,9 +81,11 @@ def test_nothing_is_said_against_a_model_that_fits(probed, tmp_path):
 
 def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path):
     file = contact_csv(tmp_path / "mine.csv", force_scale=-1.0)
-    assert "the sign of effort or motion is turned" in " ".join(
-        run("estimate", file, "--estimator", "lsq").stdout.split()
-    )
+    kept = run("estimate", file, "--estimator", "lsq", "--unit", "force=1N", "--unit", "displacement=1m")
+    assert "the sign of effort or motion is turned" in " ".join(kept.stdout.split())
+    turned = run("estimate", file, "--estimator", "lsq")
+    assert "'force_N' counts compression negative: it is turned" in " ".join(turned.stderr.split())
+    assert "sign" not in turned.stdout
 
 
 @pytest.mark.parametrize(

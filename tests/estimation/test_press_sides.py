@@ -1,0 +1,168 @@
+"""Which way a displacement and its force count, and elements that pull as well as push."""
+
+import re
+
+import numpy as np
+import pytest
+
+from estimation.base_model import ModelContext
+from estimation.channel import ChannelKind
+from estimation.data.import_file import import_table
+from estimation.data.import_options import ImportOptions
+from estimation.data.press_sides import press_sides
+from estimation.data.session_streams import import_streams
+from estimation.data.table import table_of
+from estimation.data_quality import quality_warnings, reject_reason
+from estimation.estimate_channel import estimate_channel
+from estimation.estimators import ESTIMATORS
+from estimation.models import MODELS
+from estimation.study.source import open_source
+from robot_io.errors import InputError
+from robot_io.session import SessionMetadata, write_session
+from tests.estimation.presses import kelvin_voigt, motion
+
+pa = pytest.importorskip("pyarrow")
+T = np.arange(3000) * 0.005
+RUN = np.repeat([0, 1, 2], 1000)
+W = 3.0 + RUN
+X, V = 0.02 * np.sin(W * T), 0.02 * W * np.cos(W * T)
+NOISE = np.random.default_rng(0).normal(0.0, 0.05, len(T))
+SPRING, DAMPER, FRICTION = 800.0 * X + 5.0 * V, 60.0 * V + 5.0 * X, 8.0 * np.sign(V) + 3.0 * V
+PRESS_T, PRESS_X, PRESS_V, PRESS_RUN = motion(np.random.default_rng(0))
+PUSH = kelvin_voigt(PRESS_X, PRESS_V) + np.random.default_rng(1).normal(0.0, 0.05, len(PRESS_X))
+
+
+def imported(options=None, **columns):
+    return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
+
+
+def element(force, options=None, **changed):
+    columns = {"time_s": T, "displacement_m": X, "force_N": force + NOISE, "run": RUN} | changed
+    return imported(options, **columns)
+
+
+def test_a_spring_that_pulls_is_held_at_both_ends():
+    found = element(SPRING)
+    (channel,) = found.channels
+    assert channel.kind is ChannelKind.CONTACT
+    assert channel.engaged.all()
+    assert "'displacement_m' and 'force_N' go to both sides and together" in found.notes[0]
+    assert "--column displacement=displacement_m makes a contact of it" in found.notes[0]
+    assert reject_reason(channel) is None
+    assert quality_warnings(channel) == []
+    model = MODELS["kelvin_voigt"]().build(ModelContext())
+    estimate = estimate_channel(channel, model, ESTIMATORS["lsq"](), rng=np.random.default_rng(0))
+    assert estimate["stiffness.k"].value == pytest.approx(800.0, rel=0.01)
+    assert estimate["damping.c"].value == pytest.approx(5.0, rel=0.05)
+
+
+@pytest.mark.parametrize("force", [DAMPER, FRICTION], ids=["damper", "friction"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_damper_is_a_linear_axis_whichever_way_its_force_counts(force, sign):
+    found = element(sign * force)
+    (channel,) = found.channels
+    assert channel.kind is ChannelKind.PRISMATIC
+    assert "taken for a linear axis; --column displacement=displacement_m makes" in found.notes[-1]
+    assert np.corrcoef(channel.velocity, channel.effort)[0, 1] > 0.8
+    assert reject_reason(channel) is None
+
+
+def test_the_users_word_makes_a_contact_or_an_axis_of_it():
+    contact = element(SPRING, ImportOptions(columns={"displacement": "displacement_m"})).channels[0]
+    assert contact.touching is None
+    axis = element(SPRING, ImportOptions(columns={"position": "displacement_m"})).channels[0]
+    assert axis.kind is ChannelKind.PRISMATIC
+
+
+def test_a_single_recording_of_a_spring_is_not_cut_into_presses():
+    found = imported(time_s=T, displacement_m=0.02 * np.sin(3.0 * T), force_N=16.0 * np.sin(3.0 * T) + NOISE)
+    assert len(found.channels[0].runs) == 1
+    assert reject_reason(found.channels[0]) is None
+
+
+def test_an_element_that_pulls_is_stored_as_one(tmp_path):
+    found = element(SPRING)
+    write_session(tmp_path / "s.mcap", import_streams(found), SessionMetadata(), ())
+    (again,) = open_source(tmp_path / "s.mcap").channels
+    assert again.engaged.all()
+
+
+@pytest.mark.parametrize("names", [("displacement_m", "force_N"), ("Travel [m]", "Load [N]")])
+@pytest.mark.parametrize(
+    ("way", "force", "said"),
+    [
+        (1.0, 1.0, ""),
+        (-1.0, -1.0, "count compression negative: both are turned"),
+        (1.0, -1.0, "counts compression negative: it is turned; --unit force=1N keeps it"),
+        (-1.0, 1.0, "counts compression negative: it is turned; --unit displacement=1m keeps it"),
+    ],
+)
+def test_a_press_is_turned_so_that_compression_is_positive(names, way, force, said):
+    x = PRESS_X + 0.0035  # hardly any way in free air, which would be on the other side
+    found = imported(time_s=PRESS_T, run=PRESS_RUN, **dict(zip(names, (way * x, force * PUSH), strict=True)))
+    (channel,) = found.channels
+    np.testing.assert_allclose(channel.position, x)
+    np.testing.assert_allclose(channel.effort, PUSH)
+    assert said in " ".join(found.notes)
+    assert bool(said) == bool(found.notes)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0], ids=["down", "up"])
+@pytest.mark.parametrize("from_m", [0.35, -0.35])
+def test_a_coordinate_of_a_robot_counts_from_where_the_force_begins(way, from_m):
+    found = imported(time_s=PRESS_T, run=PRESS_RUN, z_m=from_m + way * PRESS_X, force_N=PUSH)
+    (channel,) = found.channels
+    assert channel.position.max() == pytest.approx(PRESS_X.max(), abs=3e-4)
+    assert float(re.search(r"'z_m' counts from (\S+) m on", found.notes[-1])[1]) == pytest.approx(
+        from_m, abs=3e-4
+    )
+    assert reject_reason(channel) is None
+    assert not [warning for warning in quality_warnings(channel) if "deepest" in warning]
+
+
+def test_a_recording_that_stays_pressed_keeps_its_zero():
+    x = 0.004 + 0.002 * np.sin(W * T)
+    found = imported(time_s=T, displacement_m=x, force_N=500.0 * x + NOISE, run=RUN)
+    np.testing.assert_allclose(found.channels[0].position, x)
+    assert not found.notes
+
+
+def test_a_number_before_the_unit_keeps_the_sign():
+    options = ImportOptions(units={"force": "1N"})
+    (channel,) = imported(
+        options, time_s=PRESS_T, run=PRESS_RUN, displacement_m=PRESS_X, force_N=-PUSH
+    ).channels
+    np.testing.assert_allclose(channel.effort, -PUSH)
+    assert "check the sign" in reject_reason(channel)
+
+
+def test_free_air_and_an_object_that_sticks_are_one_sided():
+    sticks = np.where((PRESS_X < 0.0) & (PRESS_X > -5e-4) & (PRESS_V < 0.0), -3.0, 0.0)
+    for force in (PUSH, PUSH + sticks, PUSH - 1.0):
+        assert press_sides(PRESS_X, force) == press_sides(PRESS_X, PUSH)
+        assert not press_sides(PRESS_X, force).two_sided
+
+
+@pytest.mark.parametrize(
+    ("columns", "force", "kind"),
+    [
+        ({"position": PRESS_X}, PUSH, ChannelKind.CONTACT),
+        ({"Position [m]": PRESS_X}, PUSH, ChannelKind.CONTACT),
+        ({"Position [m]": PRESS_X}, PRESS_V, ChannelKind.PRISMATIC),
+        ({"position_m": PRESS_X}, PUSH, ChannelKind.PRISMATIC),
+    ],
+)
+def test_a_position_in_metres_is_that_of_a_press_or_an_axis_by_its_force(columns, force, kind):
+    options = ImportOptions(units={"position": "m"} if "position" in columns else {})
+    found = imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=force, **columns)
+    assert found.channels[0].kind is kind
+    assert bool(found.notes) == ("position_m" not in columns)
+
+
+def test_a_position_that_may_be_either_is_asked_about():
+    options = ImportOptions(units={"position": "mm"})
+    weight = np.full(len(PRESS_X), 9.0) + 0.01 * PRESS_V
+    with pytest.raises(
+        InputError, match=r"of a press or of a linear axis; say --column displacement=position"
+    ):
+        imported(options, time_s=PRESS_T, run=PRESS_RUN, force_N=weight, position=PRESS_X)

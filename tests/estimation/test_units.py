@@ -1,0 +1,139 @@
+"""Units in names: prefixes by their letters, products, and what stands for an effort."""
+
+import numpy as np
+import pytest
+
+from estimation.data.import_file import import_table
+from estimation.data.import_options import ImportOptions
+from estimation.data.quantities import split_unit
+from estimation.data.table import table_of
+from estimation.data.units import SI, dimension_of, normalise
+from robot_io.errors import InputError
+
+pa = pytest.importorskip("pyarrow")
+T = np.arange(400) * 0.01
+X = 0.004 * (1.0 - np.cos(3.0 * T))
+FORCE = 500.0 * X
+G = 9.80665
+
+
+@pytest.mark.parametrize("form", ["Load ({})", "Load [{}]", "Load / {}", "load_{}", "Load {}", "Load in {}"])
+@pytest.mark.parametrize(
+    ("unit", "newtons"),
+    [
+        ("MN", 1e6),
+        ("mN", 1e-3),
+        ("kN", 1e3),
+        ("KN", 1e3),
+        ("nN", 1e-9),
+        ("pN", 1e-12),
+        ("uN", 1e-6),
+        ("µN", 1e-6),  # the micro sign
+        ("μN", 1e-6),  # the Greek letter
+    ],
+)
+def test_a_prefix_is_read_by_its_letter_in_any_surrounding(form, unit, newtons):
+    dimension, factor = factor_of(form.format(unit))
+    assert (dimension, factor) == ("force", pytest.approx(newtons, rel=1e-12))
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension", "factor"),
+    [
+        ("Time (h)", "time", 3600.0),
+        ("Time [min]", "time", 60.0),
+        ("TIME (MIN)", "time", 60.0),
+        ("t_us", "time", 1e-6),
+        ("t [ns]", "time", 1e-9),
+        ("height (nm)", "length", 1e-9),
+        ("z (µm)", "length", 1e-6),
+        ("Torque NM", "torque", 1.0),
+        ("Torque N m", "torque", 1.0),
+        ("Torque (kgf cm)", "torque", 0.01 * G),
+        ("Torque kgf cm", "torque", 0.01 * G),
+        ("Torque [oz in]", "torque", 0.45359237 * G / 16.0 * 0.0254),
+        ("Torque [oz-in]", "torque", 0.45359237 * G / 16.0 * 0.0254),
+        ("p (psi)", "pressure", 0.45359237 * G / 0.0254**2),
+        ("p (bar)", "pressure", 1e5),
+        ("bridge [mV]", "voltage", 1e-3),
+        ("Speed mm/s", "length_rate", 1e-3),
+        ("speed [rpm]", "angle_rate", np.pi / 30.0),
+    ],
+)
+def test_units_of_machines_are_known(name, dimension, factor):
+    assert factor_of(name) == (dimension, pytest.approx(factor, rel=1e-12))
+
+
+@pytest.mark.parametrize("unit", ["MM", "MS", "MV", "xN", "furlong"])
+def test_what_is_no_unit_is_not_read_as_one(unit):
+    assert dimension_of(normalise(unit)) is None
+
+
+def factor_of(name):
+    unit = split_unit(name)[1]
+    return dimension_of(unit), SI[dimension_of(unit)][unit]
+
+
+def imported(options=None, **columns):
+    return import_table(table_of(pa.table(columns), "press"), options or ImportOptions())
+
+
+def test_meganewtons_and_hours_come_out_in_si():
+    found = imported(**{"Time (h)": T / 3600.0, "Travel (mm)": 1e3 * X, "Load (MN)": 1e-6 * FORCE})
+    (channel,) = found.channels
+    np.testing.assert_allclose(channel.time_s, T, atol=1e-12)
+    np.testing.assert_allclose(channel.effort, FORCE)
+
+
+def test_nm_is_a_length_beside_a_displacement_and_a_torque_beside_a_torque():
+    (press,) = imported(time_s=T, displacement_nm=1e9 * X, force_N=FORCE).channels
+    np.testing.assert_allclose(press.position, X)
+    (joint,) = imported(time_s=T, position_rad=X, torque_nm=FORCE).channels
+    np.testing.assert_allclose(joint.effort, FORCE)
+    (joint,) = imported(**{"t [s]": T, "angle [rad]": X, "Torque [nm]": FORCE}).channels
+    np.testing.assert_allclose(joint.effort, FORCE)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "newtons"),
+    [
+        ("Load cell [mV]", "20N/V", 0.02),
+        ("Load cell [mV]", "0.02N/mV", 0.02),
+        ("Load [kPa]", "5e-4N/Pa", 0.5),
+        ("Load [psi]", "2N/psi", 2.0),
+        ("Load [bar]", "5e-4N/Pa", 50.0),
+        ("load", "20N/V", 20.0),  # of no unit: it is in what the constant is per
+    ],
+)
+def test_a_voltage_or_a_pressure_stands_for_the_force_by_its_constant(column, unit, newtons):
+    options = ImportOptions(units={"force": unit})
+    (press,) = imported(options, **{"t [s]": T, "Travel [m]": X, column: FORCE}).channels
+    np.testing.assert_allclose(press.effort, newtons * FORCE)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "words"),
+    [
+        (
+            "Load [kPa]",
+            1e3,
+            "is a pressure that stands for the force: 1 Pa counts as 1 N; say the area, as in",
+        ),
+        ("Load [mV]", 1e-3, "is a voltage that stands for the force: 1 V counts as 1 N; say the sensor's"),
+    ],
+)
+def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, factor, words):
+    found = imported(**{"t [s]": T, "Travel [m]": X, column: FORCE})
+    np.testing.assert_allclose(found.channels[0].effort, factor * FORCE)
+    assert words in found.notes[0]
+    beside = imported(**{"t [s]": T, "Travel [m]": X, column: T, "Load [N]": FORCE})
+    np.testing.assert_allclose(beside.channels[0].effort, FORCE)
+
+
+def test_a_unit_that_is_not_understood_is_asked_for():
+    with pytest.raises(InputError, match=r"'cycles' is no unit of time that is known; say --unit time=s"):
+        imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
+    with pytest.raises(
+        InputError, match=r"in a way that is known \('MM'\); say it, as in --unit displacement"
+    ):
+        imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
