@@ -1,9 +1,9 @@
-"""RANSAC with the paper's settings, all subsets at once."""
+"""RANSAC, all subsets at once; its threshold follows the noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
@@ -19,20 +19,27 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 _FAR_ABOVE = 100.0  # times the noise: no sample is beyond
 _FAR_BELOW = 0.45  # threshold over noise under which refining ends too far from where it converges
 _BLOCK = 1 << 16  # residuals held at once: they stay in the processor's cache
+_CUT = 2.5  # standard deviations of the noise within which a sample is an inlier
+_PILOT_SAMPLES = 400  # on which the subsets' quantiles are compared
+_QUANTILE = 0.4  # of the absolute residuals: up to 60 % of the samples may be outliers
+_ROUNDING = 1e-9  # share of the effort below which residuals are the last digits of the numbers
 
 
 @dataclass
 class Ransac(Estimator):
     """The largest set of samples that agree within a threshold, and least squares on it.
 
-    The paper takes a threshold of 0.01 (in the effort's unit) whatever the noise. Where the noise is much
-    larger, few samples lie within it and most of the information is lost; `robust` finds its own scale.
+    Without a threshold it is 2.5 standard deviations of the noise: first by the least quantile of the
+    subsets' absolute residuals, then by the residuals of the samples within that. The paper takes 0.01 N
+    whatever the noise; where the noise is much larger, few samples lie within that and most of the
+    information is lost.
 
     Source: M. A. Fischler, R. C. Bolles, Random Sample Consensus, Comm. ACM 24 (1981); settings of the paper,
-    sec. VI-B; refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003).
+    sec. VI-B; scale: P. J. Rousseeuw, A. M. Leroy, Robust Regression and Outlier Detection (1987), ch. 5;
+    refinement: O. Chum, J. Matas, J. Kittler, Locally Optimized RANSAC (2003).
     """
 
-    threshold: float = 0.01  # largest residual of an inlier, in the effort's unit
+    threshold: float | None = None  # largest residual of an inlier, in the effort's unit; None: see above
     subset: int = 5  # samples in a random subset
     trials: int = 1000  # number of subsets
     refinements: int = 100  # how often, at most, the inliers are chosen anew after the fit to them
@@ -42,7 +49,7 @@ class Ransac(Estimator):
 
     def __post_init__(self) -> None:
         """Check the settings. InputError: a setting makes no sense."""
-        if not self.threshold > 0:
+        if self.threshold is not None and not self.threshold > 0:
             raise InputError(f"ransac: threshold {self.threshold} must be positive")
         if self.trials < 1 or self.subset < 1 or self.refinements < 0:
             raise InputError(f"ransac: {self.trials} trials of {self.subset} samples make no sense")
@@ -50,65 +57,90 @@ class Ransac(Estimator):
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
         size = max(self.subset, regression.columns.shape[1])
         subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
-        counts = self._inlier_counts(regression, subsets.gains)
-        gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))])
+        threshold = self.threshold or self._noise_threshold(regression, subsets.gains, rng)
+        counts = _inlier_counts(regression, subsets.gains, threshold)
+        gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))], threshold)
         residuals = regression.effort - regression.columns @ gains
         rivals = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
         details = {
+            "threshold": threshold,
             "trials": float(self.trials),
             "skipped_subsets": float(subsets.skipped),
             "inlier_share": float(np.mean(inliers)),
         }
-        covariance = self._covariance(regression, residuals, rivals - gains)
+        covariance = _covariance(regression, residuals, rivals - gains, threshold)
         return self._estimate(regression, gains, covariance, inliers=inliers, details=details)
 
-    def _inlier_counts(self, regression: Regression, gains: FloatArray) -> IntArray:
-        """Number of inliers of each candidate, shape (trials,)."""
-        design = np.column_stack([regression.columns, regression.effort]).T.copy()
-        signed = np.column_stack([gains, -np.ones(len(gains))])
-        block = max(1, _BLOCK // design.shape[1])
-        counts = np.empty(len(gains), dtype=np.int64)
-        for first in range(0, len(gains), block):
-            distance = signed[first : first + block] @ design
-            np.abs(distance, out=distance)
-            counts[first : first + block] = np.count_nonzero(distance < self.threshold, axis=1)
-        return counts
+    def _noise_threshold(
+        self, regression: Regression, candidates: FloatArray, rng: np.random.Generator
+    ) -> float:
+        """The threshold that follows the noise, in the effort's unit; candidates have shape (trials, p)."""
+        columns, effort = regression.columns, regression.effort
+        least = _ROUNDING * float(np.sqrt(np.mean(effort**2))) or 1.0
+        rows = rng.permutation(len(effort))[:_PILOT_SAMPLES]
+        distance = np.abs(candidates @ columns[rows].T - effort[rows])
+        quantiles = np.quantile(distance, _QUANTILE, axis=1)
+        best = int(np.argmin(quantiles))
+        pilot, sigma = candidates[best], float(quantiles[best] / ndtri((1.0 + _QUANTILE) / 2.0))
+        gains, inliers = self._refine(regression, pilot, max(_CUT * sigma, least))
+        left = (effort - columns @ gains)[inliers]
+        sigma = float(np.sqrt(np.sum(left**2) / max(1, len(left) - columns.shape[1])))
+        return max(_CUT * sigma, least)
 
-    def _refine(self, regression: Regression, gains: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def _refine(
+        self, regression: Regression, gains: FloatArray, threshold: float
+    ) -> tuple[FloatArray, BoolArray]:
         """Fit the inliers, choose them anew, and so on until they stay the same."""
-        inliers = self._inliers(regression, gains)
+        inliers = _inliers(regression, gains, threshold)
         for _ in range(self.refinements + 1):
             if np.count_nonzero(inliers) <= regression.columns.shape[1]:
                 raise InputError(
                     f"ransac: only {np.count_nonzero(inliers)} of {len(inliers)} samples agree within "
-                    f"{self.threshold:g}; raise the threshold to about the noise, or take 'robust'"
+                    f"{threshold:g}; raise the threshold to about the noise, or take 'robust'"
                 )
             fitted = regression.select(inliers)
             gains = solve(fitted.columns, fitted.effort).gains
-            before, inliers = inliers, self._inliers(regression, gains)
+            before, inliers = inliers, _inliers(regression, gains, threshold)
             if np.array_equal(before, inliers):
                 break
         return gains, before
 
-    def _inliers(self, regression: Regression, gains: FloatArray) -> BoolArray:
-        return np.abs(regression.effort - regression.columns @ gains) < self.threshold
 
-    def _covariance(self, regression: Regression, residuals: FloatArray, rivals: FloatArray) -> Covariance:
-        """That of the refined fit, or the spread of the subsets that did as well.
+def _inliers(regression: Regression, gains: FloatArray, threshold: float) -> BoolArray:
+    return np.abs(regression.effort - regression.columns @ gains) < threshold
 
-        The fit to the inliers alone would state errors many times too small wherever the threshold is below
-        the noise, for the samples near the threshold count too: moving the gains a little swaps some of them
-        for others. With Gaussian noise of standard deviation s that takes 2 t phi(t), t = threshold / s, off
-        the slope of the score. Far below the noise the refined fit is no better than the subset that it began
-        from, and `rivals` (m, p), the subsets whose inlier counts are within one standard deviation of the
-        best, show how far that one may lie.
-        """
-        inside = np.abs(residuals) < self.threshold
-        ratio = min(self.threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
-        slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
-        score = np.where(inside, residuals, 0.0)
-        refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
-        spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)
-        enough = len(rivals) > rivals.shape[1] + 1
-        smaller = np.all(spread.std_err < refined.std_err)
-        return spread if ratio < _FAR_BELOW and enough and smaller else refined
+
+def _inlier_counts(regression: Regression, candidates: FloatArray, threshold: float) -> IntArray:
+    """Number of inliers of each candidate (trials, p), shape (trials,)."""
+    design = np.column_stack([regression.columns, regression.effort]).T.copy()
+    signed = np.column_stack([candidates, -np.ones(len(candidates))])
+    block = max(1, _BLOCK // design.shape[1])
+    counts = np.empty(len(candidates), dtype=np.int64)
+    for first in range(0, len(candidates), block):
+        distance = signed[first : first + block] @ design
+        np.abs(distance, out=distance)
+        counts[first : first + block] = np.count_nonzero(distance < threshold, axis=1)
+    return counts
+
+
+def _covariance(
+    regression: Regression, residuals: FloatArray, rivals: FloatArray, threshold: float
+) -> Covariance:
+    """That of the refined fit, or the spread of the subsets that did as well.
+
+    The fit to the inliers alone would state errors many times too small wherever the threshold is below the
+    noise, for the samples near the threshold count too: moving the gains a little swaps some of them for
+    others. With Gaussian noise of standard deviation s that takes 2 t phi(t), t = threshold / s, off the
+    slope of the score. Far below the noise the refined fit is no better than the subset that it began from,
+    and `rivals` (m, p), the subsets whose inlier counts are within one standard deviation of the best, show
+    how far that one may lie.
+    """
+    inside = np.abs(residuals) < threshold
+    ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
+    slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
+    score = np.where(inside, residuals, 0.0)
+    refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
+    spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)
+    enough = len(rivals) > rivals.shape[1] + 1
+    smaller = np.all(spread.std_err < refined.std_err)
+    return spread if ratio < _FAR_BELOW and enough and smaller else refined

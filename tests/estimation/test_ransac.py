@@ -5,6 +5,7 @@ from sklearn.linear_model import LinearRegression, RANSACRegressor
 from estimation.estimators.ransac import Ransac
 from estimation.regression import Regression
 from estimation.statistics.subsets import solve_subsets
+from estimation.statistics.uncertainty import cramer_rao
 from robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, motion, problem, std_errs, values
 
@@ -13,8 +14,18 @@ def fit(regression, seed=0, **settings):
     return Ransac(**settings).fit(regression, rng=np.random.default_rng(seed))
 
 
-def test_settings_are_the_paper_s():
-    assert (Ransac().threshold, Ransac().subset) == (0.01, 5)
+@pytest.mark.parametrize(("noise", "outliers", "most"), [(0.02, 0.0, 1.3), (0.2, 0.0, 1.3), (0.02, 0.3, 1.7)])
+def test_without_a_threshold_it_follows_the_noise_down_to_near_the_cramer_rao_bound(noise, outliers, most):
+    problems = [problem(np.random.default_rng(seed), noise=noise, outliers=outliers) for seed in range(40)]
+    bound = cramer_rao(problems[0].columns, np.full(len(problems[0].effort), noise))
+    found = [fit(each, seed) for seed, each in enumerate(problems)]
+    errors = np.sqrt(np.mean(np.square([values(each) - TRUTH for each in found]), axis=0))
+    assert np.all(errors < most * bound)
+    assert found[0].details["threshold"] == pytest.approx(2.5 * noise, rel=0.2)
+
+
+def test_without_noise_it_is_exact():
+    np.testing.assert_allclose(values(fit(problem(np.random.default_rng(1), noise=0.0))), TRUTH, rtol=1e-9)
 
 
 @pytest.mark.parametrize("outliers", [0.1, 0.3, 0.5])
@@ -22,6 +33,7 @@ def test_outliers_do_not_move_it(outliers):
     found = fit(problem(np.random.default_rng(1), noise=0.003, outliers=outliers))
     np.testing.assert_allclose(values(found), TRUTH, rtol=0.005)
     assert found.inliers.mean() == pytest.approx(1 - outliers, abs=0.06)
+    assert found.details["threshold"] == pytest.approx(2.5 * 0.003, rel=0.2)
     assert found.details["inlier_share"] == found.inliers.mean()
 
 
@@ -34,12 +46,14 @@ def test_agrees_with_scikit_learn_on_which_samples_are_inliers():
         max_trials=300,
         random_state=0,
     ).fit(regression.columns, regression.effort)
-    assert np.mean(fit(regression).inliers == other.inlier_mask_) > 0.99
+    assert np.mean(fit(regression, threshold=0.01).inliers == other.inlier_mask_) > 0.99
 
 
+@pytest.mark.parametrize("threshold", [0.01, None])
 @pytest.mark.parametrize(("noise", "share"), [(0.005, 0.0), (0.02, 0.0), (0.08, 0.0), (0.0, 0.1)])
-def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, share):
-    found = [fit(problem(np.random.default_rng(seed), noise=noise, share=share)) for seed in range(50)]
+def test_stated_errors_follow_the_scatter_even_far_above_the_threshold(noise, share, threshold):
+    problems = (problem(np.random.default_rng(seed), noise=noise, share=share) for seed in range(50))
+    found = [fit(each, threshold=threshold) for each in problems]
     scatter = np.std([values(each) for each in found], axis=0)
     stated = np.median([std_errs(each) for each in found], axis=0)
     assert np.all(stated > 0.6 * scatter)

@@ -167,17 +167,18 @@ def estimators_for(model: str) -> list[str]:
 
 
 def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
-    """An estimator from its name, or from a mapping with `name` and settings; and what to call it.
+    """A label and the estimator of a name, or of a mapping with `name`, settings and perhaps `label`.
 
     Raises:
         InputError: there is no such estimator, or it does not take these settings.
     """
-    settings = {} if isinstance(spec, str) else {key: value for key, value in spec.items() if key != "name"}
-    name = spec if isinstance(spec, str) else spec.get("name", "")
+    given = {"name": spec} if isinstance(spec, str) else spec
+    settings = {key: value for key, value in given.items() if key not in {"name", "label"}}
+    name = given.get("name", "")
     try:
         made = CONTACT_ESTIMATORS[name] if name in CONTACT_ESTIMATORS else ESTIMATORS[name]
         words = ", ".join(f"{key} {value:g}" for key, value in settings.items())
-        return f"{name} ({words})" if words else name, made(**settings)
+        return given.get("label") or (f"{name} ({words})" if words else name), made(**settings)
     except (TypeError, ValueError) as error:
         raise InputError(f"estimator '{name}': {error}") from error
 

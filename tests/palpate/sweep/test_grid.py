@@ -3,9 +3,11 @@
 import pytest
 import yaml
 
+from estimation.estimators.ransac import Ransac
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import paper_cases
 from palpate.sweep.paper_sections import CUBES
+from palpate.sweep.works.probing import made_estimator
 from robot_io.errors import InputError
 from tests.palpate.cli import ROOT
 
@@ -120,6 +122,11 @@ def test_the_paper_is_run_as_it_says():
     assert all(len(seeds) == 3 for seeds in by_object.values())
     assert {case.parameters["noise_percent"] for case in cases["noise"]} == set(range(11))
     assert {"name": "sprls", "beta": 20, "gamma": 1} in cases["noise"][0].parameters["estimators"]
+    for part in ("grid", "clean", "noise", "cubes", "hunt_crossley"):
+        specs = cases[part][0].parameters["estimators"]
+        ransac = [spec for spec in specs if (spec if isinstance(spec, str) else spec["name"]) == "ransac"]
+        assert ransac == [{"name": "ransac", "threshold": 0.01, "label": "ransac"}]
+    assert made_estimator(ransac[0]) == ("ransac", Ransac(threshold=0.01))
     assert cases["ticks"][0].parameters["law"] == {
         "name": "kelvin_voigt",
         "stiffness_n_m": 500,
