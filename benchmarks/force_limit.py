@@ -14,8 +14,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from control.loop.loop import run_loop
-from control.loop.phases import Phase
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask

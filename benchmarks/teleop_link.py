@@ -31,7 +31,7 @@ from control.teleop.peer import Peer, PeerLimits
 from palpate.runs.robots import find_robot
 from palpate.teleop.demo import run_demo, script
 from palpate.teleop.haptics import STREAM_NAME, HapticJob, Orders, run_haptics
-from palpate.teleop.leader import TALK_S, leader_metadata
+from palpate.teleop.leader import MESSAGE_PERIOD_S, leader_metadata
 from robot_io.link import Heard, Report, decode, encode
 from robot_io.link.wire import WireType
 from robot_io.session import Session
@@ -201,7 +201,7 @@ def in_demo() -> tuple[FloatArray, FloatArray | str]:
         beside.start()
         made = run_demo(Path(folder) / "demo", load_scenario("stiff"))
         beside.join()
-    return made.joined.haptic["lateness_s"], found[0]
+    return made.merged.haptic["lateness_s"], found[0]
 
 
 def comparison(ours_s: FloatArray, reference_s: FloatArray | str) -> str:
@@ -254,7 +254,7 @@ def main() -> None:
     if options.what == "overhead":
         print(codec())
         print(overhead(2000, 0.0))
-        print(overhead(500, TALK_S))
+        print(overhead(500, MESSAGE_PERIOD_S))
         return
     pairs = []
     for _ in range(options.times):

@@ -27,7 +27,7 @@ from command_line import arguments
 from teleop_simulation import DelayLine, LinkFaults
 
 from palpate.teleop.demo import script, write_worlds
-from palpate.teleop.joined import Joined, join
+from palpate.teleop.merged_sessions import MergedSessions, merge_sessions
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
 
@@ -108,19 +108,19 @@ def main() -> None:
     options = parser.parse_args()
     faults = LinkFaults(1e-3 * options.delay_ms, 1e-3 * options.jitter_ms, options.loss)
     with tempfile.TemporaryDirectory() as folder, namespaces(faults, options.seed):
-        joined = run(Path(folder), options.over)
-        link = joined.leader.samples("link")
-        felt = joined.felt_and_real(load_scenario("stiff"))
+        merged = run(Path(folder), options.over)
+        link = merged.leader.samples("link")
+        felt = merged.felt_and_real(load_scenario("stiff"))
         print(f"over {options.over}, {faults} (delay + jitter, loss) each way of every IP packet")
         share, count = felt.settled().share, len(felt.real_n)
         counts = ", ".join(f"{link[kind][-1]} {kind}" for kind in ("fresh", "late", "reordered", "lost"))
         print(f"felt force: {100 * share:.2g} % rms from the real one, {count} samples")
-        linked_s = link["time_s"][~link["silent"]].min(initial=np.inf) - joined.haptic["time_s"][0]
+        linked_s = link["time_s"][~link["silent"]].min(initial=np.inf) - merged.haptic["time_s"][0]
         print(f"the leader heard the follower {linked_s:.0f} s after its start")
-        print(f"frames to the leader: {counts}; shortest round trip {1e3 * joined.round_trip_s:.0f} ms")
+        print(f"frames to the leader: {counts}; shortest round trip {1e3 * merged.round_trip_s:.0f} ms")
 
 
-def run(folder: Path, over: str) -> Joined:
+def run(folder: Path, over: str) -> MergedSessions:
     """Both sides until they end."""
     operator = folder / "operator.yaml"
     operator.write_text(yaml.safe_dump(script(0.05, last_s=45.0)))
@@ -149,7 +149,7 @@ def run(folder: Path, over: str) -> Joined:
     finally:
         for process in running:
             process.kill()
-    return join(*(Session.open(folder / f"{side}.mcap") for side in SIDES))
+    return merge_sessions(*(Session.open(folder / f"{side}.mcap") for side in SIDES))
 
 
 if __name__ == "__main__":

@@ -13,8 +13,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from control.teleop.couplings.channel import Packet
-from control.teleop.couplings.coupling import Coupling, Port
+from control.teleop.couplings import Coupling, DevicePort, Packet
 
 DT_S = 1e-3
 SUBSTEP_S = 0.25e-3
@@ -227,8 +226,10 @@ def run(
             for number, packet in packets:
                 channel.take(number, packet)
         at_leader, at_follower = (channel.packet() for channel in channels)
-        led_n, to_follower = leader.step(Port(_read(device.x), device.v, hand_n), at_leader, DT_S)
-        driven_n, to_leader = follower.step(Port(_read(arm.x), arm.v, push_n + noise), at_follower, DT_S)
+        led_n, to_follower = leader.step(DevicePort(_read(device.x), device.v, hand_n), at_leader, DT_S)
+        driven_n, to_leader = follower.step(
+            DevicePort(_read(arm.x), arm.v, push_n + noise), at_follower, DT_S
+        )
         link.exchange(time_s, to_follower, to_leader)
         led_n, driven_n = limited(led_n), limited(driven_n)
         for values, value in zip(

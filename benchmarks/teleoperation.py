@@ -31,10 +31,8 @@ from teleop_simulation import (
     run,
 )
 
-from control.teleop.couplings.catalogue import COUPLINGS
-from control.teleop.couplings.channel import Packet
-from control.teleop.couplings.coupling import Coupling
-from control.teleop.couplings.model_mediated import ContactModel, model_mediated
+from control.teleop.couplings import Coupling, Packet
+from control.teleop.model_mediated import COUPLINGS, ObjectModel, model_mediated
 from control.teleop.virtual_object import hunt_crossley
 
 mpl.use("Agg")
@@ -73,7 +71,7 @@ HEADER = (
 
 
 @dataclass(frozen=True)
-class Felt:
+class FeltForce:
     """What an operator felt who pressed and waited."""
 
     felt_n: float  # mean of the last second
@@ -97,7 +95,7 @@ class Felt:
         return self.felt_n / self.real_n - 1.0 if self.real_n > 0.0 else float("nan")
 
 
-def press(name: str, thing: str, faults: LinkFaults, seed: int = 0) -> Felt:
+def press(name: str, thing: str, faults: LinkFaults, seed: int = 0) -> FeltForce:
     """Press twice through the coupling of this name, and wait."""
     target = OBJECTS[thing]
     hand = HandArm(presses(0.02, -START_M, PRESSES_S))
@@ -105,7 +103,7 @@ def press(name: str, thing: str, faults: LinkFaults, seed: int = 0) -> Felt:
     depth, rate = trace["hand_m"][LAST], trace["hand_m_s"][LAST]
     outside = trace["hand_m"][: np.argmax(trace["hand_m"] > 0.0)]
     balance = given_back_j(trace)
-    return Felt(
+    return FeltForce(
         felt_n=trace["felt_n"][LAST].mean(),
         spread_n=trace["felt_n"][LAST].std(),
         real_n=float(np.mean([target.push_n(x, v) for x, v in zip(depth, rate, strict=True)])),
@@ -165,12 +163,12 @@ def _fit_hunt_crossley(samples: np.ndarray) -> Packet:
     return stiffness, stiffness * float(loss), float(exponent), 1e-3 * float(surface_mm)
 
 
-HUNT_CROSSLEY = ContactModel(
+HUNT_CROSSLEY = ObjectModel(
     fit=_fit_hunt_crossley,
     law=lambda parameters: (hunt_crossley(*parameters[:3]), parameters[3]),
     guess=(1e4, 1e4, 1.5, 0.0),
 )
-Results = dict[tuple[str, str, LinkFaults], Felt]
+Results = dict[tuple[str, str, LinkFaults], FeltForce]
 Ratios = dict[tuple[str, LinkFaults], np.ndarray]
 
 
@@ -295,7 +293,7 @@ def draw(results: Results, ratios: Ratios, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_force(axes: plt.Axes, at: list[float], felt: list[Felt], style: dict[str, object]) -> None:
+def _draw_force(axes: plt.Axes, at: list[float], felt: list[FeltForce], style: dict[str, object]) -> None:
     """A line through what came to rest, marks at the top for the rest."""
     shares = np.array([np.nan if value.verdict else value.error + 1.0 for value in felt])
     axes.plot(at, shares, **style)

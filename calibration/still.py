@@ -3,13 +3,11 @@
 import math
 from dataclasses import dataclass
 
-from control.loop.journal import TickLog
 from control.loop.loop import READ_SHARE, first_measurement
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, aimless_output
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_record
+from control.loop.stop_handler import InterruptFlag
+from control.loop.task import NO_RUN, Phase, blank_output
+from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Tick, TickLog, tick_record
 from control.loop.timing import TickDurations
-from control.loop.way_out import InterruptFlag
 from robot_io.clock import Clock
 from robot_io.errors import SafetyTripError
 from robot_io.guard import Guard
@@ -36,18 +34,17 @@ class StillRobot:
             SafetyTripError: a sample is missing, old or beyond a limit.
             KeyboardInterrupt: Ctrl-C, or the program was asked to end.
         """
-        output = aimless_output(self.robot.joint_count, Phase.IDLE, run)
+        output = blank_output(self.robot.joint_count, Phase.IDLE, run)
         none_nm = output.command.joint_torque_nm
         period_s, start_s = 1.0 / self.rate_hz, self.clock.now_s()
         with InterruptFlag() as interrupt:
-            for tick in range(1, math.ceil(duration_s * self.rate_hz) + 1):
-                measurement = self._read_at(start_s + tick * period_s)
+            for number in range(1, math.ceil(duration_s * self.rate_hz) + 1):
+                measurement = self._read_at(start_s + number * period_s)
                 self.guard.watch(measurement)
                 tripped = self.guard.tripped
-                record = tick_record(
-                    tick, measurement, output, none_nm, tripped is not None, NO_ESTIMATE, _NO_DURATIONS
-                )
-                self.log.append(STREAM_NAME, record)
+                is_tripped = tripped is not None
+                record = Tick(number, measurement, output, none_nm, is_tripped, NO_ESTIMATE, _NO_DURATIONS)
+                self.log.append(STREAM_NAME, tick_record(record))
                 if tripped:
                     raise SafetyTripError("; ".join(filter(None, (tripped.cause, tripped.remedy))))
                 if interrupt.signal_name:

@@ -59,7 +59,7 @@ class ChannelData:
     acceleration: FloatArray  # second derivative of position, without phase error
     effort: FloatArray  # what was measured and is to be explained
     run: IntArray  # number of the run (one approach, one recording) that each sample belongs to
-    phase: IntArray  # numbers of `control.loop.phases.Phase`, or -1 where unknown
+    phase: IntArray  # numbers of `control.loop.task.Phase`, or -1 where unknown
     # Other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
     # there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm; `load` (n,), the
     # effort a joint carries apart from friction.

@@ -75,7 +75,7 @@ class OnlineContactEstimator:
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Take in one tick; see `control.loop.journal.Observer`.
+        """Take in one tick; see `control.loop.tick_record.Observer`.
 
         Returns:
             The newest estimates, NaN before there are any.

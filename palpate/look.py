@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table as Printed
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelData
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_options import ImportOptions

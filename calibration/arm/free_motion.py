@@ -9,8 +9,7 @@ from calibration.arm.room import ACCELERATION_RAD_S2
 from control.arm.rigid_body import RigidBody
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import TrackingGains
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from control.paths.trajectory import JointMotion, JointMove
 from robot_io.errors import SafetyTripError
 from robot_io.types import Command, FloatArray, Measurement
@@ -79,7 +78,7 @@ class FreeMotion:
     ) -> TaskOutput:
         """What the loop is given; there is no object, so no direction into it: zeros."""
         tip = self.body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
-        return aimed_output(
+        return make_output(
             Command(torque_nm), motion, tip, np.zeros(3), phase, run=run, done=done, events=events
         )
 

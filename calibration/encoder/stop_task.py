@@ -13,8 +13,7 @@ from calibration.arm.room import ACCELERATION_RAD_S2, SHARE, paced, travel_speed
 from calibration.encoder.stop_plan import StopApproach
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
 from control.paths.trajectory import JointMotion, JointMove
 from robot_io.clip import clip
 from robot_io.errors import SafetyTripError

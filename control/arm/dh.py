@@ -33,7 +33,7 @@ from robot_io.types import FloatArray, frozen_array
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
 _POSTURES = 5  # besides the home position
 _APART_M = 1e-4
-_TURNED = 1e-3  # largest difference of two rotation matrices
+_TURNED = 1e-3  # largest difference between elements of two rotation matrices
 
 
 class DhRow(FileModel):
@@ -48,16 +48,23 @@ class DhRow(FileModel):
 
     @property
     def before_joint(self) -> "pin.SE3":
-        """The part of the row's transform that comes before the joint's motion."""
+        """Transform before the joint's motion."""
         return pin.SE3(pin.utils.rotate("z", self.theta_rad), np.zeros(3))
 
     @property
     def after_joint(self) -> "pin.SE3":
-        """The part that comes after it."""
+        """Transform after the joint's motion."""
         return pin.SE3(pin.utils.rotate("x", self.alpha_rad), np.array([self.a_m, 0.0, self.d_m]))
 
     def transform(self, position: float = 0.0) -> "pin.SE3":
-        """Frame i in frame i-1, at a joint position [rad or m] (no meaning for a fixed row)."""
+        """Compute frame i in frame i-1.
+
+        Args:
+            position: of the joint [rad or m]; ignored for a fixed row.
+
+        Returns:
+            The transform.
+        """
         motion = pin.SE3.Identity()
         if self.type == "revolute":
             motion.rotation = pin.utils.rotate("z", position)
@@ -83,7 +90,7 @@ class DhTable(FileModel):
 
     @property
     def joint_rows(self) -> tuple[DhRow, ...]:
-        """The rows that move, in the order of joint positions."""
+        """Rows that move, in the order of joint positions."""
         return tuple(row for row in self.rows if row.type != "fixed")
 
     @property
@@ -92,9 +99,16 @@ class DhTable(FileModel):
         return len(self.joint_rows)
 
     def tip_frame(self, position_rad: FloatArray) -> FloatArray:
-        """Forward kinematics: the last frame in the world, (4, 4), at joint positions (n,) [rad or m].
+        """Compute the forward kinematics.
 
-        InputError: wrong number of positions.
+        Args:
+            position_rad: joint positions, shape (n,) [rad or m].
+
+        Returns:
+            The last frame in the world, shape (4, 4).
+
+        Raises:
+            InputError: wrong number of positions.
         """
         positions = iter(frozen_array(position_rad, (self.joint_count,), what="joint positions"))
         frame = pin.SE3.Identity()
@@ -104,15 +118,30 @@ class DhTable(FileModel):
 
 
 def load_dh_table(source: str | Path | YamlDocument) -> DhTable:
-    """Read a DH table from YAML; `InputError` names file, line, key and the valid choices."""
+    """Read a DH table from YAML.
+
+    Args:
+        source: file, or a document that was read already.
+
+    Returns:
+        The validated table.
+
+    Raises:
+        InputError: names file, line, key and valid values.
+    """
     document = source if isinstance(source, YamlDocument) else load_yaml(source)
     return validate(DhTable, document.data, document)
 
 
 def check_dh_table(robot_file: RobotFile, body: RigidBody) -> None:
-    """Compare where a robot file's DH table, if it names one, and its URDF put the tip.
+    """Compare the tip positions of a robot file's DH table and its URDF; do nothing without a table.
 
-    InputError: the table is not valid, or is that of another arm.
+    Args:
+        robot_file: names the table.
+        body: the URDF's model.
+
+    Raises:
+        InputError: the table is invalid, or describes another arm.
     """
     if robot_file.dh is None:
         return

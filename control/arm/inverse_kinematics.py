@@ -35,7 +35,7 @@ class Elbow(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class IkSolution:
-    """One way to reach a target."""
+    """One joint configuration that reaches a target."""
 
     position_rad: FloatArray  # joint positions, shape (3,) within +-pi each [rad]
     elbow_sine: float  # |sin| of the angle between the first two links; 0 is singular, 1 is best
@@ -47,10 +47,15 @@ class IkSolution:
 
 
 class PlanarArm:
-    """Geometry of the arm, and its inverse kinematics for tip position and tool direction.
+    """Geometry of a planar arm, and its inverse kinematics for tip position and tool direction.
 
-    InputError: the arm is not of three revolute joints with parallel axes, or the tool's direction in the tip
-    frame, shape (3,), does not lie in its plane.
+    Args:
+        body: model of the arm.
+        tool_axis_tip: direction of the tool in the tip frame, shape (3,).
+
+    Raises:
+        InputError: the arm does not have three revolute joints with parallel axes, or the tool does not lie
+            in its plane.
     """
 
     def __init__(self, body: RigidBody, tool_axis_tip: FloatArray) -> None:
@@ -66,7 +71,11 @@ class PlanarArm:
                     f"'{joints[0].name}'"
                 )
         self.signs = (1.0, *(math.copysign(1.0, normal @ joint.axis_world) for joint in joints[1:]))
-        self._set_plane(normal)
+        # u is horizontal where there is a choice: world x for an arm that moves in the x-z plane.
+        guide = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+        u_axis = guide - (guide @ normal) * normal
+        self._normal, self._u_axis = normal, u_axis / np.linalg.norm(u_axis)
+        self._w_axis = np.cross(normal, self._u_axis)
         tip, rotation = body.tip_pose(np.zeros(3))
         points = [self.plane_point(point) for point in (*(joint.origin_world_m for joint in joints), tip)]
         links = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points)]
@@ -81,9 +90,18 @@ class PlanarArm:
     def solve(
         self, tip_position_world_m: FloatArray, tool_direction_world: FloatArray, elbow: Elbow
     ) -> IkSolution:
-        """Joint positions with the tip at a point (3,) [m] and the tool in a direction (3,) of any length.
+        """Compute joint positions for a tip position and a tool direction.
 
-        InputError: the point cannot be reached, or point or direction lie out of the plane.
+        Args:
+            tip_position_world_m: shape (3,) [m].
+            tool_direction_world: shape (3,), of any length.
+            elbow: which way the elbow bends.
+
+        Returns:
+            Joint positions, and how near they are to a singularity.
+
+        Raises:
+            InputError: the point cannot be reached, or point or direction lie out of the plane.
         """
         tip = frozen_array(tip_position_world_m, (3,), what="tip position")
         offset_m = float(tip @ self._normal) - self._out_of_plane_m
@@ -96,16 +114,33 @@ class PlanarArm:
         return IkSolution(positions, abs(math.sin(angles[1] - angles[0])))
 
     def elbow_of(self, position_rad: FloatArray) -> Elbow:
-        """Which way the elbow is bent at these joint positions (3,) [rad]; straight counts as positive."""
+        """Determine which way the elbow is bent; straight counts as positive.
+
+        Args:
+            position_rad: joint positions, shape (3,) [rad].
+
+        Returns:
+            Sign of the bend.
+        """
         turn = self._rest[1] - self._rest[0] + self.signs[1] * float(position_rad[1])
         return Elbow.POSITIVE if math.sin(turn) >= 0.0 else Elbow.NEGATIVE
 
     def absolute_angles(
         self, u_m: float, w_m: float, tool_rad: float, elbow: Elbow
     ) -> tuple[float, float, float]:
-        """Angles a1, a2, a3 [rad] of the links for a tip at (u, w) [m] and a tool angle [rad].
+        """Compute the links' absolute angles for a tip position in the plane.
 
-        InputError: the wrist cannot be put where the tool needs it.
+        Args:
+            u_m: first coordinate of the tip in the plane [m].
+            w_m: second coordinate [m].
+            tool_rad: angle of the tool [rad].
+            elbow: which way the elbow bends.
+
+        Returns:
+            Angles a1, a2, a3 [rad].
+
+        Raises:
+            InputError: the wrist is out of reach.
         """
         first_m, second_m, third_m = self.lengths_m
         third = self._rest[2] + tool_rad - self._tool_rest
@@ -125,7 +160,14 @@ class PlanarArm:
         return first, first + bend, third
 
     def joint_positions(self, angles_rad: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Joint positions [rad], not wrapped, from the links' absolute angles [rad]."""
+        """Convert the links' absolute angles to joint positions.
+
+        Args:
+            angles_rad: a1, a2, a3 [rad].
+
+        Returns:
+            Joint positions [rad], not wrapped.
+        """
         a1, a2, a3 = angles_rad
         rest1, rest2, rest3 = self._rest
         s1, s2, s3 = self.signs
@@ -133,27 +175,43 @@ class PlanarArm:
         return s1 * first, s2 * (second - first), s3 * (a3 - rest3 - second)
 
     def tips_in_plane(self, position_rad: FloatArray) -> FloatArray:
-        """Coordinates (u, w) of the tip, shape (k, 2) [m], for joint positions of shape (k, 3) [rad]."""
+        """Compute tip coordinates (u, w) of many postures.
+
+        Args:
+            position_rad: joint positions, shape (k, 3) [rad].
+
+        Returns:
+            Coordinates, shape (k, 2) [m].
+        """
         angles = np.cumsum(position_rad * self.signs, axis=1) + self._rest
         lengths_m = np.array(self.lengths_m)
         across = np.column_stack((np.cos(angles) @ lengths_m, np.sin(angles) @ lengths_m))
         return across + self._shoulder
 
     def plane_direction(self, direction_world: FloatArray) -> tuple[float, float, float]:
-        """Unit coordinates (u, w) and angle [rad] of a world direction (3,), which must lie in the plane."""
+        """Project a world direction on the plane.
+
+        Args:
+            direction_world: shape (3,); must lie in the plane.
+
+        Returns:
+            Unit coordinates u and w, and the angle [rad].
+
+        Raises:
+            InputError: the direction does not lie in the plane.
+        """
         angle = self._plane_angle(direction_world)
         return math.cos(angle), math.sin(angle), angle
 
-    def _set_plane(self, normal: FloatArray) -> None:
-        """Choose u horizontal where there is a choice: world x for an arm that moves in the x-z plane."""
-        guide = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-        u_axis = guide - (guide @ normal) * normal
-        self._normal = normal
-        self._u_axis = u_axis / np.linalg.norm(u_axis)
-        self._w_axis = np.cross(normal, self._u_axis)
-
     def plane_point(self, point_world_m: FloatArray) -> tuple[float, float]:
-        """Coordinates (u, w) [m] of a world point (3,) projected on the arm's plane."""
+        """Project a world point on the plane.
+
+        Args:
+            point_world_m: shape (3,) [m].
+
+        Returns:
+            Coordinates u and w [m].
+        """
         return float(point_world_m @ self._u_axis), float(point_world_m @ self._w_axis)
 
     def _plane_angle(self, direction_world: FloatArray) -> float:

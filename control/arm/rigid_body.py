@@ -30,7 +30,7 @@ _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class TipMotion(NamedTuple):
-    """Where the tip is and how it moves, in the world frame."""
+    """Pose and velocity of the tip in the world frame."""
 
     position_world_m: FloatArray  # shape (3,) [m]
     rotation_world_tip: FloatArray  # shape (3, 3), turns tip coordinates into world coordinates
@@ -41,22 +41,26 @@ class TipMotion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JointAxis:
-    """A joint at zero position, in the world frame: shape (3,) origin [m] and unit axis."""
+    """Axis of a joint at zero position, in the world frame."""
 
     name: str
-    origin_world_m: FloatArray
-    axis_world: FloatArray
+    origin_world_m: FloatArray  # shape (3,) [m]
+    axis_world: FloatArray  # unit vector, shape (3,)
     revolute: bool
 
 
 class RigidBody:
-    """An arm of revolute and prismatic joints on a fixed base. Not for use by two threads at once.
+    """Kinematics and dynamics of an arm of revolute and prismatic joints on a fixed base. Not thread-safe.
 
     Units are those of revolute joints; for a prismatic joint read m, m/s, m/s^2 and N instead.
 
-    The tip is the frame whose motion counts; `place` says in errors where the model comes from.
+    Args:
+        model: Pinocchio's model.
+        tip_frame: name of the frame whose motion counts.
+        place: where the model comes from, for errors.
 
-    InputError: the frame is unknown, or a joint has more than one coordinate.
+    Raises:
+        InputError: the frame is unknown, or a joint has more than one coordinate.
     """
 
     def __init__(self, model: "pin.Model", tip_frame: str, place: str = "URDF") -> None:
@@ -75,11 +79,17 @@ class RigidBody:
 
     @classmethod
     def of_robot(cls, robot_file: RobotFile, calibrations: Calibrations | None = None) -> "RigidBody":
-        """The arm of a robot file, on a base that stands as its gravity calibration says.
+        """Build the model of a robot file's arm, with the base tilted as its gravity calibration says.
 
-        Without `calibrations` those that the robot file names are applied, if they are valid today.
+        Args:
+            robot_file: names the URDF.
+            calibrations: to apply; None for those that the robot file names, if they are valid today.
 
-        InputError: as `from_urdf`, or a calibration must not be used.
+        Returns:
+            The model.
+
+        Raises:
+            InputError: as `from_urdf`, or a calibration must not be used.
         """
         if calibrations is None:
             calibrations = load_calibrations(robot_file)
@@ -100,18 +110,27 @@ class RigidBody:
         *,
         origin: str = "URDF text",
     ) -> "RigidBody":
-        """Read a URDF from a file, or from its text (anything that holds a "<"; `origin` names it in errors).
+        """Read a URDF from a file or from its text.
 
-        Gravity is the fall acceleration in the axes of the root link, shape (3,) [m/s^2]; rotors add their
-        inertia to the joints, shape (n,) or empty for none [kg m^2].
+        Args:
+            urdf: path, or text (anything that holds a "<").
+            tip_frame: name of the frame whose motion counts.
+            gravity_m_s2: acceleration of a free fall in the axes of the root link, shape (3,) [m/s^2].
+            rotor_inertia_kg_m2: inertia that rotors add to the joints, shape (n,) or empty for none [kg m^2].
+            origin: name of the text in errors.
 
-        InputError: it cannot be read, is too large, is not a URDF, has no such frame or other joints.
+        Returns:
+            The model.
+
+        Raises:
+            InputError: the file cannot be read, is too large or no URDF, or has no such frame or other
+                joints.
         """
         is_text = isinstance(urdf, str) and "<" in urdf
         place = origin if is_text else str(urdf)
         try:
             text = str(urdf) if is_text else read_text(Path(urdf))
-            parse_urdf(text)  # Pinocchio takes a mass of -1 kg, and drops what is no number
+            parse_urdf(text)  # Pinocchio accepts a mass of -1 kg, and ignores invalid numbers
             model = _built(text)
         except (OSError, ValueError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or " ".join(str(error).split())
@@ -135,7 +154,7 @@ class RigidBody:
 
     @property
     def weightless_joint(self) -> str:
-        """Name of the first joint that moves no mass and no inertia, empty if every joint does."""
+        """Name of the first joint that moves neither mass nor inertia, empty if there is none."""
         inertia = np.diag(self.mass_matrix(pin.neutral(self._model)))
         return next((name for name, own in zip(self.joint_names, inertia, strict=True) if own <= 0.0), "")
 
@@ -156,25 +175,54 @@ class RigidBody:
         return frozen_array(self._model.velocityLimit)
 
     def tip_motion(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> TipMotion:
-        """Forward kinematics of positions (n,) [rad] and velocities (n,) [rad/s]."""
+        """Compute pose, velocity and Jacobian of the tip.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            velocity_rad_s: joint velocities, shape (n,) [rad/s].
+
+        Returns:
+            Motion of the tip in the world frame.
+        """
         jacobian = self.tip_jacobian(position_rad)
         placement = pin.updateFramePlacement(self._model, self._data, self._tip)
         position, rotation = placement.translation.copy(), placement.rotation.copy()
         return TipMotion(position, rotation, jacobian[:3].dot(velocity_rad_s), jacobian)
 
     def tip_pose(self, position_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip position (3,) [m] and rotation (3, 3) in the world, for joint positions (n,) [rad]."""
+        """Compute the pose of the tip.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+
+        Returns:
+            Position, shape (3,) [m], and rotation, shape (3, 3), in the world frame.
+        """
         pin.forwardKinematics(self._model, self._data, position_rad)
         placement = pin.updateFramePlacement(self._model, self._data, self._tip)
         return placement.translation.copy(), placement.rotation.copy()
 
     def heights_m(self, position_rad: FloatArray) -> FloatArray:
-        """World heights [m] of all joints and of the tip, shape (n + 1,), for joint positions (n,) [rad]."""
+        """Compute the world heights of all joints and of the tip.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+
+        Returns:
+            Heights, shape (n + 1,) [m].
+        """
         tip_m, _ = self.tip_pose(position_rad)
         return np.array([*(joint.translation[2] for joint in self._data.oMi[1:]), tip_m[2]])
 
     def tip_jacobian(self, position_rad: FloatArray) -> FloatArray:
-        """Shape (6, n), world axes: tip velocity above angular velocity, per joint velocity."""
+        """Compute the Jacobian of the tip in world axes.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+
+        Returns:
+            Shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
+        """
         return np.asarray(
             pin.computeFrameJacobian(self._model, self._data, position_rad, self._tip, _WORLD_AXES)
         )
@@ -182,51 +230,114 @@ class RigidBody:
     def inverse_dynamics(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Torques (n,) [N m] that give these accelerations (n,) [rad/s^2] in free air, gravity included."""
+        """Compute the torques that give an acceleration in free air, gravity included.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            velocity_rad_s: joint velocities, shape (n,) [rad/s].
+            acceleration_rad_s2: joint accelerations, shape (n,) [rad/s^2].
+
+        Returns:
+            Torques, shape (n,) [N m].
+        """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         return np.asarray(pin.rnea(self._model, self._data, *motion))
 
     def inverse_dynamics_along(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """The same for many samples at once, in a third of the time: all arrays have shape (m, n)."""
+        """Compute `inverse_dynamics` of many samples at once, in a third of the time.
+
+        Args:
+            position_rad: joint positions, shape (m, n) [rad].
+            velocity_rad_s: joint velocities, shape (m, n) [rad/s].
+            acceleration_rad_s2: joint accelerations, shape (m, n) [rad/s^2].
+
+        Returns:
+            Torques, shape (m, n) [N m].
+        """
         motion = (position_rad.T, velocity_rad_s.T, acceleration_rad_s2.T)
         torques = pin.rneaInParallel(1, pin.ModelPool(self._model, 1), *motion)
         return np.asarray(torques).reshape(self.joint_count, -1).T  # Pinocchio drops an axis of length 1
 
     def with_load(self, mass_kg: float) -> "RigidBody":
-        """The same arm with a point mass [kg] at its tip."""
+        """Copy the arm with a point mass at its tip.
+
+        Args:
+            mass_kg: the mass [kg].
+
+        Returns:
+            The loaded arm.
+        """
         model, frame = self._model.copy(), self._model.frames[self._tip]
         load = pin.Inertia(mass_kg, np.zeros(3), np.zeros((3, 3)))
         model.appendBodyToJoint(frame.parentJoint, load, frame.placement)
         return RigidBody(model, frame.name)
 
     def mass_matrix(self, position_rad: FloatArray) -> FloatArray:
-        """M(q), shape (n, n), symmetric [kg m^2]."""
+        """Compute the mass matrix M(q).
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+
+        Returns:
+            Shape (n, n), symmetric [kg m^2].
+        """
         upper = pin.crba(self._model, self._data, position_rad)
         return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
     def mass_along(self, position_rad: FloatArray, lever_m: FloatArray) -> float:
-        """Mass [kg] that the tip has in one direction, 1 / (b M^-1 b), where b (n,) v is its speed [m]."""
+        """Compute the effective mass of the tip in one direction, 1 / (b^T M^-1 b).
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            lever_m: b, speed of the tip in that direction per joint velocity, shape (n,) [m].
+
+        Returns:
+            Effective mass [kg]; 0 if the tip cannot move in that direction.
+        """
         inverse = pin.computeMinverse(self._model, self._data, position_rad)
         mobility_1_kg = float(lever_m.dot(inverse).dot(lever_m))
         return 1.0 / mobility_1_kg if mobility_1_kg > 0.0 else 0.0
 
     def gravity(self, position_rad: FloatArray) -> FloatArray:
-        """g(q): torques (n,) [N m] that hold the arm still."""
+        """Compute the torques g(q) that hold the arm still.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+
+        Returns:
+            Torques, shape (n,) [N m].
+        """
         return np.array(pin.computeGeneralizedGravity(self._model, self._data, position_rad))
 
     def bias(self, position_rad: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
-        """C(q, v) v + g(q), shape (n,) [N m]."""
+        """Compute C(q, v) v + g(q).
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            velocity_rad_s: joint velocities, shape (n,) [rad/s].
+
+        Returns:
+            Torques, shape (n,) [N m].
+        """
         return np.array(pin.nonLinearEffects(self._model, self._data, position_rad, velocity_rad_s))
 
     def regressor(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, acceleration_rad_s2: FloatArray
     ) -> FloatArray:
-        """Y(q, v, a), shape (n, 10 n): inverse dynamics is Y @ `parameters`.
+        """Compute the regressor Y(q, v, a), for which the inverse dynamics is Y @ `parameters`.
 
-        Ten columns a link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame
-        [kg m^2] (xx, xy, yy, xz, yz, zz). Atkeson, An and Hollerbach, IJRR 5(3), 1986.
+        Ten columns a link: mass [kg], first moments [kg m] (x, y, z), inertias about the joint's frame [kg
+        m^2] (xx, xy, yy, xz, yz, zz). Source: Atkeson, An and Hollerbach, IJRR 5(3), 1986.
+
+        Args:
+            position_rad: joint positions, shape (n,) [rad].
+            velocity_rad_s: joint velocities, shape (n,) [rad/s].
+            acceleration_rad_s2: joint accelerations, shape (n,) [rad/s^2].
+
+        Returns:
+            Shape (n, 10 n).
         """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         return np.array(pin.computeJointTorqueRegressor(self._model, self._data, *motion))
@@ -237,9 +348,10 @@ class RigidBody:
         return frozen_array(np.concatenate([link.toDynamicParameters() for link in self._model.inertias[1:]]))
 
     def joint_axes(self) -> tuple[JointAxis, ...]:
-        """Origin and axis of every joint at zero position, for closed-form kinematics.
+        """Compute origin and axis of every joint at zero position.
 
-        InputError: the joints are not a single chain from base to tip.
+        Raises:
+            InputError: the joints are not a single chain from base to tip.
         """
         model, data = self._model, self._data
         if list(model.parents[1:]) != list(range(model.nv)):
@@ -255,11 +367,11 @@ class RigidBody:
 
 
 def _built(text: str) -> "pin.Model":
-    """The model of a URDF; what the C++ parser prints of a bad one becomes the reason of the error."""
-    said: list[str] = []
+    """Parse a URDF; the C++ parser's printed messages become the reason of the error."""
+    printed: list[str] = []
     try:
-        with captured(said, STDOUT, STDERR):
+        with captured(printed, STDOUT, STDERR):
             return pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
-        first = said[0].removeprefix("Error:").strip() if said else ""
-        raise ValueError(first or str(error)) from error
+        reason = printed[0].removeprefix("Error:").strip() if printed else ""
+        raise ValueError(reason or str(error)) from error

@@ -18,15 +18,23 @@ from robot_io.types import FloatArray, Measurement
 
 
 class Pid:
-    """output = kp e + ki integral(e) + kd filtered(de/dt), limited.
+    """PID controller with filtered derivative and limited output: kp e + ki integral(e) + kd filtered(de/dt).
 
     The derivative passes a first-order low-pass (backward Euler). The integral of a joint stands still while
-    its output is limited and the error would drive it further (conditional integration). Astrom and Murray,
-    "Feedback Systems", Princeton 2008, section 10.4.
+    its output is limited and the error would drive it further (conditional integration).
 
-    Gains are kp [output/rad], ki [output/(rad s)] and kd [output s/rad]; `output_limit` holds either way, and
-    `derivative_filter_s` is the low-pass's time constant, 0 for none. A negative gain and a limit that is not
-    positive raise `InputError`.
+    Args:
+        joint_count: number of joints n.
+        kp: proportional gain [output/rad].
+        ki: integral gain [output/(rad s)].
+        kd: derivative gain [output s/rad].
+        output_limit: largest output of either sign.
+        derivative_filter_s: time constant of the low-pass [s], 0 for none.
+
+    Raises:
+        InputError: a gain is negative, or the limit is not positive.
+
+    Source: Astrom and Murray, "Feedback Systems", Princeton 2008, section 10.4.
     """
 
     def __init__(
@@ -52,32 +60,49 @@ class Pid:
 
     @property
     def integral(self) -> FloatArray:
-        """The integral part of the output, shape (n,)."""
+        """Integral part of the output, shape (n,)."""
         return np.array(self._integral)
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Clear integral and derivative."""
         self._integral = [0.0] * self._joint_count  # times ki, so that a change of gain makes no bump
         self._rate = [0.0] * self._joint_count
 
     def step(self, error_rad: FloatArray, error_rate_rad_s: FloatArray, dt_s: float) -> FloatArray:
-        """Output (n,) for errors (n,), reference minus measured [rad], and their rates (n,) [rad/s]."""
+        """Compute the output for one step.
+
+        Args:
+            error_rad: reference minus measured position, shape (n,) [rad].
+            error_rate_rad_s: rate of the error, shape (n,) [rad/s].
+            dt_s: length of the step [s].
+
+        Returns:
+            Output, shape (n,).
+        """
         followed = dt_s / (dt_s + self._filter_s)
-        output: list[float] = []  # joint by joint: for a few of them several times as fast as arrays
+        output: list[float] = []  # a loop over few joints is several times as fast as arrays
         errors = zip(error_rad.tolist(), error_rate_rad_s.tolist(), strict=True)
         for joint, (error, error_rate) in enumerate(errors):
             self._rate[joint] += (error_rate - self._rate[joint]) * followed
             growth = error * (self._ki * dt_s)
-            wanted = self._kp * error + self._kd * self._rate[joint] + self._integral[joint] + growth
-            allowed = clip(wanted, -self._limit, self._limit)
-            if not (wanted - allowed) * growth > 0.0:
+            unlimited = self._kp * error + self._kd * self._rate[joint] + self._integral[joint] + growth
+            limited = clip(unlimited, -self._limit, self._limit)
+            if not (unlimited - limited) * growth > 0.0:
                 self._integral[joint] += growth
-            output.append(allowed)
+            output.append(limited)
         return np.array(output)
 
 
 class ComputedTorque:
-    """Follows joint motions; `correction_rad_s2` (n,) is what the PID added in the last step [rad/s^2]."""
+    """Computed torque with PID feedback, which follows joint motions.
+
+    Args:
+        body: model of the arm.
+        gains: of the feedback.
+
+    Attributes:
+        correction_rad_s2: acceleration that the PID added in the last step, shape (n,) [rad/s^2].
+    """
 
     def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
         self._body = body
@@ -93,13 +118,23 @@ class ComputedTorque:
         )
 
     def reset(self) -> None:
-        """Forget the disturbances seen so far."""
+        """Clear the feedback's integral and derivative."""
         self._pid.reset()
 
     def step(
         self, measurement: Measurement, motion: JointMotion, contact_torque_nm: FloatArray, dt_s: float
     ) -> FloatArray:
-        """Joint torques (n,) [N m] that follow a motion, and balance the force at the tip."""
+        """Compute torques that follow a motion and balance the force at the tip.
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            contact_torque_nm: torque that balances the contact force, shape (n,) [N m].
+            dt_s: length of the step [s].
+
+        Returns:
+            Joint torques, shape (n,) [N m].
+        """
         position, velocity = measurement.joint_position_rad, measurement.joint_velocity_rad_s
         correction = self._pid.step(motion.position_rad - position, motion.velocity_rad_s - velocity, dt_s)
         self.correction_rad_s2 = correction

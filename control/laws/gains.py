@@ -18,7 +18,7 @@ class TrackingGains(FileModel):
     damping_ratio: Annotated[Positive, Field(le=5.0)] = 1.0  # 1 is critically damped
     integral_rate_1_s: NotNegative = 6.0  # how fast a constant disturbance is taken out [1/s]
     derivative_filter_s: Annotated[NotNegative, Field(le=0.1)] = 0.001  # low-pass on the velocity error [s]
-    acceleration_limit_rad_s2: Positive = 400.0  # the most that the PID may ask for [rad/s^2]
+    acceleration_limit_rad_s2: Positive = 400.0  # largest output of the PID [rad/s^2]
 
     @model_validator(mode="after")
     def _check_integral(self) -> "TrackingGains":
@@ -31,16 +31,16 @@ class TrackingGains(FileModel):
 
 
 class TouchGains(FileModel):
-    """When the tool is in contact, judged by force above the free-air mean."""
+    """When the tool counts as in contact, judged by the force above the free-air mean."""
 
     touch_force_n: Positive = 0.3  # above it is contact; raised by the task where the sensor is noisier [N]
     # below this share of the touch force is no contact.
     release_share: Annotated[Positive, Field(lt=1.0)] = 0.5
     # new force samples in a row before the state changes.
     debounce_samples: Annotated[int, Field(ge=1, le=100)] = 2
-    # touch force, as a share of the plan's force limit, above which nothing is probed.
+    # largest touch force as a share of the plan's force limit; with a larger one nothing is probed.
     limit_share: Share = 0.35
-    # the same for the force in free air, which is taken for the sensor's own and tared away.
+    # the same for the force in free air, which counts as the sensor's bias and is tared.
     bias_share: NotNegative = 0.5
 
 
@@ -65,7 +65,7 @@ class ContactGains(FileModel):
 
 
 class WitnessGains(FileModel):
-    """When joint torques and force sensor contradict each other; see `control.laws.force_witness`."""
+    """When joint torques and force sensor contradict each other; see `control.laws.disturbance_observer`."""
 
     share: Share = 0.5  # threshold as a share of the plan's force limit, plus
     floor_n: Positive = 4.0  # what weight and friction may leave unexplained [N]
@@ -83,5 +83,15 @@ class Gains(FileModel):
 
 
 def gains_of(robot_file: RobotFile) -> Gains:
-    """The gains of a robot file; `InputError` names file, line, key and the valid choices."""
+    """Read the gains of a robot file.
+
+    Args:
+        robot_file: whose section `gains` is read.
+
+    Returns:
+        Validated gains.
+
+    Raises:
+        InputError: a gain is invalid; the error names file, line, key and valid values.
+    """
     return validate(Gains, robot_file.gains, robot_file.document, ("gains",))

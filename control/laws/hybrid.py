@@ -13,11 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from control.arm.rigid_body import RigidBody, TipMotion
-from control.laws.admittance import loading_acceleration
 from control.laws.computed_torque import ComputedTorque
+from control.laws.force_laws import (
+    HOLD_LAWS,
+    Compliance,
+    Environment,
+    HoldState,
+    QuickEstimator,
+    loading_acceleration,
+    within_bounds,
+)
 from control.laws.gains import Gains, TouchGains
-from control.laws.hold_laws import HOLD_LAWS, Environment, Held
-from control.laws.object_guess import Compliance, ObjectGuess, within_bounds
 from control.laws.touch import release_force_n
 from control.paths.press_line import PressLine
 from control.paths.trajectory import JointMotion, LineState
@@ -27,7 +33,7 @@ from robot_io.types import Command, FloatArray, Measurement, Status
 
 
 class ForceGoal(NamedTuple):
-    """What is wanted in contact."""
+    """Goal in contact."""
 
     force_n: float  # force to reach or to hold, positive in compression [N]
     speed_limit_m_s: float  # fastest way in [m/s]
@@ -35,22 +41,22 @@ class ForceGoal(NamedTuple):
 
 
 class HybridReference(NamedTuple):
-    """What is wanted in one tick."""
+    """Reference of one tick."""
 
-    # motion demanded while there is no contact, or at all times if `force` is None.
+    # motion while there is no contact, or at all times if `force` is None.
     free: LineState | None = None
-    # what is wanted from contact on; with `free` None also while contact is lost for a moment.
+    # goal from contact on; with `free` None also while contact is lost for a moment.
     force: ForceGoal | None = None
 
 
 class ControlOutput(NamedTuple):
-    """What the controller made of one tick."""
+    """Output of the controller in one tick."""
 
     command: Command  # joint torques
     motion: JointMotion  # joint motion that was aimed at
     tip: TipMotion  # measured motion of the tip
     state: LineState  # reference along the press line
-    in_contact: bool  # what the contact switch says
+    in_contact: bool  # state of the contact switch
     force_n: float  # measured force above the free-air mean [N]
     push_lever_m: FloatArray  # joint torques per force along the tool, shape (n,) [m]
     # accelerations that were added to stay on the motion, shape (n,) [rad/s^2].
@@ -58,7 +64,12 @@ class ControlOutput(NamedTuple):
 
 
 class ContactSwitch:
-    """Contact or not, with hysteresis and debounce; above `touch_force_n` is contact [N]."""
+    """Contact state with hysteresis and debounce.
+
+    Args:
+        gains: debounce and release share.
+        touch_force_n: force above which there is contact [N].
+    """
 
     def __init__(self, gains: TouchGains, touch_force_n: float) -> None:
         self._debounce, self._count = gains.debounce_samples, 0
@@ -66,7 +77,14 @@ class ContactSwitch:
         self.in_contact = False
 
     def update(self, force_n: float) -> bool:
-        """Judge one new force sample [N]; returns whether there is contact."""
+        """Judge one new force sample.
+
+        Args:
+            force_n: above the free-air mean [N].
+
+        Returns:
+            Whether there is contact.
+        """
         against = force_n < self.release_force_n if self.in_contact else force_n > self.touch_force_n
         self._count = self._count + 1 if against else 0
         if self._count >= self._debounce:
@@ -76,11 +94,15 @@ class ContactSwitch:
 
 
 class HybridController:
-    """Position and force along a press line; joint motions between lines.
+    """Position and force control along a press line; joint motions between lines.
 
-    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). Forces are held by the
-    law of that name in `HOLD_LAWS`, with what `estimated` knows of the object: stiffness [N/m], damping
-    [N s/m] and the surface along the press direction [m], NaN for nothing yet.
+    Args:
+        body: model of the arm.
+        sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
+        gains: of all laws.
+        hold_law: name in `HOLD_LAWS`.
+        estimated: returns the online estimate of stiffness [N/m], damping [N s/m] and surface along the press
+            direction [m], NaN before there is one; None for no estimator.
     """
 
     def __init__(
@@ -102,30 +124,53 @@ class HybridController:
         self._force_at_s = -math.inf
         self._touch_gains = gains.touch
         self.switch = ContactSwitch(gains.touch, gains.touch.touch_force_n)
-        self.guess = ObjectGuess()
+        self.quick_estimator = QuickEstimator()
         self.state = LineState(0.0)  # reference along the press line
         self.force_bias_n = 0.0  # force in free air, which counts as none
         self.surface_travel_m = 0.0  # where the last touch began, to within one tick
         self._clear_travel_m = 0.0  # where there was last no force
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured joint positions, with the measured force as that of free air."""
+        """Begin from the measured joint positions, with the measured force as the free-air force.
+
+        Args:
+            measurement: state of the arm.
+        """
         self._torque.reset()
         self.reference_rad = measurement.joint_position_rad.copy()
         self.force_bias_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
 
     def set_line(self, line: PressLine, travel_m: float) -> None:
-        """Follow `line` from now on, at rest at a travel [m]; the joints' reference must be there."""
+        """Follow a press line from now on, at rest.
+
+        Args:
+            line: the press line.
+            travel_m: travel at which the joints' reference is [m].
+        """
         self._line = line
         self.state = LineState(travel_m)
 
     def tare(self, force_bias_n: float, touch_force_n: float) -> None:
-        """Take a force [N] as that of free air, and another above it [N] as touch; clears the contact."""
+        """Set the free-air force and the touch force; the contact state is cleared.
+
+        Args:
+            force_bias_n: force in free air [N].
+            touch_force_n: force above it that counts as contact [N].
+        """
         self.force_bias_n = force_bias_n
         self.switch = ContactSwitch(self._touch_gains, touch_force_n)
 
     def step_joints(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> ControlOutput:
-        """Follow a motion of the joints in free air."""
+        """Follow a joint motion in free air.
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command and state.
+        """
         tip = self._body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
         force_n = measurement.force_n - self.force_bias_n
         if self._is_new(measurement):
@@ -133,9 +178,18 @@ class HybridController:
         return self._follow(measurement, motion, tip, force_n, dt_s)
 
     def step(self, measurement: Measurement, reference: HybridReference, dt_s: float) -> ControlOutput:
-        """Follow the press line as `reference` says.
+        """Follow the press line.
 
-        InputError: no line is set, or the reference left the arm's reach.
+        Args:
+            measurement: state of the arm.
+            reference: motion before contact, force in contact.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command and state.
+
+        Raises:
+            InputError: no line is set, or the reference left the arm's reach.
         """
         if self._line is None:
             raise InputError("hybrid controller: set_line comes before step")
@@ -150,7 +204,7 @@ class HybridController:
         return self._follow(measurement, motion, tip, force_n, dt_s)
 
     def _is_new(self, measurement: Measurement) -> bool:
-        """Whether the force was sampled since the last tick; a repeated sample proves nothing."""
+        """Whether the force was sampled since the last tick."""
         is_new = measurement.force_at_s > self._force_at_s and measurement.force_status == Status.OK
         self._force_at_s = max(self._force_at_s, measurement.force_at_s)
         return is_new
@@ -163,8 +217,8 @@ class HybridController:
             return
         if not was_in_contact:
             self.surface_travel_m = self._clear_travel_m
-            self.guess.reset()
-        self.guess.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
+            self.quick_estimator.reset()
+        self.quick_estimator.update(travel_m - self.surface_travel_m, speed_m_s, force_n, since_s)
 
     def _next_state(
         self, reference: HybridReference, force_n: float, speed_m_s: float, dt_s: float
@@ -183,26 +237,27 @@ class HybridController:
         self, goal: ForceGoal, force_n: float, measured_m_s: float, speed_m_s: float, dt_s: float
     ) -> float:
         """Acceleration of the reference [m/s^2]."""
-        compliance, gains = self.guess.compliance, self._contact_gains
+        compliance, gains = self.quick_estimator.compliance, self._contact_gains
         if goal.hold:
             state = self.state._replace(speed_m_s=speed_m_s)
-            wanted = self._hold_law(Held(goal.force_n, force_n, state, self._environment()), gains, dt_s)
-            wanted = min(wanted, (goal.speed_limit_m_s - speed_m_s) / dt_s)
-            return clip(wanted, -gains.yielding_m_s2, gains.yielding_m_s2)
-        # The measured speed would be right for the spring's share; the reference's own speed in its place
-        # integrates the force error. Half of each follows the limit closely and stays clear of oscillation.
+            hold = HoldState(goal.force_n, force_n, state, self._environment())
+            acceleration_m_s2 = self._hold_law(hold, gains, dt_s)
+            acceleration_m_s2 = min(acceleration_m_s2, (goal.speed_limit_m_s - speed_m_s) / dt_s)
+            return clip(acceleration_m_s2, -gains.yielding_m_s2, gains.yielding_m_s2)
+        # The measured speed gives the spring's share of the force; the reference's speed integrates the force
+        # error. The mean of both follows the limit closely and does not oscillate.
         spring_n = force_n - compliance.damping_n_s_m * 0.5 * (measured_m_s + speed_m_s)
         room_n = gains.loading_aim * goal.force_n - spring_n
         return loading_acceleration(speed_m_s, goal.speed_limit_m_s, room_n, compliance, gains)
 
     def _environment(self) -> Environment:
-        """What was estimated online, else the quick guess."""
-        guessed = Environment(self.guess.compliance, self.surface_travel_m)
+        """Return the online estimate, or the quick estimate if there is none."""
+        quick_estimate = Environment(self.quick_estimator.compliance, self.surface_travel_m)
         if self._estimated is None or self._line is None:
-            return guessed
+            return quick_estimate
         stiffness_n_m, damping_n_s_m, surface_m = self._estimated()
         if not stiffness_n_m > 0.0:
-            return guessed
+            return quick_estimate
         origin_m = float(self._line.start_world_m.dot(self._line.direction_world))
         compliance = within_bounds(Compliance(stiffness_n_m, damping_n_s_m))
         return Environment(compliance, surface_m - origin_m)

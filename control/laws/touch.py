@@ -1,31 +1,53 @@
-"""When a force is a touch: one rule for who controls and for who estimates."""
+"""Contact detection: one rule for control and for estimation."""
 
 import math
 from dataclasses import dataclass
 
 from control.laws.gains import TouchGains
 
-_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that are no noise any more
+_NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as contact
 
 
 def touch_force_n(noise_n: float, least_n: float = 0.0) -> float:
-    """Force above the free-air mean from which on there is contact [N], for noise of this standard deviation.
+    """Compute the force above the free-air mean from which on there is contact.
 
-    `least_n` is the touch force of a quieter sensor, see `TouchGains` [N].
+    Args:
+        noise_n: standard deviation of the force in free air [N].
+        least_n: touch force of a quieter sensor, see `TouchGains` [N].
+
+    Returns:
+        Touch force [N].
     """
     return max(least_n, _NOISE_FACTOR * noise_n)
 
 
 def release_force_n(touch_n: float, gains: TouchGains) -> float:
-    """Force above the free-air mean below which a contact that began at `touch_n` is over [N]."""
+    """Compute the force above the free-air mean below which a contact is over.
+
+    Args:
+        touch_n: touch force at which it began [N].
+        gains: share of the touch force.
+
+    Returns:
+        Release force [N].
+    """
     return gains.release_share * touch_n
 
 
 def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains: TouchGains) -> str | None:
-    """What is wrong, and what can be done about it; None if nothing is.
+    """Describe why no object can be probed with this free-air force.
 
-    A force in free air is tared away: if an object made it, all forces on it are larger by as much. And
-    nothing is noticed of an object before the touch, `touch_n` above it [N].
+    The force in free air is tared away: if an object made it, all later forces are wrong by as much. Below
+    the touch force an object is not noticed.
+
+    Args:
+        force_n: mean force in free air [N].
+        touch_n: touch force above it [N].
+        force_limit_n: force limit of the plan [N].
+        gains: largest shares of the force limit.
+
+    Returns:
+        Problem and remedy, or None.
     """
     limit = f"force_limit_n {force_limit_n:g} N"
     most_n = gains.bias_share * force_limit_n
@@ -46,14 +68,18 @@ def free_air_problem(force_n: float, touch_n: float, force_limit_n: float, gains
 
 @dataclass
 class RunningMean:
-    """Welford's recursion, which keeps its digits when the mean is large (Technometrics 4(3), 1962)."""
+    """Mean and standard deviation by Welford's recursion (Technometrics 4(3), 1962)."""
 
     count: int = 0
     mean: float = 0.0
     _squares: float = 0.0
 
     def add(self, value: float) -> None:
-        """Take in one sample."""
+        """Take in one sample.
+
+        Args:
+            value: the sample.
+        """
         self.count += 1
         before = value - self.mean
         self.mean += before / self.count
@@ -61,5 +87,5 @@ class RunningMean:
 
     @property
     def standard_deviation(self) -> float:
-        """Of the samples so far; 0 for fewer than two."""
+        """Standard deviation of the samples so far; 0 for fewer than two."""
         return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else 0.0

@@ -7,21 +7,19 @@ from time import perf_counter
 
 import numpy as np
 
-from control.loop.journal import Journal, Observer, TickLog
-from control.loop.phases import Phase
 from control.loop.result import LoopResult
-from control.loop.task import Task, TaskOutput, aimless_output, checked_output
-from control.loop.tick_record import NO_ESTIMATE, tick_record
+from control.loop.stop_handler import InterruptFlag, StopHandler, one_line
+from control.loop.task import Phase, Task, TaskOutput, blank_output, checked_output
+from control.loop.tick_record import NO_ESTIMATE, Journal, Observer, Tick, TickLog
 from control.loop.timing import LoopTiming, TickDurations, TickGrid
-from control.loop.way_out import InterruptFlag, WayOut, one_line
 from robot_io.clock import Clock
 from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.guard import Guard
 from robot_io.robot import Robot
 from robot_io.types import Command, FloatArray, Measurement, Status
 
-FIRST_SAMPLE_S = 1.0  # how long the devices may take to a first sample that is young enough
-READ_SHARE = 0.6  # of the period; then reading gives up, so that there is still time to command
+FIRST_SAMPLE_S = 1.0  # longest wait for a first sample that is young enough
+READ_SHARE = 0.6  # share of the period after which reading gives up, to leave time for the command
 
 
 def run_loop(
@@ -35,22 +33,27 @@ def run_loop(
     observer: Observer | None = None,
     stop: Callable[[], str] = lambda: "",
 ) -> LoopResult:
-    """Run a task until it is done, stopped or tripped; then see that the torque is off.
+    """Run a task until it is done, stopped or tripped; then switch the torque off.
 
-    The task is started with the torque still off; then the robot is activated and ticks run on a grid of
-    absolute times. A trip of the guard, Ctrl-C (also SIGTERM and SIGHUP; in the main thread only), `stop`, a
-    device that fails, an exception in the task or a result of it that is of no use all take one way out: the
-    guard's safe state, tick after tick until it is finished, then deactivation, which is tried whatever
-    happened before. Trouble with observer or log stops nothing by itself: the observer is switched off, the
-    log's failures are counted, both with an event. Who moves a real arm lets `stop` ask for its log.
+    The task starts with the torque off. Then the robot is activated, and ticks run on a grid of absolute
+    times. The run ends early by a trip of the guard, by Ctrl-C (also SIGTERM and SIGHUP; in the main thread
+    only), by `stop`, by a device that fails, and by an exception or an invalid output of the task. In all
+    these cases the guard's safe state runs until it is finished. Deactivation follows in every case. A
+    failure of observer or log does not stop the arm: the observer is switched off, failures of the log are
+    counted, both with an event.
 
-    The robot is configured and not active; on return it is deactivated, not closed. The guard is armed;
-    unless the task was done it is tripped on return, until it is re-armed. The log takes the records of the
-    stream "tick" and the events, and stays open. The observer is called after each command; `stop` is asked
-    once a tick, and ends the run by giving a reason that is not empty.
+    Args:
+        robot: configured and not active; on return it is deactivated, not closed.
+        guard: armed; after an early end it stays tripped until it is re-armed.
+        task: what the arm does.
+        clock: real or simulated time.
+        log: takes the records of the stream "tick" and the events, and stays open.
+        rate_hz: control rate [Hz].
+        observer: called after each command.
+        stop: asked once a tick; a reason that is not empty ends the run. On a real arm it watches the log.
 
     Returns:
-        How it ended; `LoopResult.raise_for_trip` turns a bad end into an error.
+        How the run ended; `LoopResult.raise_for_trip` turns a bad end into an error.
 
     Raises:
         InputError: the rate is not positive.
@@ -66,8 +69,8 @@ def run_loop(
     with InterruptFlag() as interrupt:
         measurement = first_measurement(robot, guard, clock, 1.0 / rate_hz)
         journal = Journal(log, observer)
-        way_out = WayOut(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
-        loop = _Loop(task, way_out, 1.0 / rate_hz)
+        stop_handler = StopHandler(guard, robot, clock, journal, interrupt=interrupt, stop=stop)
+        loop = _Loop(task, stop_handler, 1.0 / rate_hz)
         loop.run(measurement)
         duration_s, wall_s = clock.now_s() - begun_s, perf_counter() - begun_wall_s
         result = replace(loop.result(), duration_s=duration_s, wall_s=wall_s)
@@ -76,11 +79,22 @@ def run_loop(
 
 
 def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float) -> Measurement:
-    """Read, every `period_s` [s], until every device has a sample that the guard takes as young enough.
+    """Read until every device has a sample that is young enough for the guard.
 
-    What has waited in a line since the devices were opened is old, and some speak only when they are asked.
+    Samples that waited in a line since the devices were opened are old, and some devices speak only when
+    asked.
 
-    DeviceTimeoutError: some have none within `FIRST_SAMPLE_S`, by name.
+    Args:
+        robot: configured.
+        guard: knows the age limits.
+        clock: real or simulated time.
+        period_s: time between reads [s].
+
+    Returns:
+        The first measurement with young samples of all devices.
+
+    Raises:
+        DeviceTimeoutError: a device has none within `FIRST_SAMPLE_S`; the error names it.
     """
     give_up_s = clock.now_s() + FIRST_SAMPLE_S
     while True:
@@ -99,21 +113,21 @@ def first_measurement(robot: Robot, guard: Guard, clock: Clock, period_s: float)
 class _Loop:
     """One run of `run_loop`."""
 
-    def __init__(self, task: Task, way_out: WayOut, period_s: float) -> None:
-        self._robot, self._guard, self._clock = way_out.robot, way_out.guard, way_out.clock
-        self._journal, self._way_out, self._task = way_out.journal, way_out, task
+    def __init__(self, task: Task, stop_handler: StopHandler, period_s: float) -> None:
+        self._robot, self._guard, self._clock = stop_handler.robot, stop_handler.guard, stop_handler.clock
+        self._journal, self._stop, self._task = stop_handler.journal, stop_handler, task
         self._period_s, self._grid = period_s, TickGrid(self._clock.now_s(), period_s)
         self._timing = LoopTiming()
-        self._reference_rad: FloatArray | None = None  # what the joints were to follow in the tick before
+        self._reference_rad: FloatArray | None = None  # joint reference of the tick before
         self._log_s = 0.0  # of the tick before
         self._ticks = self._unsent = 0
         self._deactivation_error = ""
         self._joints = (self._robot.joint_count,)
         self._unknown = np.full(self._joints, np.nan)
-        self._stopped_output = aimless_output(*self._joints, Phase.STOPPED)  # while the guard commands
+        self._stopped_output = blank_output(*self._joints, Phase.STOPPED)  # while the guard commands
 
     def run(self, measurement: Measurement) -> None:
-        """Everything from the start of the task to torque off."""
+        """Run from the start of the task to torque off."""
         self._measurement = measurement
         self._guard.watch(measurement)
         if not self._guard.tripped:
@@ -122,15 +136,23 @@ class _Loop:
             if not self._guard.tripped:  # else the arm is never powered
                 self._task.start(measurement)
                 self._robot.activate()
-                self._spin()
+                self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
+                periods, ended = 1, False
+                while not ended:
+                    ended = self._safe_tick(periods * self._period_s)
+                    periods = self._grid.advance(self._clock.now_s())
         finally:
-            self._deactivate()
+            try:
+                self._robot.deactivate()
+            except Exception as error:
+                self._deactivation_error = one_line(error)
+                self._stop.fail("switching the torque off", error)
 
     def result(self) -> LoopResult:
         """How it ended, but for the times."""
         return LoopResult(
-            outcome=self._way_out.outcome,
-            cause=self._way_out.cause,
+            outcome=self._stop.outcome,
+            cause=self._stop.cause,
             ticks=self._ticks,
             overruns=self._grid.overruns,
             skipped=self._grid.skipped,
@@ -141,39 +163,32 @@ class _Loop:
             unsent=self._unsent,
             deactivation_error=self._deactivation_error,
             timing=self._timing.summary(),
-            error=self._way_out.error,
+            error=self._stop.error,
         )
 
-    def _spin(self) -> None:
-        self._grid = TickGrid(self._clock.now_s() + self._period_s, self._period_s)
-        periods, ended = 1, False
-        while not ended:
-            ended = self._safe_tick(periods * self._period_s)
-            periods = self._grid.advance(self._clock.now_s())
-
     def _safe_tick(self, dt_s: float) -> bool:
-        """One tick, when it is due; true if it was the last. What nobody else catches trips the guard."""
+        """Run one tick when it is due; an exception trips the guard. Returns whether it was the last."""
         stopping = self._guard.tripped is not None
         try:
             self._clock.sleep_until(self._grid.due_s)
             return self._tick(dt_s)
         except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
-            self._way_out.fail("the loop", error)
-            return stopping  # and what fails while the arm is stopped leaves nobody to brake it: torque off
+            self._stop.fail("the loop", error)
+            return stopping  # a failure during the safe stop ends the run: torque off
 
     def _tick(self, dt_s: float) -> bool:
-        """One tick, `dt_s` after the one before [s]; true if it was the last."""
+        """Run one tick, `dt_s` [s] after the one before; returns whether it was the last."""
         guard = self._guard
         woken = perf_counter()
         now_s = self._clock.now_s()
-        self._way_out.heed_requests()
+        self._stop.check_requests()
         measurement = self._read(now_s)
         read = perf_counter()
         guard.watch(measurement, self._reference_rad)
         watched = perf_counter()
         output = self._stopped_output if guard.tripped else self._step(measurement, dt_s)
         stepped = perf_counter()
-        measurement = self._unless_held_up(measurement)
+        measurement = self._aged_if_held_up(measurement)
         command = guard.limit(output.command, measurement, dt_s)
         limited = perf_counter()
         sent_nm = self._write(command, now_s)
@@ -181,8 +196,8 @@ class _Loop:
 
         tripped = guard.tripped is not None
         if tripped:
-            self._way_out.note_trip()
-            output = output._replace(phase=Phase.STOPPED)  # also where the guard refused what the task wanted
+            self._stop.log_trip()
+            output = output._replace(phase=Phase.STOPPED)  # also if the guard refused the task's command
         estimates = NO_ESTIMATE if tripped else self._journal.observe(measurement, output)
         observed = perf_counter()
         durations = TickDurations(
@@ -194,8 +209,8 @@ class _Loop:
             log_s=self._log_s,
             lateness_s=max(0.0, now_s - self._grid.due_s),
         )
-        record = tick_record(self._grid.index, measurement, output, sent_nm, tripped, estimates, durations)
-        self._journal.tick(measurement.time_s, record, output.events)
+        tick = Tick(self._grid.index, measurement, output, sent_nm, tripped, estimates, durations)
+        self._journal.log_tick(tick)
         self._reference_rad = None if tripped else output.reference_position_rad
         self._ticks += 1
         self._timing.add(durations)
@@ -203,11 +218,11 @@ class _Loop:
         return guard.finished if tripped else output.done
 
     def _read(self, now_s: float) -> Measurement:
-        """This tick's measurement; if reading fails, the last one, marked as the old one that it is."""
+        """Read this tick's measurement; if that fails, mark the last one as stale."""
         try:
             self._measurement = self._robot.read(now_s + READ_SHARE * self._period_s)
         except Exception as error:
-            self._way_out.fail("reading the robot", error)
+            self._stop.fail("reading the robot", error)
             stale = Status.STALE
             self._measurement = self._measurement._replace(
                 time_s=now_s, encoder_status=stale, torque_status=stale, force_status=stale
@@ -218,11 +233,11 @@ class _Loop:
         try:
             return checked_output(self._task.step(measurement, dt_s), self._joints)
         except (Exception, SystemExit, KeyboardInterrupt) as error:  # sys.exit() must not drop the arm
-            self._way_out.fail("the task", error)
+            self._stop.fail("the task", error)
             return self._stopped_output
 
-    def _unless_held_up(self, measurement: Measurement) -> Measurement:
-        """The measurement; dated now, and so too old to act on, where the program was held up since then."""
+    def _aged_if_held_up(self, measurement: Measurement) -> Measurement:
+        """Date the measurement now, so that its samples count as too old, if the program was held up."""
         held_s = (now_s := self._clock.now_s()) - measurement.time_s
         if held_s <= self._guard.longest_hold_up_s:
             return measurement
@@ -230,17 +245,10 @@ class _Loop:
         return measurement._replace(time_s=now_s)
 
     def _write(self, command: Command, now_s: float) -> FloatArray:
-        """Send a command; returns what was sent, NaN if nothing was."""
+        """Send a command; returns the sent torques, shape (n,) [N m], NaN if sending failed."""
         try:
             return self._robot.write(command, now_s + self._period_s).joint_torque_nm
         except Exception as error:
             self._unsent += 1
-            self._way_out.fail("commanding the robot", error)
+            self._stop.fail("commanding the robot", error)
             return self._unknown
-
-    def _deactivate(self) -> None:
-        try:
-            self._robot.deactivate()
-        except Exception as error:
-            self._deactivation_error = one_line(error)
-            self._way_out.fail("switching the torque off", error)

@@ -1,4 +1,4 @@
-"""The operating system's help for punctual ticks: switched on where permitted, said plainly where not."""
+"""Real-time help of the operating system: switched on where permitted, reported where not."""
 
 import ctypes
 import gc
@@ -16,7 +16,7 @@ _TIMER_SLACK_NS = 1  # the default of 50 us is added to every sleep of a thread 
 
 @dataclass(frozen=True, slots=True)
 class RealtimeReport:
-    """What was granted and what was not."""
+    """Which kinds of help were granted."""
 
     granted: tuple[str, ...]  # names of what is on, such as "SCHED_FIFO"
     refused: tuple[str, ...]  # one line for each thing that is not on: what, why, and what to do about it
@@ -33,10 +33,16 @@ class RealtimeReport:
 
 @contextmanager
 def realtime(priority: int = 80) -> Iterator[RealtimeReport]:
-    """Make the calling thread punctual while the context is open, and put everything back afterwards.
+    """Make the calling thread punctual while the context is open; restore everything afterwards.
 
-    For loops on a real clock only: on simulated time the thread would never sleep and starve others. Being
-    refused is no error. The priority of SCHED_FIFO is 1 to 99; 80 is above the usual interrupt threads' 50.
+    For loops on a real clock only: on simulated time the thread never sleeps and would starve others. A
+    refused kind of help is no error.
+
+    Args:
+        priority: of SCHED_FIFO, 1 to 99; 80 is above the usual interrupt threads' 50.
+
+    Yields:
+        What was granted and what was refused.
     """
     switches: tuple[tuple[str, str, Callable[[], AbstractContextManager[None]]], ...] = (
         ("fine timer", "each sleep may be 50 us longer", _fine_timer),

@@ -18,7 +18,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LoopResult:
-    """How a run of the loop ended. However it ended, the robot has been told to switch its torque off."""
+    """Result of a run of the loop. In every case the robot has been told to switch its torque off."""
 
     outcome: Outcome  # finished, stopped or tripped
     cause: str = ""  # why it was stopped or tripped; empty when the task was done
@@ -27,8 +27,7 @@ class LoopResult:
     skipped: int = 0  # instants of the grid that passed without a tick
     dropped: int = 0  # records that found no room in the log
     log_failures: int = 0  # calls of the log that failed; the arm is not stopped for it
-    # why the log is not complete (such as a full disk), empty if nothing is known against it.
-    log_error: str = ""
+    log_error: str = ""  # why the log is incomplete (such as a full disk), empty if no reason is known
     observer_error: str = ""  # why the observer was switched off, empty if it was not
     unsent: int = 0  # commands that could not be sent
     deactivation_error: str = ""  # why switching the torque off could not be confirmed, empty if it was
@@ -39,12 +38,12 @@ class LoopResult:
 
     @property
     def is_clean(self) -> bool:
-        """Whether nothing was late, lost or left open, however it ended."""
+        """Whether nothing was late, lost or left open."""
         troubles = self.log_error or self.observer_error or self.deactivation_error
         return not (troubles or self.overruns or self.dropped or self.unsent)
 
     def one_line(self) -> str:
-        """What a person wants to know first, with everything that went wrong and nothing that did not."""
+        """Summarise outcome and problems in one line."""
         text = f"{self.outcome}{': ' if self.cause else ''}{self.cause}; {self.ticks} ticks"
         for count, what in (
             (self.overruns, "overruns"),
@@ -61,11 +60,11 @@ class LoopResult:
         return text
 
     def raise_for_trip(self) -> None:
-        """Raise if the loop was tripped, or if the torque may still be on.
+        """Raise an error if the guard tripped, or if the torque may still be on.
 
         Raises:
             SafetyTripError: a limit was exceeded, or the torque could not be switched off.
-            PalpateError: a device or the task failed; chained to what was raised there.
+            PalpateError: a device or the task failed; chained to the original exception.
         """
         if self.deactivation_error:
             said = not self.cause or self.deactivation_error in self.cause

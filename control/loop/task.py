@@ -3,14 +3,29 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from control.arm.rigid_body import TipMotion
-from control.loop.phases import Phase
 from control.paths.trajectory import JointMotion
 from robot_io.types import Command, FloatArray, Measurement
+
+
+class Phase(IntEnum):
+    """Phase of a task, as logged in every tick."""
+
+    IDLE = 0  # active, holding still, nothing asked
+    MOVE = 1  # free motion between targets
+    APPROACH = 2  # towards the object, not touching yet
+    LOADING = 3  # in contact, moving in
+    HOLD = 4  # in contact, force held
+    UNLOADING = 5  # in contact, moving out
+    RETRACT = 6  # contact lost, moving away from the object
+    FREE_AIR = 7  # on purpose without contact, for the noise floor and the arm's own dynamics
+    STOPPED = 8  # the safe state: the guard commands, not the task
+
 
 NO_RUN = -1  # `run` between runs
 _SPACE = (3,)
@@ -25,7 +40,7 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True)
 class TaskEvent:
-    """Something worth a line in the session, such as the touch of the object."""
+    """An event worth a line in the session, such as the touch of the object."""
 
     kind: str  # short word for filters, such as "touch"
     text: str  # one sentence for people
@@ -33,9 +48,9 @@ class TaskEvent:
 
 
 class TaskOutput(NamedTuple):
-    """What a task wants in one tick, and what it was aiming at."""
+    """Command and reference of one tick."""
 
-    command: Command  # joint torques wanted; the guard has the last word
+    command: Command  # joint torques; the guard may limit or replace them
     reference_position_rad: FloatArray  # shape (n,), where the joints should be [rad]
     reference_velocity_rad_s: FloatArray  # shape (n,), how fast they should move [rad/s]
     # shape (3,), measured tip (forward kinematics of the measured joints) [m].
@@ -45,25 +60,36 @@ class TaskOutput(NamedTuple):
     desired_force_n: float  # contact force aimed at, positive in compression [N]; NaN when it is free
     phase: Phase  # what the arm is doing
     run: int = NO_RUN  # number of the probing run from 0, or `NO_RUN` between runs
-    # the task has ended: this command is the last, and the arm may be let go where it stands.
-    done: bool = False
+    done: bool = False  # the task has ended: this command is the last, and the torque may go off
     events: tuple[TaskEvent, ...] = ()  # what happened in this tick
 
 
 class Task(Protocol):
-    """Anything the loop can run; it sees measurements and time steps, never devices or clocks."""
+    """Anything that the loop can run.
+
+    A task sees measurements and time steps, never devices or clocks.
+    """
 
     def start(self, measurement: Measurement) -> None:
-        """Begin from the measured state; called once, in the first tick before `step`."""
+        """Begin from the measured state; called once, in the first tick before `step`.
+
+        Args:
+            measurement: state of the arm.
+        """
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """One tick; what is raised, or returned in another shape than `TaskOutput` says, stops the arm.
+        """Compute one tick; an exception or an output of another shape stops the arm.
 
-        `dt_s` is the time since the previous tick [s]; a whole multiple of the period after an overrun.
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the previous tick [s]; a multiple of the period after an overrun.
+
+        Returns:
+            Command, reference and events of the tick.
         """
 
 
-def aimed_output(
+def make_output(
     command: Command,
     motion: JointMotion,
     tip: TipMotion,
@@ -75,7 +101,22 @@ def aimed_output(
     done: bool = False,
     events: tuple[TaskEvent, ...] = (),
 ) -> TaskOutput:
-    """The output of a task that aimed at a motion of the joints; `tip` is measured, the rest as there."""
+    """Make the output of a task that follows a motion of the joints.
+
+    Args:
+        command: joint torques.
+        motion: reference of the joints.
+        tip: measured motion of the tip.
+        direction: unit vector into the object, shape (3,), world frame.
+        phase: phase of the task.
+        desired_force_n: contact force aimed at, positive in compression [N]; NaN if the force is free.
+        run: number of the probing run, or `NO_RUN`.
+        done: whether the task has ended.
+        events: what happened in the tick.
+
+    Returns:
+        The output, with the measured tip motion.
+    """
     position_m, velocity_m_s = tip.position_world_m, tip.velocity_world_m_s
     aimed = (motion.position_rad, motion.velocity_rad_s)
     return TaskOutput(
@@ -83,8 +124,17 @@ def aimed_output(
     )
 
 
-def aimless_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOutput:
-    """What a record shows of a tick without a task: no torque, nothing aimed at, no tip computed."""
+def blank_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOutput:
+    """Make the output of a tick without a task: zero torque, no reference, no tip.
+
+    Args:
+        joint_count: number of joints n.
+        phase: phase to record.
+        run: number of the probing run, or `NO_RUN`.
+
+    Returns:
+        An output whose arrays hold NaN.
+    """
     joints, space = np.full(joint_count, np.nan), np.full(3, np.nan)
     return TaskOutput(
         Command(np.zeros(joint_count)), joints, joints, space, space, space, math.nan, phase, run
@@ -92,13 +142,18 @@ def aimless_output(joint_count: int, phase: Phase, run: int = NO_RUN) -> TaskOut
 
 
 def checked_output(output: object, joints: tuple[int]) -> TaskOutput:
-    """A task's output, if its parts have the types and shapes that the loop needs; values are the guard's.
+    """Check types and shapes of a task's output; the guard checks values.
 
-    A fault of the task so is found in its own tick. `joints` is the shape of the joints' arrays, (n,).
+    Args:
+        output: what `Task.step` returned.
+        joints: shape of the joints' arrays, (n,).
+
+    Returns:
+        The same object.
 
     Raises:
-        TypeError: it is no `TaskOutput`, or a part of it is of another type.
-        ValueError: an array has another shape.
+        TypeError: it is no `TaskOutput`, or a part of it has the wrong type.
+        ValueError: an array has the wrong shape.
     """
     if not isinstance(output, TaskOutput):
         raise TypeError(f"step returned a {type(output).__name__}, not a TaskOutput")

@@ -1,9 +1,11 @@
-"""What a session keeps of every tick: the stream called "tick", and its records."""
+"""What a session keeps of every tick: the stream "tick", its records, and the log that takes them."""
 
 import math
+from collections.abc import Callable, Mapping
+from operator import attrgetter
+from typing import NamedTuple, Protocol
 
-from control.loop.phases import Phase
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from control.loop.timing import TickDurations
 from robot_io.session import Column, Stream
 from robot_io.types import FloatArray, Measurement
@@ -15,86 +17,217 @@ Estimates = tuple[float, float, float]
 NO_ESTIMATE: Estimates = (math.nan, math.nan, math.nan)
 
 
+class Tick(NamedTuple):
+    """Everything that one tick of the loop read, computed and sent."""
+
+    number: int  # number of the tick on the loop's grid
+    measurement: Measurement
+    output: TaskOutput
+    sent_torque_nm: FloatArray  # shape (n,), NaN if sending failed [N m]
+    tripped: bool  # whether the guard has tripped
+    estimates: Estimates
+    durations: TickDurations
+
+
+_PHASES = ", ".join(f"{phase.value} {phase.name}" for phase in Phase)
+_STATUS = "0 OK, 1 STALE, 2 SATURATED, 3 FAULT"
+_PER_JOINT = 0  # width of a column with one value for each joint
+# Attribute of `Tick`, and the column that holds it: name, unit, width, description, type.
+_COLUMNS = (
+    ("number", "tick", "1", 1, "number of the tick on the loop's grid; a gap is an overrun", "int64"),
+    ("measurement.time_s", "time_s", "s", 1, "start of the tick on the robot's clock", "float64"),
+    ("output.run", "run", "1", 1, "number of the probing run, -1 between runs", "int32"),
+    ("output.phase", "phase", "1", 1, _PHASES, "int32"),
+    ("measurement.joint_position_rad", "joint_position_rad", "rad", _PER_JOINT, "measured", "float64"),
+    ("measurement.joint_velocity_rad_s", "joint_velocity_rad_s", "rad/s", _PER_JOINT, "measured", "float64"),
+    (
+        *("measurement.joint_torque_nm", "torque_measured_nm", "N m", _PER_JOINT),
+        *("measured by the drives", "float64"),
+    ),
+    (
+        *("output.command.joint_torque_nm", "torque_commanded_nm", "N m", _PER_JOINT),
+        *("wanted by the controller; 0 in STOPPED", "float64"),
+    ),
+    ("sent_torque_nm", "torque_sent_nm", "N m", _PER_JOINT, "really sent; NaN if sending failed", "float64"),
+    ("measurement.force_n", "force_n", "N", 1, "contact force, positive in compression", "float64"),
+    ("output.reference_position_rad", "reference_position_rad", "rad", _PER_JOINT, "aimed at", "float64"),
+    (
+        *("output.reference_velocity_rad_s", "reference_velocity_rad_s", "rad/s", _PER_JOINT),
+        *("aimed at", "float64"),
+    ),
+    ("output.tip_position_world_m", "tip_position_world_m", "m", 3, "of the measured joints", "float64"),
+    (
+        *("output.tip_velocity_world_m_s", "tip_velocity_world_m_s", "m/s", 3),
+        *("of the measured joints", "float64"),
+    ),
+    (
+        "output.press_direction_world",
+        "press_direction_world",
+        "1",
+        3,
+        "unit vector into the object",
+        "float64",
+    ),
+    ("output.desired_force_n", "desired_force_n", "N", 1, "aimed at; NaN where the force is free", "float64"),
+    ("measurement.encoder_at_s", "encoder_at_s", "s", 1, "when the encoders sampled", "float64"),
+    ("measurement.torque_at_s", "torque_at_s", "s", 1, "when the torques were sampled", "float64"),
+    ("measurement.force_at_s", "force_at_s", "s", 1, "when the force was sampled", "float64"),
+    ("measurement.encoder_status", "encoder_status", "1", 1, _STATUS, "int32"),
+    ("measurement.torque_status", "torque_status", "1", 1, _STATUS, "int32"),
+    ("measurement.force_status", "force_status", "1", 1, _STATUS, "int32"),
+    ("tripped", "guard_tripped", "1", 1, "true once the guard has tripped", "bool"),
+)
+# In the order of `Estimates`, then of `TickDurations`.
+_ESTIMATE_COLUMNS = (
+    Column("stiffness_n_m", "N/m", 1, "online estimate, NaN if none"),
+    Column("damping_n_s_m", "N s/m", 1, "online estimate, NaN if none"),
+    Column("surface_m", "m", 1, "online estimate along the press direction, NaN if none"),
+)
+_DURATIONS = (
+    *("time spent reading the robot", "time spent in the task", "time spent in the guard"),
+    *("time spent writing the command", "time spent in the online estimator"),
+    *("time spent logging the tick before", "woken up after the tick was due"),
+)
+_values = attrgetter(*(attribute for attribute, *_ in _COLUMNS))
+
+
 def tick_stream(joint_count: int) -> Stream:
-    """The columns of a tick of an arm with n joints."""
-    n = joint_count
-    phases = ", ".join(f"{phase.value} {phase.name}" for phase in Phase)
-    status = "0 OK, 1 STALE, 2 SATURATED, 3 FAULT"
-    return Stream(
-        STREAM_NAME,
-        (
-            Column("tick", "1", 1, "number of the tick on the loop's grid; a gap is an overrun", "int64"),
-            Column("time_s", "s", 1, "start of the tick on the robot's clock", "float64"),
-            Column("run", "1", 1, "number of the probing run, -1 between runs", "int32"),
-            Column("phase", "1", 1, phases, "int32"),
-            Column("joint_position_rad", "rad", n, "measured", "float64"),
-            Column("joint_velocity_rad_s", "rad/s", n, "measured", "float64"),
-            Column("torque_measured_nm", "N m", n, "measured by the drives", "float64"),
-            Column("torque_commanded_nm", "N m", n, "wanted by the controller; 0 in STOPPED", "float64"),
-            Column("torque_sent_nm", "N m", n, "really sent; NaN if sending failed", "float64"),
-            Column("force_n", "N", 1, "contact force, positive in compression", "float64"),
-            Column("reference_position_rad", "rad", n, "aimed at", "float64"),
-            Column("reference_velocity_rad_s", "rad/s", n, "aimed at", "float64"),
-            Column("tip_position_world_m", "m", 3, "of the measured joints", "float64"),
-            Column("tip_velocity_world_m_s", "m/s", 3, "of the measured joints", "float64"),
-            Column("press_direction_world", "1", 3, "unit vector into the object", "float64"),
-            Column("desired_force_n", "N", 1, "aimed at; NaN where the force is free", "float64"),
-            Column("encoder_at_s", "s", 1, "when the encoders sampled", "float64"),
-            Column("torque_at_s", "s", 1, "when the torques were sampled", "float64"),
-            Column("force_at_s", "s", 1, "when the force was sampled", "float64"),
-            Column("encoder_status", "1", 1, status, "int32"),
-            Column("torque_status", "1", 1, status, "int32"),
-            Column("force_status", "1", 1, status, "int32"),
-            Column("guard_tripped", "1", 1, "true once the guard has tripped", "bool"),
-            Column("stiffness_n_m", "N/m", 1, "online estimate, NaN if none", "float64"),
-            Column("damping_n_s_m", "N s/m", 1, "online estimate, NaN if none", "float64"),
-            Column("surface_m", "m", 1, "online estimate along the press direction, NaN if none", "float64"),
-            # In the order of `TickDurations`.
-            Column("read_s", "s", 1, "time spent reading the robot", "float64"),
-            Column("control_s", "s", 1, "time spent in the task", "float64"),
-            Column("guard_s", "s", 1, "time spent in the guard", "float64"),
-            Column("write_s", "s", 1, "time spent writing the command", "float64"),
-            Column("observer_s", "s", 1, "time spent in the online estimator", "float64"),
-            Column("log_s", "s", 1, "time spent logging the tick before", "float64"),
-            Column("lateness_s", "s", 1, "woken up after the tick was due", "float64"),
-        ),
+    """Describe the columns of a tick.
+
+    Args:
+        joint_count: number of joints n of the arm.
+
+    Returns:
+        The stream "tick", whose records `tick_record` makes.
+    """
+    columns = (
+        Column(name, unit, width or joint_count, text, dtype)
+        for _, name, unit, width, text, dtype in _COLUMNS
     )
+    durations = zip(TickDurations._fields, _DURATIONS, strict=True)
+    timing = (Column(name, "s", 1, what) for name, what in durations)
+    return Stream(STREAM_NAME, (*columns, *_ESTIMATE_COLUMNS, *timing))
 
 
-def tick_record(  # noqa: PLR0917 (what a tick is made of)
-    tick: int,
-    measurement: Measurement,
-    output: TaskOutput,
-    sent_torque_nm: FloatArray,
-    tripped: bool,
-    estimates: Estimates,
-    durations: TickDurations,
-) -> tuple[object, ...]:
-    """One record of `tick_stream`, with a value for each column."""
-    return (
-        tick,
-        measurement.time_s,
-        output.run,
-        output.phase,
-        measurement.joint_position_rad,
-        measurement.joint_velocity_rad_s,
-        measurement.joint_torque_nm,
-        output.command.joint_torque_nm,
-        sent_torque_nm,
-        measurement.force_n,
-        output.reference_position_rad,
-        output.reference_velocity_rad_s,
-        output.tip_position_world_m,
-        output.tip_velocity_world_m_s,
-        output.press_direction_world,
-        output.desired_force_n,
-        measurement.encoder_at_s,
-        measurement.torque_at_s,
-        measurement.force_at_s,
-        measurement.encoder_status,
-        measurement.torque_status,
-        measurement.force_status,
-        tripped,
-        *estimates,
-        *durations,
-    )
+def tick_record(tick: Tick) -> tuple[object, ...]:
+    """Make one record of `tick_stream`.
+
+    Args:
+        tick: what happened in the tick.
+
+    Returns:
+        A value for each column, in their order.
+    """
+    return (*_values(tick), *tick.estimates, *tick.durations)
+
+
+Observer = Callable[[Measurement, TaskOutput], Estimates]
+"""Computes online estimates from a tick's measurement and output, after the command is sent; NaN for none."""
+
+
+class TickLog(Protocol):
+    """The part of a session's writer that the loop needs; neither call may block."""
+
+    @property
+    def dropped(self) -> int:
+        """Number of records that found no room and are lost."""
+
+    @property
+    def failure(self) -> str | None:
+        """Why records no longer reach the disk; None if they do."""
+
+    def append(self, stream_name: str, record: tuple[object, ...]) -> object:
+        """Take over one record.
+
+        Args:
+            stream_name: name of the stream.
+            record: a value for each column of the stream.
+        """
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> object:
+        """Take over one event.
+
+        Args:
+            time_s: time on the robot's clock [s].
+            kind: short word for filters.
+            text: one sentence for people.
+            data: values for programs.
+        """
+
+
+class Journal:
+    """Passes each tick to the observer, if there is one, and logs it.
+
+    A failing observer is switched off; failures of the log are counted. Neither stops the loop.
+    """
+
+    def __init__(self, log: TickLog, observer: Observer | None) -> None:
+        self.log_failures = 0
+        self.log_error = self.observer_error = ""  # the first failure of each
+        self._log, self._observer = log, observer
+
+    @property
+    def log_trouble(self) -> str:
+        """Why the log is incomplete; empty if no reason is known."""
+        return self.log_error or self._log.failure or ""
+
+    @property
+    def dropped(self) -> int:
+        """Number of records that found no room in the log."""
+        return self._log.dropped
+
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """Ask the observer for its estimates.
+
+        Args:
+            measurement: state of the arm.
+            output: what the task made of it.
+
+        Returns:
+            Online estimates, NaN if there are none.
+        """
+        if self._observer is None:
+            return NO_ESTIMATE
+        try:
+            stiffness_n_m, damping_n_s_m, surface_m = self._observer(measurement, output)
+            return float(stiffness_n_m), float(damping_n_s_m), float(surface_m)
+        except Exception as error:
+            self._observer = None
+            self.observer_error = f"{type(error).__name__}: {error}"
+            text = f"online estimation is off: {self.observer_error}"
+            self.event(measurement.time_s, "observer_failed", text)
+            return NO_ESTIMATE
+
+    def log_tick(self, tick: Tick) -> None:
+        """Log a tick's record and its events.
+
+        Args:
+            tick: what happened in the tick.
+        """
+        time_s, record = tick.measurement.time_s, tick_record(tick)
+        try:
+            self._log.append(STREAM_NAME, record)
+        except Exception as error:
+            self._log_failed(error, time_s)
+        for event in tick.output.events:
+            self.event(time_s, event.kind, event.text, event.data)
+
+    def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
+        """Log one event.
+
+        Args:
+            time_s: time on the robot's clock [s].
+            kind: short word for filters.
+            text: one sentence for people.
+            data: values for programs.
+        """
+        try:
+            self._log.event(time_s, kind, text, data)
+        except Exception as error:
+            self._log_failed(error, time_s)
+
+    def _log_failed(self, error: Exception, time_s: float) -> None:
+        self.log_failures += 1
+        if not self.log_error:
+            self.log_error = f"{type(error).__name__}: {error}"
+            self.event(time_s, "log_failed", f"a record could not be logged: {self.log_error}")

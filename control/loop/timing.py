@@ -1,4 +1,4 @@
-"""How long the sections of a tick take, in histograms: constant memory, however long the run."""
+"""Durations of a tick's sections in histograms of constant memory, and the grid of ticks."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _BATCH = 256  # ticks sorted in at once, which takes little longer than for one
 
 
 class TickDurations(NamedTuple):
-    """Time spent in the sections of one tick that are over when its record is made [s]."""
+    """Durations of one tick's sections that have ended when its record is made [s]."""
 
     read_s: float
     control_s: float
@@ -25,7 +25,7 @@ class TickDurations(NamedTuple):
     write_s: float
     observer_s: float
     log_s: float  # of the tick before
-    lateness_s: float  # woken up after the tick was due, on the loop's own clock: zero on simulated time
+    lateness_s: float  # woken up after the tick was due, on the loop's clock; zero on simulated time
 
 
 SECTIONS = (*(name.removesuffix("_s") for name in TickDurations._fields), "tick")
@@ -51,18 +51,30 @@ class Histogram:
 
     @property
     def count(self) -> int:
-        """How many durations there are."""
+        """Number of durations counted."""
         return int(self._bins.sum())
 
     def add(self, durations_s: FloatArray) -> None:
-        """Count some durations, shape (n,) [s]."""
+        """Count durations.
+
+        Args:
+            durations_s: shape (n,) [s].
+        """
         bins = np.log2(np.clip(durations_s, 1e-9, 1e9)) * _BINS_PER_OCTAVE
         bins = np.clip(np.floor(bins).astype(np.int64), _FIRST_BIN, _LAST_BIN) - _FIRST_BIN
         self._bins += np.bincount(bins, minlength=len(self._bins))
         self.max_s = max(self.max_s, float(durations_s.max(initial=0.0)))
 
     def percentile(self, percent: float) -> float:
-        """Duration [s] that `percent` of them did not exceed, to 1.1 %; 0 below 60 ns, NaN of nothing."""
+        """Compute a percentile to 1.1 %.
+
+        Args:
+            percent: 0 to 100.
+
+        Returns:
+            Duration that `percent` of the counted ones did not exceed [s]; 0 below 60 ns, NaN if none was
+                counted.
+        """
         if not self.count:
             return math.nan
         rank = max(1, math.ceil(percent / 100.0 * self.count - 1e-9))  # 99.9 % of 1000 is 999, not 1000
@@ -71,7 +83,7 @@ class Histogram:
         return min(middle_s, self.max_s) if index else 0.0
 
     def summary(self) -> SectionTiming:
-        """The figures that are reported."""
+        """Compute the reported figures."""
         return SectionTiming(
             self.count, self.percentile(50.0), self.percentile(99.0), self.percentile(99.9), self.max_s
         )
@@ -85,7 +97,11 @@ class LoopTiming:
         self._histograms = {name: Histogram() for name in SECTIONS}
 
     def add(self, durations: TickDurations) -> None:
-        """Count one tick."""
+        """Count one tick.
+
+        Args:
+            durations: of its sections [s].
+        """
         self._recent.append(durations)
         if len(self._recent) == _BATCH:
             self._sort_in()
@@ -98,7 +114,7 @@ class LoopTiming:
             histogram.add(column_s)
 
     def summary(self) -> Mapping[str, SectionTiming]:
-        """Figures by section, in the order of `SECTIONS`."""
+        """Compute the figures by section, in the order of `SECTIONS`."""
         self._sort_in()
         return MappingProxyType({name: histogram.summary() for name, histogram in self._histograms.items()})
 
@@ -107,9 +123,9 @@ class LoopTiming:
 class TickGrid:
     """The instants `start_s + k * period_s`, walked in order.
 
-    Each instant is computed from the start, never from the previous tick, so that a million ticks end where a
-    million periods end. A tick that is still running when the next one is due has overrun; the grid then goes
-    on at the next instant that is still ahead; those in between are skipped, never made up for in a burst.
+    Each instant is computed from the start, never from the previous tick, so rounding does not accumulate. A
+    tick that still runs when the next one is due has overrun. The grid then continues at the next instant
+    ahead; instants in between are skipped.
     """
 
     start_s: float  # time of the first tick
@@ -124,9 +140,13 @@ class TickGrid:
         return self.start_s + self.index * self.period_s
 
     def advance(self, now_s: float) -> int:
-        """Go on to the next tick; returns how many periods later that is: 1, or more after an overrun.
+        """Go on to the next tick.
 
-        `now_s` is when the current tick ended, on the same clock [s].
+        Args:
+            now_s: when the current tick ended, on the loop's clock [s].
+
+        Returns:
+            How many periods later the next tick is: 1, or more after an overrun.
         """
         previous = self.index
         self.index = previous + 1

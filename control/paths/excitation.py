@@ -13,7 +13,6 @@ from pydantic import Field, model_validator
 
 from control.paths.trajectory import PEAK_SPEED, quintic
 from robot_io.files.file_model import FileModel, Positive
-from robot_io.types import FloatArray
 
 _RAMP_SHARE = 0.2  # of the duration, for fading in
 _PEAK_SAMPLES_PER_PERIOD = 50
@@ -21,7 +20,7 @@ _SINES = 8  # of a multisine
 
 
 class Excitation(FileModel):
-    """What to ride on the hold."""
+    """Profile that rides on the hold."""
 
     # "multisine" (eight frequencies at once) or "chirp" (one that rises).
     shape: Literal["multisine", "chirp"] = "multisine"
@@ -44,7 +43,7 @@ class Excitation(FileModel):
 
     @property
     def ramp_s(self) -> float:
-        """Time in which it is faded in [s]."""
+        """Duration of fading in [s]."""
         return _RAMP_SHARE * self.duration_s
 
 
@@ -58,9 +57,13 @@ class ProfilePoint:
 
 
 class Profile:
-    """A wave between -1 and 1 less an offset, faded in so that value, rate and acceleration begin at zero.
+    """A wave between -1 and 1 minus an offset, faded in so that value, rate and acceleration begin at zero.
 
-    It ends in full swing: the arm moves out of the object next. With an offset of 1 it is never positive.
+    It ends in full swing, because the arm moves out of the object next.
+
+    Args:
+        excitation: shape, frequencies and duration.
+        offset: subtracted from the wave; with 1 the profile is never positive.
     """
 
     def __init__(self, excitation: Excitation, offset: float = 1.0) -> None:
@@ -74,12 +77,25 @@ class Profile:
             self._phases = np.zeros(1)
             self._scale = 1.0
         else:
-            self._rates, self._phases = _multisine(excitation)
+            # Evenly spaced in ratio, with phases that keep the peak low: Schroeder, IEEE Trans. Information
+            # Theory 16(1), 1970.
+            index = np.arange(_SINES)
+            self._rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINES)
+            self._phases = -math.pi * index * (index + 1) / _SINES
             self._sweep = 0.0
-            self._scale = 1.0 / self._peak(excitation)
+            count = math.ceil(_PEAK_SAMPLES_PER_PERIOD * excitation.high_hz * excitation.duration_s)
+            times = np.linspace(0.0, excitation.duration_s, count)[:, None]
+            self._scale = 1.0 / float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
 
     def at(self, time_s: float) -> ProfilePoint:
-        """The profile `time_s` [s] after its start."""
+        """Compute the profile at a time.
+
+        Args:
+            time_s: since its start [s].
+
+        Returns:
+            Value and derivatives.
+        """
         wave, wave_rate, wave_acceleration = self._wave(time_s)
         fade, fade_rate, fade_acceleration = quintic(time_s, self._ramp_s)
         below = wave - self._offset
@@ -100,12 +116,6 @@ class Profile:
             -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
         )
 
-    def _peak(self, excitation: Excitation) -> float:
-        """Largest magnitude of the unscaled multisine."""
-        count = math.ceil(_PEAK_SAMPLES_PER_PERIOD * excitation.high_hz * excitation.duration_s)
-        times = np.linspace(0.0, excitation.duration_s, count)[:, None]
-        return float(np.abs(np.cos(self._phases + times * self._rates).sum(axis=1)).max())
-
 
 def position_amplitude_m(
     excitation: Excitation,
@@ -115,11 +125,21 @@ def position_amplitude_m(
     force_limit_n: float,
     speed_limit_m_s: float,
 ) -> tuple[float, float]:
-    """Amplitude [m] and offset [-] of a position profile on an object of about this compliance.
+    """Compute amplitude and offset of a position profile on an object of about this compliance.
 
     The highest frequency makes the force's amplitude; the offset takes as much off the spring's force, so
-    that the sum stays below the limit. Neither the wave nor fading in may be faster than the speed limit, nor
-    fading in faster than what a third of the force moves the object's damper.
+    that the sum stays below the limit. Neither the wave nor fading in exceeds the speed limit; fading in is
+    not faster than a third of the force moves the object's damper.
+
+    Args:
+        excitation: shape, frequencies and force amplitude.
+        stiffness_n_m: of the object [N/m].
+        damping_n_s_m: of the object [N s/m].
+        force_limit_n: force limit [N].
+        speed_limit_m_s: speed limit [m/s].
+
+    Returns:
+        Amplitude [m] and offset [-].
     """
     rate = math.tau * excitation.high_hz
     impedance_n_m = math.hypot(stiffness_n_m, rate * damping_n_s_m)
@@ -127,13 +147,3 @@ def position_amplitude_m(
     fade_m_s = min(speed_limit_m_s, 0.3 * force_limit_n / max(damping_n_s_m, 1e-9))
     slowest_m = min(speed_limit_m_s / rate, fade_m_s * excitation.ramp_s / (PEAK_SPEED * offset))
     return min(excitation.amplitude_n / impedance_n_m, slowest_m), offset
-
-
-def _multisine(excitation: Excitation) -> tuple[FloatArray, FloatArray]:
-    """Angular frequencies [rad/s], evenly spaced in ratio, and phases [rad] that keep the peak low.
-
-    Schroeder, IEEE Trans. Information Theory 16(1), 1970.
-    """
-    rates = math.tau * np.geomspace(excitation.low_hz, excitation.high_hz, _SINES)
-    index = np.arange(_SINES)
-    return rates, -math.pi * index * (index + 1) / _SINES

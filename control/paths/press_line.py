@@ -1,4 +1,4 @@
-"""A straight line that the tip follows with the tool's direction kept: travel in, joint motion out."""
+"""A straight line that the tip follows with the tool's direction kept."""
 
 import math
 
@@ -15,8 +15,14 @@ _REACH_STEP_M = 2e-3
 class PressLine:
     """The line along which an object is pressed, in an arm's plane.
 
-    At travel 0 the tip is at the start, shape (3,) [m]; travel and tool go in the direction, shape (3,),
-    which is made a unit vector. Raises `InputError` if the start cannot be reached.
+    Args:
+        arm: geometry of the arm.
+        start_world_m: tip position at travel 0, shape (3,) [m].
+        direction_world: of travel and tool, shape (3,); made a unit vector.
+        elbow: which way the elbow bends.
+
+    Raises:
+        InputError: the start cannot be reached.
     """
 
     def __init__(
@@ -31,25 +37,45 @@ class PressLine:
         self._u, self._w, self._tool_rad = arm.plane_direction(direction_world)
 
     def travel_of(self, tip_position_world_m: FloatArray) -> float:
-        """Travel [m] of the point on the line nearest to a position (3,) [m]."""
+        """Compute the travel of the point on the line that is nearest to a position.
+
+        Args:
+            tip_position_world_m: shape (3,) [m].
+
+        Returns:
+            Travel [m].
+        """
         return float((tip_position_world_m - self.start_world_m).dot(self.direction_world))
 
     def point_at(self, travel_m: float) -> FloatArray:
-        """World position (3,) [m] at a travel [m]."""
+        """Compute the world position at a travel.
+
+        Args:
+            travel_m: travel [m].
+
+        Returns:
+            Shape (3,) [m].
+        """
         return self.start_world_m + travel_m * self.direction_world
 
     def reach_m(
-        self, wanted_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
+        self, goal_m: float, near_rad: FloatArray, limits_rad: tuple[FloatArray, FloatArray]
     ) -> float:
-        """How far the tip can travel from the start, up to `wanted_m` (negative: back), to within 2 mm [m].
+        """Compute how far the tip can travel from the start, to within 2 mm.
 
-        It starts near joint positions (3,) and stays between the limits, (3,) each [rad].
+        Args:
+            goal_m: farthest travel of interest [m]; negative: back.
+            near_rad: joint positions to start near, shape (3,) [rad].
+            limits_rad: lowest and highest joint positions, shape (3,) each [rad].
+
+        Returns:
+            Travel that can be reached [m].
         """
-        steps = math.ceil(abs(wanted_m) / _REACH_STEP_M)
+        steps = math.ceil(abs(goal_m) / _REACH_STEP_M)
         reached_m, positions = 0.0, near_rad.tolist()
         bounds = list(zip(*(limit.tolist() for limit in limits_rad), strict=True))
         for step in range(1, steps + 1):
-            travel_m = wanted_m * step / steps
+            travel_m = goal_m * step / steps
             try:
                 angles = self._angles(travel_m)
             except InputError:
@@ -62,9 +88,17 @@ class PressLine:
         return reached_m
 
     def joint_motion(self, state: LineState, near_rad: FloatArray) -> JointMotion:
-        """Joint motion that gives this motion along the line, in turns nearest to `near_rad`, shape (3,).
+        """Compute the joint motion that gives a motion along the line.
 
-        InputError: out of reach, or singular.
+        Args:
+            state: motion along the line.
+            near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
+
+        Returns:
+            Motion of the joints.
+
+        Raises:
+            InputError: out of reach, or singular.
         """
         angles = a1, a2, _ = self._angles(state.travel_m)
         first_m, second_m, _ = self._arm.lengths_m

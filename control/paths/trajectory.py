@@ -1,4 +1,4 @@
-"""Motions in free air, continuous to acceleration: joints from posture to posture, the tip along a line."""
+"""Motions in free air with continuous acceleration: joints between postures, the tip along a line."""
 
 import math
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from robot_io.types import FloatArray, frozen_array
 
 PEAK_SPEED = 15.0 / 8.0  # of `quintic`, over its mean
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
-_SHORTEST_S = 1e-3  # also of a move of no length
+_SHORTEST_S = 1e-3  # duration of a move of no length
 
 
 class LineState(NamedTuple):
-    """Motion along the line: travel [m], speed [m/s] and acceleration [m/s^2], positive into the object."""
+    """Motion along a line: travel [m], speed [m/s] and acceleration [m/s^2], positive into the object."""
 
     travel_m: float
     speed_m_s: float = 0.0
@@ -24,7 +24,7 @@ class LineState(NamedTuple):
 
 
 class JointMotion(NamedTuple):
-    """Joint positions [rad], velocities [rad/s] and accelerations [rad/s^2], shape (n,) each."""
+    """Motion of the joints: position [rad], velocity [rad/s] and acceleration [rad/s^2], shape (n,) each."""
 
     position_rad: FloatArray
     velocity_rad_s: FloatArray
@@ -32,7 +32,15 @@ class JointMotion(NamedTuple):
 
 
 def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
-    """From 0 to 1, at rest at both ends: 10 s^3 - 15 s^4 + 6 s^5 with s = t / T; and its derivatives by t."""
+    """Compute 10 s^3 - 15 s^4 + 6 s^5 with s = t / T, from 0 to 1, at rest at both ends.
+
+    Args:
+        time_s: t [s].
+        duration_s: T [s].
+
+    Returns:
+        Value, rate [1/s] and acceleration [1/s^2].
+    """
     s = time_s / duration_s
     if not 0.0 < s < 1.0:
         return float(s > 0.0), 0.0, 0.0
@@ -44,9 +52,16 @@ def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
 
 
 class JointMove:
-    """All joints (n,) from rest to rest along quintics of one duration, none faster than the limits.
+    """All joints from rest to rest along quintics of one duration.
 
-    InputError: a limit is not positive.
+    Args:
+        start_rad: joint positions, shape (n,) [rad].
+        end_rad: joint positions, shape (n,) [rad].
+        speed_limit_rad_s: of every joint [rad/s].
+        acceleration_limit_rad_s2: of every joint [rad/s^2].
+
+    Raises:
+        InputError: a limit is not positive.
     """
 
     def __init__(
@@ -71,20 +86,40 @@ class JointMove:
         )
 
     def at(self, time_s: float) -> JointMotion:
-        """Motion `time_s` [s] after the start; at rest at the end afterwards."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: since the start [s]; at rest at the end afterwards.
+
+        Returns:
+            Motion of the joints.
+        """
         return _on_way(self._start, self._way, quintic(time_s, self.duration_s))
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> "JointBrake":
-        """Come to rest on the way, from the motion at `time_s` [s] on, with another limit [rad/s^2]."""
+        """Come to rest on the way.
+
+        Args:
+            time_s: when the braking begins [s].
+            acceleration_limit_rad_s2: of every joint [rad/s^2].
+
+        Returns:
+            The braking motion.
+        """
         along = LineState(*quintic(time_s, self.duration_s))
         return JointBrake(self._start, self._way, along, acceleration_limit_rad_s2)
 
 
 class JointBrake:
-    """All joints come to rest together, on the way that they were on; see `JointMove.brake_at`.
+    """All joints come to rest together on their way; see `JointMove.brake_at`.
 
-    `along` is the share of the way, and its derivatives, when the braking begins. No joint decelerates more
-    than the limit, if none accelerates when it begins.
+    No joint decelerates more than the limit, if none accelerates when the braking begins.
+
+    Args:
+        start_rad: start of the way, shape (n,) [rad].
+        way_rad: end minus start, shape (n,) [rad].
+        along: share of the way, and its derivatives, when the braking begins.
+        acceleration_limit_rad_s2: of every joint [rad/s^2].
     """
 
     def __init__(
@@ -96,7 +131,14 @@ class JointBrake:
         self.duration_s = self._blend.duration_s
 
     def at(self, time_s: float) -> JointMotion:
-        """Motion `time_s` [s] after the braking began; at rest afterwards."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: since the braking began [s]; at rest afterwards.
+
+        Returns:
+            Motion of the joints.
+        """
         return _on_way(self._start, self._way, self._blend.at(time_s))
 
 
@@ -106,7 +148,13 @@ def _on_way(start_rad: FloatArray, way_rad: FloatArray, along: tuple[float, floa
 
 
 class JointPath:
-    """`JointMove` after `JointMove` through two or more points, shape (n,) each [rad]."""
+    """A sequence of `JointMove`s through points.
+
+    Args:
+        points_rad: two or more joint positions, shape (n,) each [rad].
+        speed_limit_rad_s: of every joint [rad/s].
+        acceleration_limit_rad_s2: of every joint [rad/s^2].
+    """
 
     def __init__(
         self, points_rad: Sequence[FloatArray], speed_limit_rad_s: float, acceleration_limit_rad_s2: float
@@ -118,17 +166,39 @@ class JointPath:
         self.duration_s = sum(move.duration_s for move in self._moves)
 
     def at(self, time_s: float) -> JointMotion:
-        """Motion `time_s` [s] after the start; at rest at the end afterwards."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: since the start [s]; at rest at the end afterwards.
+
+        Returns:
+            Motion of the joints.
+        """
         number, since_s = self._move_at(time_s)
         return self._moves[number].at(since_s)
 
     def brake_at(self, time_s: float, acceleration_limit_rad_s2: float) -> JointBrake:
-        """Come to rest on the way, from the motion at `time_s` [s] on; see `JointMove.brake_at`."""
+        """Come to rest on the way; see `JointMove.brake_at`.
+
+        Args:
+            time_s: when the braking begins [s].
+            acceleration_limit_rad_s2: of every joint [rad/s^2].
+
+        Returns:
+            The braking motion.
+        """
         number, since_s = self._move_at(time_s)
         return self._moves[number].brake_at(since_s, acceleration_limit_rad_s2)
 
     def passed_rad(self, time_s: float) -> tuple[FloatArray, ...]:
-        """The points that lie behind at `time_s` [s], the last one first: the way back."""
+        """List the points already passed, the last one first: the way back.
+
+        Args:
+            time_s: since the start [s].
+
+        Returns:
+            Joint positions, shape (n,) each [rad].
+        """
         return self._points[self._move_at(time_s)[0] :: -1]
 
     def _move_at(self, time_s: float) -> tuple[int, float]:
@@ -142,9 +212,15 @@ class JointPath:
 
 
 class SpeedBlend:
-    """Along a line: from a state of motion to a constant speed, the speed a cubic in time.
+    """Change of speed along a line, with the speed a cubic in time.
 
-    The acceleration of the start is taken up; without one the limit, which must be positive, is the largest.
+    Args:
+        start: state of motion; its acceleration is continued.
+        speed_m_s: constant speed afterwards [m/s].
+        acceleration_limit_m_s2: largest acceleration if the start has none [m/s^2].
+
+    Raises:
+        InputError: the limit is not positive.
     """
 
     def __init__(self, start: LineState, speed_m_s: float, acceleration_limit_m_s2: float) -> None:
@@ -161,7 +237,14 @@ class SpeedBlend:
         self._end_travel_m = self._during(total_s).travel_m
 
     def at(self, time_s: float) -> LineState:
-        """Motion `time_s` [s] after the start."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: since the start [s].
+
+        Returns:
+            Motion along the line.
+        """
         if time_s >= self.duration_s:
             after_s = time_s - self.duration_s
             return LineState(self._end_travel_m + self.speed_m_s * after_s, self.speed_m_s)
@@ -177,20 +260,44 @@ class SpeedBlend:
 
 
 def blend_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Way [m] that a `SpeedBlend` needs between rest and a speed [m/s], either way."""
+    """Compute the distance that a `SpeedBlend` needs between rest and a speed.
+
+    Args:
+        speed_m_s: the speed [m/s].
+        acceleration_limit_m_s2: largest acceleration [m/s^2].
+
+    Returns:
+        Distance [m].
+    """
     return 0.75 * speed_m_s**2 / acceleration_limit_m_s2
 
 
 def turning_distance_m(speed_m_s: float, acceleration_limit_m_s2: float) -> float:
-    """Way [m] on which a `SpeedBlend` to the opposite speed still goes forward; 0 for a negative speed."""
+    """Compute how far a `SpeedBlend` to the opposite speed still goes forward.
+
+    Args:
+        speed_m_s: speed at its start [m/s].
+        acceleration_limit_m_s2: largest acceleration [m/s^2].
+
+    Returns:
+        Distance [m]; 0 for a negative speed.
+    """
     return 0.9375 * max(speed_m_s, 0.0) ** 2 / acceleration_limit_m_s2
 
 
 class LineReturn:
-    """Along a line: from a state of motion to rest at a travel, cruising at a speed in between.
+    """Return along a line: from a state of motion to rest at a travel, cruising in between.
 
-    If the way is too short to cruise, it overshoots by what stopping needs and rests there. The speed must be
-    positive; start and acceleration limit are as for `SpeedBlend`.
+    If the way is too short to cruise, it overshoots by the stopping distance and rests there.
+
+    Args:
+        start: state of motion.
+        end_travel_m: where to rest [m].
+        speed_m_s: cruising speed, positive [m/s].
+        acceleration_limit_m_s2: as for `SpeedBlend` [m/s^2].
+
+    Raises:
+        InputError: the speed is not positive.
     """
 
     def __init__(
@@ -208,7 +315,14 @@ class LineReturn:
         self.duration_s = self._stop_at_s + self._stop.duration_s
 
     def at(self, time_s: float) -> LineState:
-        """Motion `time_s` [s] after the start."""
+        """Compute the motion at a time.
+
+        Args:
+            time_s: since the start [s].
+
+        Returns:
+            Motion along the line.
+        """
         if time_s < self._stop_at_s:
             return self._cruise.at(time_s)
         return self._stop.at(time_s - self._stop_at_s)

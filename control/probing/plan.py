@@ -1,4 +1,4 @@
-"""What a probing task is to do: where, how fast, how hard, how often."""
+"""Probing plan: where, how fast, how hard and how often."""
 
 import math
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ class ProbingPlan(FileModel):
     # loading ends here, and this force is held [N].
     force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
     hold_s: NotNegative = 1.0  # how long it is held [s]
-    # what holds it: see `control.laws.hold_laws`; the last two go by the online estimate.
+    # law that holds it, see `control.laws.force_laws`; the last two use the online estimate.
     hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
     excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]
@@ -93,7 +93,7 @@ class ProbingPlan(FileModel):
 
     @property
     def shortest_s(self) -> float:
-        """Time [s] that the plan takes at least, if every surface lies one clearance ahead of the tip."""
+        """Shortest duration of the plan [s], if every surface lies one clearance ahead of the tip."""
         ride_s = self.excitation.duration_s if self.excitation else 0.0
         still_s = self.settle_s + self.free_air_s + self.hold_s + ride_s
         approach_s = sum(self.approach_clearance_m / speed_m_s for speed_m_s in self.speeds_m_s)
@@ -101,7 +101,7 @@ class ProbingPlan(FileModel):
         return rounds * (approach_s + len(self.speeds_m_s) * still_s)
 
     def runs(self) -> Iterator[ProbingRunSpec]:
-        """All runs in order: targets, in each the repeats, in each the speeds."""
+        """List all runs in order: targets, in each the repeats, in each the speeds."""
         run = 0
         for target in range(max(len(self.targets_world_m), 1)):
             for repeat in range(self.repeats):
@@ -111,6 +111,16 @@ class ProbingPlan(FileModel):
 
 
 def load_probing_plan(path: str | Path) -> ProbingPlan:
-    """Read a plan from a YAML file; `InputError` names file, line, key and the valid choices."""
+    """Read a plan from a YAML file.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        The validated plan.
+
+    Raises:
+        InputError: names file, line, key and valid values.
+    """
     document = load_yaml(path)
     return validate(ProbingPlan, document.data, document)

@@ -1,4 +1,4 @@
-"""Moves an arm once more as it was moved before: along recorded references, tick by tick."""
+"""Replay of recorded joint references, tick by tick."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,7 @@ import numpy as np
 from control.arm.rigid_body import RigidBody
 from control.laws.computed_torque import ComputedTorque
 from control.laws.gains import Gains
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from control.paths.trajectory import JointMotion, JointMove
 from robot_io.errors import InputError
 from robot_io.types import Command, FloatArray, IntArray, Measurement
@@ -20,9 +19,10 @@ _SETTLE_S = 0.3  # standing there, and at the end
 
 @dataclass(frozen=True, eq=False)
 class References:
-    """What an arm of j joints was to do, over n ticks.
+    """Recorded references of an arm with j joints over n ticks.
 
-    InputError: times do not increase, a number is not finite, or a phase is unknown.
+    Raises:
+        InputError: times do not increase, a number is not finite, or a phase is unknown.
     """
 
     time_s: FloatArray  # from 0 on, increasing, shape (n,) [s]
@@ -43,20 +43,28 @@ class References:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last [s]."""
+        """Time from the first to the last tick [s]."""
         return float(self.time_s[-1])
 
     @property
     def joint_count(self) -> int:
-        """Joints of the arm that they are of."""
+        """Number of joints."""
         return int(self.position_rad.shape[1])
 
 
 class ReplayTask:
     """Moves to where the references begin, follows them, and stays; see `control.loop.task.Task`.
 
-    Joints are followed by computed torque, which takes the measured force for a load. No force is controlled:
-    on a stiffer object it grows as far as the guard lets it. InputError: the references are of another arm.
+    Joints are followed by computed torque, which compensates the measured force as a load. No force is
+    controlled: on a stiffer object it grows up to the guard's limit.
+
+    Args:
+        body: model of the arm.
+        gains: of the computed torque.
+        references: of an arm with as many joints.
+
+    Raises:
+        InputError: the references are of an arm with another number of joints.
     """
 
     def __init__(self, body: RigidBody, gains: Gains, references: References) -> None:
@@ -118,6 +126,6 @@ class ReplayTask:
         lever_m = direction.dot(tip.jacobian_world[:3])
         torque_nm = self._torque.step(measurement, motion, lever_m * (force_n * self._feedforward), dt_s)
         events = (TaskEvent("replayed", "the recorded motion was repeated"),) if done else ()
-        return aimed_output(
+        return make_output(
             Command(torque_nm), motion, tip, direction, phase, run=run, done=done, events=events
         )

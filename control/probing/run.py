@@ -9,8 +9,7 @@ from collections.abc import Callable
 from control.laws.gains import Gains
 from control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
 from control.laws.touch import RunningMean, free_air_problem, touch_force_n
-from control.loop.phases import Phase
-from control.loop.task import TaskEvent
+from control.loop.task import Phase, TaskEvent
 from control.paths.excitation import Profile, position_amplitude_m
 from control.paths.trajectory import LineReturn, LineState, SpeedBlend, turning_distance_m
 from control.probing.plan import ProbingPlan, ProbingRunSpec
@@ -20,13 +19,28 @@ from robot_io.types import Measurement
 _LOADED_SHARE = 0.95  # of the force limit, and
 _SLOW_SHARE = 0.1  # of the set speed, but at least
 _SLOW_M_S = 0.002  # this, end the loading
-_HOLD_M_S = 0.02  # a hold makes small moves only; faster than this it would chase an object that is gone
-_LOST_S = 0.01  # without contact in hold or excitation: the object is gone
-_TOO_STRONG = 1.1  # times the force limit ends an excitation by position
+_HOLD_M_S = 0.02  # speed limit of a hold, so that the tip does not follow an object that has moved away
+_LOST_S = 0.01  # time without contact in hold or excitation after which contact is lost
+_TOO_STRONG = 1.1  # share of the force limit that ends an excitation by position
 
 
 class ProbingRun:
-    """A state machine from a site's approach start, where the arm is at rest, and back to the next one's."""
+    """State machine from a site's approach start, where the arm is at rest, back to the next one's.
+
+    Args:
+        control: position and force controller.
+        site: target and limits along its press line.
+        spec: number and speed of the run.
+        plan: forces, times and distances.
+        gains: of contact detection.
+
+    Attributes:
+        phase: of the last tick.
+        desired_force_n: aimed at in the last tick [N], NaN if the force is free.
+        events: of the last tick.
+        failure: why the run gave no data, or None.
+        finished: whether the run has ended.
+    """
 
     def __init__(
         self,
@@ -42,20 +56,32 @@ class ProbingRun:
         self._step: Callable[[Measurement, float], ControlOutput] = self._free_air
         self._time_s = self._lost_s = 0.0
         self.phase = Phase.FREE_AIR
-        self.desired_force_n = math.nan  # aimed at in the last tick, NaN where there is none
-        self.events: list[TaskEvent] = []  # of the last tick
-        self.failure: str | None = None  # why the run gave no data
+        self.desired_force_n = math.nan
+        self.events: list[TaskEvent] = []
+        self.failure: str | None = None
         self.finished = False
 
     def step(self, measurement: Measurement, dt_s: float) -> ControlOutput:
-        """One tick, `dt_s` [s] after the last."""
+        """Compute one tick.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command and state.
+        """
         self._time_s += dt_s
         self.desired_force_n = math.nan
         self.events = []
         return self._step(measurement, dt_s)
 
     def cancel(self, why: str) -> None:
-        """Leave the object at once, and go back to where the approach started."""
+        """Leave the object at once, and go back to where the approach started.
+
+        Args:
+            why: reason, for the failure.
+        """
         self.failure = self.failure or f"run {self.spec.run}: {why}"
         if self.phase is Phase.FREE_AIR:
             self.finished = True
@@ -76,7 +102,7 @@ class ProbingRun:
         return output
 
     def _judge_free_air(self) -> None:
-        """Tare, and know a touch from noise; or go no further."""
+        """Tare, and set the touch force; or end the run."""
         gains = self._touch_gains
         mean_n, noise_n = self._air.mean, self._air.standard_deviation
         touch_n = touch_force_n(noise_n, gains.touch_force_n)
@@ -146,7 +172,7 @@ class ProbingRun:
         self._enter(Phase.HOLD, self._hold)
 
     def _is_too_deep(self, output: ControlOutput) -> bool:
-        """Whether the object gave way as far as it may; says so."""
+        """Whether the depth limit is reached; logs an event."""
         depth_m = output.state.travel_m - self._control.surface_travel_m
         if not self._must_turn(output, depth_m - self._plan.max_depth_m):
             return False
@@ -155,7 +181,7 @@ class ProbingRun:
         return True
 
     def _must_turn(self, output: ControlOutput, beyond_m: float = -math.inf) -> bool:
-        """Whether the tip would else go beyond the site's end, or beyond a place `beyond_m` behind it [m]."""
+        """Whether the tip must turn to stay on the site, or within a limit that it exceeds by `beyond_m`."""
         state = output.state
         beyond_m = max(beyond_m, state.travel_m - self._site.deepest_travel_m)
         return beyond_m + turning_distance_m(state.speed_m_s, self._plan.acceleration_m_s2) >= 0.0
@@ -183,7 +209,7 @@ class ProbingRun:
         return output
 
     def _is_lost(self, output: ControlOutput, dt_s: float) -> bool:
-        """Whether the object is gone; says so."""
+        """Whether contact was lost; logs an event."""
         self._lost_s = 0.0 if output.in_contact else self._lost_s + dt_s
         if self._lost_s < _LOST_S:
             return False
@@ -207,7 +233,7 @@ class ProbingRun:
         else:
             self._amplitude, offset = position_amplitude_m(
                 excitation,
-                **self._control.guess.compliance._asdict(),
+                **self._control.quick_estimator.compliance._asdict(),
                 force_limit_n=self._plan.force_limit_n,
                 speed_limit_m_s=self._plan.travel_speed_m_s,
             )

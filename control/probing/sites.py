@@ -1,4 +1,4 @@
-"""Where a probing plan presses: one line per target, checked against the arm before anything moves."""
+"""Where a probing plan presses: one line per target, checked against the arm before it moves."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
-_LIFT_ROOM_M = 0.1  # above the highest target's clearance, for the way to the next one, at least
-_FORCE_MARGIN = 1.1  # what touch and loading overshoot by, and a little more
-_SPEED_MARGIN = 1.1  # what an encoder's noise and the controller's corrections add
-_STEPS = 20  # places on a press line that are looked at
+_LIFT_ROOM_M = 0.1  # least room above the highest target's clearance, for the way to the next one
+_FORCE_MARGIN = 1.1  # for the overshoot of touch and loading
+_SPEED_MARGIN = 1.1  # for the encoder's noise and the controller's corrections
+_STEPS = 20  # places on a press line that are checked
 
 
 @dataclass
 class ProbingSite:
-    """A target: its press line and how far the tip may go on it, as travels along that line [m]."""
+    """A target: its press line, and limits as travels along that line [m]."""
 
     line: PressLine
     search_travel_m: float  # the surface must be touched before this travel
@@ -32,20 +32,40 @@ class ProbingSite:
     approach_travel_m: float = 0.0  # where the next approach starts; 0 until the surface is known
 
     def start_above(self, surface_travel_m: float, clearance_m: float) -> None:
-        """Let the next approach start a clearance [m] before the surface found at a travel [m]."""
+        """Set the start of the next approach.
+
+        Args:
+            surface_travel_m: travel of the surface [m].
+            clearance_m: distance before it [m].
+        """
         self.approach_travel_m = max(surface_travel_m - clearance_m, self.highest_travel_m)
 
     @property
     def lift_room_m(self) -> float:
-        """How far the tip can be lifted from where the next approach starts [m]."""
+        """How far the tip can be lifted from the start of the next approach [m]."""
         return self.approach_travel_m - self.lifted_travel_m
 
     def joint_position_rad(self, near_rad: FloatArray) -> FloatArray:
-        """Joint positions (3,) [rad] at the start of the approach, turns nearest to `near_rad`."""
+        """Compute the joint positions at the start of the approach.
+
+        Args:
+            near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
+
+        Returns:
+            Shape (3,) [rad].
+        """
         return self.line.joint_motion(LineState(self.approach_travel_m), near_rad).position_rad
 
     def lifted_rad(self, lift_m: float, near_rad: FloatArray) -> FloatArray:
-        """Joint positions (3,) [rad] with the tip lifted by `lift_m` [m], or as high as can be."""
+        """Compute the joint positions with the tip lifted.
+
+        Args:
+            lift_m: height above the start of the approach [m]; clipped to the highest possible.
+            near_rad: joint positions whose nearest turns are taken, shape (3,) [rad].
+
+        Returns:
+            Shape (3,) [rad].
+        """
         travel_m = max(self.approach_travel_m - lift_m, self.lifted_travel_m)
         return self.line.joint_motion(LineState(travel_m), near_rad).position_rad
 
@@ -57,11 +77,20 @@ def probing_sites(
     position_rad: FloatArray,
     limits_rad: JointLimits,
 ) -> list[ProbingSite]:
-    """The sites of a plan, with the elbow bent as it is in the present joint positions (3,) [rad].
+    """Compute the sites of a plan, with the elbow bent as it is now.
 
-    Without targets in the plan the only approach starts at the tip's position, shape (3,) [m].
+    Args:
+        arm: geometry of the arm.
+        plan: targets and distances; without targets the only approach starts at the tip.
+        tip_position_world_m: present tip position, shape (3,) [m].
+        position_rad: present joint positions, shape (3,) [rad].
+        limits_rad: lowest and highest joint positions, shape (3,) each [rad].
 
-    InputError: an approach cannot be started, or there is no room behind its start to search.
+    Returns:
+        One site a target.
+
+    Raises:
+        InputError: an approach cannot be started, or there is no room behind its start to search.
     """
     direction = frozen_array(plan.press_direction_world)
     starts = [frozen_array(target) - plan.approach_clearance_m * direction for target in plan.targets_world_m]
@@ -84,7 +113,7 @@ def probing_sites(
     return sites
 
 
-def _site(  # noqa: PLR0917 (all that bounds it)
+def _site(  # noqa: PLR0917
     line: PressLine,
     plan: ProbingPlan,
     near_rad: FloatArray,
@@ -106,7 +135,15 @@ def _site(  # noqa: PLR0917 (all that bounds it)
 
 
 def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
-    """Refuse with `InputError` a plan whose forces or joint speeds the robot's guard would trip on."""
+    """Check that forces and joint speeds of a plan stay below the limits of the robot's guard.
+
+    Args:
+        plan: to check.
+        robot_file: with the limits.
+
+    Raises:
+        InputError: the guard would trip; the error names the largest valid value.
+    """
     limits = robot_file.limits
     most_n = limits.force_n / _FORCE_MARGIN  # also with an excitation, which only takes force away
     if plan.force_limit_n > most_n:
@@ -130,9 +167,16 @@ def check_against_guard(plan: ProbingPlan, robot_file: RobotFile) -> None:
 def check_tip_speeds(
     sites: Iterable[ProbingSite], plan: ProbingPlan, near_rad: FloatArray, velocity_limits_rad_s: FloatArray
 ) -> None:
-    """Refuse with `InputError` a plan with tip speeds at which a joint on a press line would trip the guard.
+    """Check that no joint on a press line exceeds the guard's velocity limit.
 
-    `near_rad` are the present joint positions, and the limits are the guard's, shape (n,) each.
+    Args:
+        sites: of the plan.
+        plan: with the tip speeds.
+        near_rad: present joint positions, shape (n,) [rad].
+        velocity_limits_rad_s: the guard's limits, shape (n,) [rad/s].
+
+    Raises:
+        InputError: the guard would trip; the error names the largest valid speed.
     """
     speeds_m_s = {"speeds_m_s": max(plan.speeds_m_s), "travel_speed_m_s": plan.travel_speed_m_s}
     name, speed_m_s = max(speeds_m_s.items(), key=lambda item: item[1])

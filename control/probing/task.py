@@ -14,42 +14,52 @@ import numpy as np
 
 from control.arm.inverse_kinematics import PlanarArm
 from control.arm.rigid_body import RigidBody
-from control.laws.force_witness import ForceWitness
+from control.laws.disturbance_observer import DisturbanceObserver
 from control.laws.gains import Gains, gains_of
 from control.laws.hybrid import ControlOutput, HybridController
 from control.laws.touch import free_air_problem
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from control.loop.tick_record import Estimates
 from control.paths.trajectory import JointBrake, JointPath
 from control.probing.plan import ProbingPlan
+from control.probing.routes import Place, Route, Routes, Swing
 from control.probing.run import ProbingRun
 from control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
-from control.probing.ways import Place, Route, Routes, Swing
 from robot_io.calibration import Calibrations
 from robot_io.errors import InputError, SafetyTripError
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, Measurement, frozen_array
 
-_OBSTACLE_SHARE = 0.5  # of the force limit: while moving to a target, something is in the way
-_LEAVING_SHARE = 1.5  # the same while it is being left
+_OBSTACLE_SHARE = 0.5  # share of the force limit that counts as an obstacle while moving
+_LEAVING_SHARE = 1.5  # the same while an obstacle is being left
 _OBSTACLE_TICKS = 3
-_BRAKE_FACTOR = 5.0  # times the acceleration of a move: something is in the way
-_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # no object is harmed, and friction pulls the other way
+_BRAKE_FACTOR = 5.0  # braking before an obstacle, times the acceleration of a move
+_OUTWARD = (Phase.UNLOADING, Phase.RETRACT)  # not monitored: friction pulls the other way
 _IN_FREE_AIR = (Phase.IDLE, Phase.MOVE, Phase.FREE_AIR)
-_REST_RAD_S = 0.05  # slower than this the arm is at rest,
-_REST_WAIT_S = 2.0  # which it must be so long after a move that has ended
+_REST_RAD_S = 0.05  # fastest joint of an arm at rest
+_REST_WAIT_S = 2.0  # longest wait for rest after a move
 
 
 class ProbingTask:
     """Works through a `ProbingPlan`; see `control.loop.task.Task`.
 
-    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). Limits, shape (n,)
-    each, are the lowest and highest joint positions to use (default: the URDF's), the velocities at which the
-    guard trips and the largest torques (default: none). `estimated` is what the plan's hold law goes by, see
-    `HybridController`.
+    Args:
+        body: model of the arm.
+        sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
+        gains: of all laws.
+        plan: what to probe.
+        position_limits_rad: lowest and highest joint positions, shape (n,) each [rad]; None for the URDF's.
+        velocity_limits_rad_s: at which the guard trips, shape (n,) [rad/s]; None for no check.
+        torque_limits_nm: largest torques, shape (n,) [N m]; None for no check.
+        estimated: returns the online estimate for the plan's hold law, see `HybridController`.
 
-    InputError: the arm is not planar, or the tool does not lie in its plane.
+    Attributes:
+        failures: one line for every run that gave no data.
+        runs_done: number of runs that gave data.
+        cancelled: whether the task was cancelled.
+
+    Raises:
+        InputError: the arm is not planar, or the tool does not lie in its plane.
     """
 
     def __init__(
@@ -69,16 +79,16 @@ class ProbingTask:
         axis_tip = frozen_array(sensor_axis_tip, (3,))
         self._control = HybridController(body, axis_tip, gains, plan.hold_law, estimated)
         feedforward = gains.contact.force_feedforward
-        self._witness = ForceWitness(body, gains.witness, plan.force_limit_n, feedforward)
+        self._disturbance = DisturbanceObserver(body, gains.witness, plan.force_limit_n, feedforward)
         self._gains = gains
         self._plan = plan
         self._limits_rad = position_limits_rad or body.position_limits_rad
         self._fastest_rad_s, self._strongest_nm = velocity_limits_rad_s, torque_limits_nm
         self._direction = frozen_array(plan.press_direction_world)
         self._phase = Phase.IDLE
-        self.failures: tuple[str, ...] = ()  # one line for every run that gave no data
-        self.runs_done = 0  # that gave data
-        self.cancelled = False  # whether somebody called it off
+        self.failures: tuple[str, ...] = ()
+        self.runs_done = 0
+        self.cancelled = False
 
     @classmethod
     def from_robot_file(
@@ -89,9 +99,20 @@ class ProbingTask:
         body: RigidBody | None = None,
         estimated: Callable[[], Estimates] | None = None,
     ) -> "ProbingTask":
-        """The task for the arm of a robot file; `calibrations` as for `RigidBody.of_robot`, or its `body`.
+        """Make the task for the arm of a robot file.
 
-        InputError: URDF or gains are not valid, the arm is not planar, or its guard trips on the plan.
+        Args:
+            robot_file: arm, gains and limits.
+            plan: what to probe.
+            calibrations: as for `RigidBody.of_robot`.
+            body: model of the arm; None to build it.
+            estimated: returns the online estimate for the plan's hold law.
+
+        Returns:
+            The task.
+
+        Raises:
+            InputError: URDF or gains are invalid, the arm is not planar, or its guard trips on the plan.
         """
         check_against_guard(plan, robot_file)
         body = body or RigidBody.of_robot(robot_file, calibrations)
@@ -110,8 +131,12 @@ class ProbingTask:
     def start(self, measurement: Measurement) -> None:
         """Begin from the measured posture, at rest and clear of everything.
 
-        InputError: a target cannot be probed from here, or not at the speeds of the plan; or the force is
-        more already than can be the sensor's own.
+        Args:
+            measurement: state of the arm.
+
+        Raises:
+            InputError: a target cannot be probed from here, or not at the plan's speeds; or the force exceeds
+                what can be the sensor's bias.
         """
         touch = self._gains.touch
         if problem := free_air_problem(
@@ -128,7 +153,7 @@ class ProbingTask:
         self._routes.check(self._start, self._sites)
         self._routes.check_swings(self._sites, position_rad, self._body, self._strongest_nm)
         self._control.start(measurement)
-        self._witness.restart()
+        self._disturbance.restart()
         self._specs = deque(self._plan.runs())
         self._run: ProbingRun | None = None
         self._events: list[TaskEvent] = []
@@ -138,10 +163,18 @@ class ProbingTask:
         self._begin_way()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task.step`.
+        """Compute one tick; see `control.loop.task.Task.step`.
 
-        SafetyTripError: force sensor and joint torques contradict each other, something is in the way back,
-        or the arm does not come to rest there.
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+
+        Raises:
+            SafetyTripError: force sensor and joint torques contradict each other, an obstacle is in the way
+                back, or the arm does not come to rest there.
         """
         self._events = []
         run = self._run
@@ -152,10 +185,10 @@ class ProbingTask:
             output = self._move(measurement, dt_s)
             phase = self._phase
         if phase in _OUTWARD:
-            self._witness.pause()
+            self._disturbance.pause()
         else:
-            self._witness.watch(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
-        return aimed_output(
+            self._disturbance.update(measurement, output, dt_s, in_free_air=phase in _IN_FREE_AIR)
+        return make_output(
             output.command,
             output.motion,
             output.tip,
@@ -168,7 +201,11 @@ class ProbingTask:
         )
 
     def cancel(self, why: str) -> None:
-        """Leave out what is left, the present run included, and go back to where the task started."""
+        """Drop the remaining runs, the present one included, and go back to where the task started.
+
+        Args:
+            why: reason, for the failure.
+        """
         on_the_way_back = self._run is None and not self._specs
         if self.cancelled or on_the_way_back:
             return
@@ -181,7 +218,7 @@ class ProbingTask:
             self._turn_back()
 
     def _after(self, run: ProbingRun) -> None:
-        """Collect what a run said; when it is over, go on to the next. A target that is not there is left."""
+        """Collect a run's events; when it has ended, begin the next. A target without a touch is dropped."""
         self._events.extend(run.events)
         if not run.finished:
             return
@@ -195,7 +232,7 @@ class ProbingTask:
         self._begin_way()
 
     def _begin_way(self) -> None:
-        """To the next run's approach start, or back to where the task started."""
+        """Move to the next run's approach start, or back to where the task started."""
         self._swings: deque[Swing] = deque()
         route = None
         while self._specs and route is None:
@@ -205,7 +242,7 @@ class ProbingTask:
         self._follow(route.points_rad)
 
     def _way_to(self, target: int) -> Route | None:
-        """The way to a target; a target to which there is none is left."""
+        """Find the route to a target; a target without one is dropped."""
         site = self._sites[target]
         place = Place(site.joint_position_rad(self._here.position_rad), site)
         route = self._routes.find(self._here, place)
@@ -271,7 +308,7 @@ class ProbingTask:
         return self._blocked_ticks >= _OBSTACLE_TICKS
 
     def _give_up(self, what: str) -> None:
-        """Go back without the runs that are left; on the way back already, leave it to the guard."""
+        """Go back without the remaining runs; on the way back already, trip the guard."""
         if not self._specs:
             raise SafetyTripError(f"{what} back to where the task started: something is in the way")
         text = f"{what} to a target: something is in the way"
@@ -289,12 +326,12 @@ class ProbingTask:
         self._brake, self._move_s = self._way.brake_at(self._move_s, limit_rad_s2), 0.0
 
     def _go_home(self) -> None:
-        """The way that the arm came, which was free, and on from there."""
+        """Follow the way that the arm came, which was free, and continue from there."""
         home = self._routes.find(self._here, self._start).points_rad
         self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
 
     def _end_at_rest(self, measurement: Measurement) -> None:
-        """Be done, once the arm stands still."""
+        """Finish once the arm is at rest."""
         fastest_rad_s = float(np.abs(measurement.joint_velocity_rad_s).max())
         if fastest_rad_s < _REST_RAD_S:
             self._phase = Phase.IDLE

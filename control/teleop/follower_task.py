@@ -1,7 +1,7 @@
-"""The follower's task: hold still, probe target after target as the queue says, hold still again.
+"""The follower's task: hold still, probe target after target from the queue, hold still again.
 
-Each target is one `ProbingTask` of its own, from the place where the arm holds and back to it. Messages can
-only change the queue; how fast, how hard and how far is in the plan, and the guard has the last word.
+Each target is a `ProbingTask` of its own, from the place where the arm holds and back to it. Messages change
+the queue only; speeds, forces and distances are the plan's, and the guard may stop the arm at any time.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,7 @@ import numpy as np
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import Gains
 from control.laws.hybrid import HybridController
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN, TaskEvent, TaskOutput, aimed_output
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
 from control.paths.trajectory import JointMotion
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
@@ -24,14 +23,22 @@ from robot_io.types import FloatArray, Measurement
 
 
 class OnSilence(StrEnum):
-    """What becomes of the target under way when the leader falls silent; then the arm holds still."""
+    """What happens to the present target when the leader falls silent; then the arm holds still."""
 
     FINISH = "finish"
     RETREAT = "retreat"
 
 
 def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
-    """The follower's own plan at a target's place: all that a target says."""
+    """Copy the follower's plan with a target's place and direction.
+
+    Args:
+        target: place and direction.
+        plan: everything else.
+
+    Returns:
+        The plan for the target.
+    """
     place = {"targets_world_m": (target.position_world_m,), "press_direction_world": target.direction_world}
     return plan.model_copy(update=place)
 
@@ -39,12 +46,17 @@ def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
 class FollowerTask:
     """Works through a `TargetQueue`; see `control.loop.task.Task`. It is done when the leader has ended.
 
-    The tool pushes along `sensor_axis_tip`, a direction in the tip frame, shape (3,). `probing` makes the
-    probing of one target. `settled` is whether nothing but the queue keeps the arm up, such as an estimate
-    that is still to come.
+    Args:
+        body: model of the arm.
+        sensor_axis_tip: direction in which the tool pushes, tip frame, shape (3,).
+        gains: of all laws.
+        queue: of targets.
+        probing: makes the probing task of a target.
+        settled: whether nothing but the queue keeps the arm up, such as a pending estimate.
+        on_silence: what happens to the present target when the leader falls silent.
     """
 
-    def __init__(  # noqa: PLR0917 (what a follower is made of)
+    def __init__(  # noqa: PLR0917
         self,
         body: RigidBody,
         sensor_axis_tip: FloatArray,
@@ -63,33 +75,54 @@ class FollowerTask:
         self._events: list[TaskEvent] = []
 
     def start(self, measurement: Measurement) -> None:
-        """Hold the measured posture."""
+        """Hold the measured posture.
+
+        Args:
+            measurement: state of the arm.
+        """
         still = np.zeros_like(measurement.joint_position_rad)
         self._posture = JointMotion(measurement.joint_position_rad.copy(), still, still)
         self._direction = np.array((0.0, 0.0, -1.0))
         self._hold.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task.step`; raises what a `ProbingTask` raises."""
+        """Compute one tick; see `control.loop.task.Task.step`.
+
+        Args:
+            measurement: state of the arm.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Command, reference and events.
+
+        Raises:
+            Exception: whatever a `ProbingTask` raises.
+        """
         self._events = []
-        self._note_link()
+        if self._queue.linked != self._linked:
+            self._linked = self._queue.linked
+            text = "the leader is heard" if self._linked else "the leader is silent: no new target is begun"
+            self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
         if self._under_way is None:
             self._begin(measurement)
         task = self._under_way
         if task is None:
-            return self._holding(measurement, dt_s)
-        if self._queue.unwanted:
+            hold = self._hold.step_joints(measurement, self._posture, dt_s)
+            return make_output(
+                hold.command,
+                hold.motion,
+                hold.tip,
+                self._direction,
+                Phase.IDLE,
+                done=self._queue.done and self._settled(),
+                events=tuple(self._events),
+            )
+        if self._queue.cancelled:
             task.cancel("cancelled by the operator")
         elif not self._linked and self._on_silence is OnSilence.RETREAT:
             task.cancel("the leader is silent")
         output = task.step(measurement, dt_s)
         return self._after(task, output, measurement)
-
-    def _note_link(self) -> None:
-        if self._queue.linked != self._linked:
-            self._linked = self._queue.linked
-            text = "the leader is heard" if self._linked else "the leader is silent: nothing new is begun"
-            self._events.append(TaskEvent("link_up" if self._linked else "link_silent", text))
 
     def _begin(self, measurement: Measurement) -> None:
         target = self._queue.begin()
@@ -107,7 +140,7 @@ class FollowerTask:
         self._events.append(TaskEvent("target", text, {"target": target.number}))
 
     def _after(self, task: ProbingTask, output: TaskOutput, measurement: Measurement) -> TaskOutput:
-        """The probing's output with run numbers that go on from target to target; it never ends the loop."""
+        """Continue run numbers from target to target; the end of a target does not end the loop."""
         if output.run != NO_RUN:
             output = output._replace(run=self._base + output.run)
             self._runs = output.run + 1
@@ -139,15 +172,3 @@ class FollowerTask:
             return event
         run = self._base + int(str(data["run"]))
         return TaskEvent(event.kind, event.text, {**data, "run": run, "target": self._queue.current})
-
-    def _holding(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        output = self._hold.step_joints(measurement, self._posture, dt_s)
-        return aimed_output(
-            output.command,
-            output.motion,
-            output.tip,
-            self._direction,
-            Phase.IDLE,
-            done=self._queue.done and self._settled(),
-            events=tuple(self._events),
-        )

@@ -1,9 +1,9 @@
-"""An arm of servos in the operator's hand, through its robot file: its tip is read, and pushes back.
+"""An arm of servos in the operator's hand: its tip is read, and pushes back.
 
     tau = g(q) + J(q)^T f
 
-The arm's own weight is held up by its model, and every torque goes through its guard. There is no button: the
-operator selects a place by pressing the tool's force sensor harder than `select_force_n`.
+The model holds up the arm's own weight, and every torque passes its guard. There is no button: the operator
+selects a place by pressing the tool's force sensor harder than `select_force_n`.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ _WAIT_S = 1.0  # for the first sample
 
 
 class LeaderArmSettings(FileModel):
-    """Which arm."""
+    """Settings of the leader arm."""
 
     robot: Path  # robot file
     drivers: tuple[str, ...] = ()  # packages with drivers beside the built-in ones
@@ -34,7 +34,7 @@ class LeaderArmSettings(FileModel):
 
 
 class LeaderArm(OperatorDevice):
-    """An arm; `read` takes a measurement, `set_force` sends one command."""
+    """An operator device that is an arm; `read` takes a measurement, `set_force` sends one command."""
 
     name = "leader_arm"
     Settings = LeaderArmSettings
@@ -88,8 +88,8 @@ class LeaderArm(OperatorDevice):
         jacobian = self._tip(self._measured).jacobian_world[:3]
         weight_nm = self._body.gravity(self._measured.joint_position_rad)
         now_s = self.clock.now_s()
-        wanted = Command(weight_nm + jacobian.T @ force_world_n)
-        allowed = self._guard.limit(wanted, self._measured, now_s - self._commanded_s)
+        command = Command(weight_nm + jacobian.T @ force_world_n)
+        allowed = self._guard.limit(command, self._measured, now_s - self._commanded_s)
         self._commanded_s = now_s
         sent = self._arm.write(allowed, now_s + self.settings.deadline_s)
         return np.linalg.pinv(jacobian.T) @ (sent.joint_torque_nm - weight_nm)

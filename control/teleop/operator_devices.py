@@ -1,4 +1,4 @@
-"""Every operator device that there is, by name; a new one is one new file in `robot_io.operator`."""
+"""Registry of operator devices; a new one is one new file in `robot_io.operator`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,19 +23,37 @@ def build_operator_device(
     clock: Clock,
     document: YamlDocument | None = None,
 ) -> OperatorDevice:
-    """Make the device `name` with what its `Settings` want; opens nothing yet.
+    """Make an operator device; opens nothing yet.
 
-    UnknownNameError: no device has this name; InputError: a setting is not valid, with file and line if the
-    settings come from a document.
+    Args:
+        name: of the device.
+        settings: for its `Settings`.
+        clock: of this side.
+        document: that the settings come from, for errors with file and line.
+
+    Returns:
+        The device.
+
+    Raises:
+        UnknownNameError: no device has this name.
+        InputError: a setting is invalid.
     """
     device = OPERATOR_DEVICES[name]
     return device(validate(device.Settings, settings, document), clock)
 
 
 def build_operator(operator: str, clock: Clock) -> OperatorDevice:
-    """Make the device that a name or a YAML file says; opens nothing yet.
+    """Make an operator device from a name or a YAML file; opens nothing yet.
 
-    InputError: there is no such device or file, or a setting is not valid.
+    Args:
+        operator: name of a device, or path of a file that names one and holds its settings.
+        clock: of this side.
+
+    Returns:
+        The device.
+
+    Raises:
+        InputError: there is no such device or file, or a setting is invalid.
     """
     if operator in OPERATOR_DEVICES:
         try:

@@ -1,39 +1,91 @@
-"""What is known of the other side from its frames: which of them count, how old they are, is it there.
+"""State of the other side of a link, from its frames: which of them count, their age, whether it is there.
 
-One sender is listened to at a time. Another one's frames are foreign until the first has been silent for so
-long that it is taken for gone; then the newcomer is the peer, and whoever asks is told (`restarts`).
+One sender is listened to at a time. Another sender's frames are foreign until the first has been silent; then
+the newcomer becomes the peer, and `restarts` counts it.
+
+The offset between the two clocks follows from messages in both directions. With t0 the own stamp that the
+peer answers to, t1 its arrival there, t2 the peer's stamp and t3 the arrival here (t1, t2 on the peer's
+clock),
+
+    round trip = (t3 - t0) - (t2 - t1),    offset = peer - own = ((t1 - t0) + (t2 - t3)) / 2 +- round trip / 2
+
+(RFC 5905, section 8). The exchange with the shortest round trip of the last seconds has the smallest error.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass
 from enum import StrEnum
-from math import inf, nan
+from math import inf, isfinite, nan
+from typing import NamedTuple
 
-from control.teleop.clock_offset import ClockOffset, Offset
 from robot_io.errors import InputError
 from robot_io.link import Frame
+
+_WINDOW_S = 2.0
+_MOST = 512
+
+
+class Offset(NamedTuple):
+    """How far the peer's clock is ahead of the own clock."""
+
+    offset_s: float  # peer minus own [s]
+    round_trip_s: float  # of the exchange that it comes from; the offset is known to half of it [s]
+    at_s: float  # when that exchange ended, on the own clock [s]
+
+
+class ClockOffset:
+    """Keeps the exchange with the shortest round trip of the last seconds."""
+
+    def __init__(self) -> None:
+        # By age, and each with a shorter round trip than all that are younger: the first one is the best.
+        self._kept: deque[Offset] = deque()
+
+    @property
+    def best(self) -> Offset | None:
+        """Exchange with the shortest round trip of the last seconds; None before the first."""
+        return self._kept[0] if self._kept else None
+
+    def update(self, t0_s: float, t1_s: float, t2_s: float, t3_s: float) -> None:
+        """Take in one exchange; stamps that are not finite or contradict each other are ignored.
+
+        Args:
+            t0_s: own stamp that the peer answers to, own clock [s].
+            t1_s: its arrival at the peer, peer's clock [s].
+            t2_s: stamp of the answer, peer's clock [s].
+            t3_s: arrival of the answer, own clock [s].
+        """
+        round_trip_s = (t3_s - t0_s) - (t2_s - t1_s)
+        if not (isfinite(round_trip_s) and round_trip_s >= 0.0 and t3_s >= t0_s):
+            return
+        kept = self._kept
+        while kept and kept[-1].round_trip_s >= round_trip_s:
+            kept.pop()
+        kept.append(Offset(0.5 * ((t1_s - t0_s) + (t2_s - t3_s)), round_trip_s, t3_s))
+        while kept[0].at_s < t3_s - _WINDOW_S or len(kept) > _MOST:
+            kept.popleft()
+
 
 _WINDOW = 64  # sequence numbers below the newest that are known one by one
 
 
 class Arrival(StrEnum):
-    """What a frame is. Only a fresh one counts."""
+    """Class of a frame; only a fresh one counts."""
 
     FRESH = "fresh"
     LATE = "late"  # under way for too long to act on
-    REPEATED = "repeated"  # was here before
-    REORDERED = "reordered"  # an older one than the newest, which says more than it
+    REPEATED = "repeated"  # arrived before
+    REORDERED = "reordered"  # older than the newest
     FOREIGN = "foreign"  # of another sender than the peer
 
-    __hash__ = str.__hash__  # not in Python, as an Enum's is: every frame is counted
+    __hash__ = str.__hash__  # faster than an Enum's: every frame is counted
 
 
 @dataclass(frozen=True, slots=True)
 class PeerLimits:
-    """When a frame is too old, and when its sender is gone."""
+    """When a frame is too old, and when its sender is silent."""
 
-    late_s: float = 3.0  # a frame that was longer under way is not acted on [s]
-    silent_s: float = 1.0  # without a fresh frame for so long, the peer is silent [s]
+    late_s: float = 3.0  # longest time under way of a frame that is acted on [s]
+    silent_s: float = 1.0  # time without a fresh frame after which the peer is silent [s]
 
     def __post_init__(self) -> None:
         if not (0.0 < self.silent_s <= 60.0 and 0.0 < self.late_s <= 60.0):
@@ -41,13 +93,22 @@ class PeerLimits:
 
 
 class Peer:
-    """Judges frames by their stamps; pure, time is an argument on the own clock [s]."""
+    """Judges frames by their stamps; pure, time is an argument on the own clock [s].
+
+    Args:
+        limits: on age and silence.
+
+    Attributes:
+        counts: frames by class.
+        lost: gaps in the sequence so far; frames that arrive late are subtracted again.
+        restarts: how often a new sender has taken the peer's place.
+    """
 
     def __init__(self, limits: PeerLimits) -> None:
         self._limits = limits
         self.counts: Counter[Arrival] = Counter(dict.fromkeys(Arrival, 0))
-        self.lost = 0  # gaps in the sequence so far; what comes in late is taken off again
-        self.restarts = 0  # how often the peer's place was taken by a new sender
+        self.lost = 0
+        self.restarts = 0
         self._clocks = ClockOffset()
         self._sender: int | None = None
         self._newest, self._seen = -1, 0
@@ -60,19 +121,49 @@ class Peer:
         return self._clocks.best
 
     def silent(self, now_s: float) -> bool:
-        """Whether nothing fresh has come for `silent_s`, or ever."""
+        """Whether no fresh frame has come for `silent_s`, or ever.
+
+        Args:
+            now_s: own clock [s].
+
+        Returns:
+            True if the peer is silent.
+        """
         return not now_s - self._fresh_at_s <= self._limits.silent_s  # also NaN
 
     def age_s(self, now_s: float) -> float:
-        """Age of what the newest fresh frame says [s]; NaN before there is one, or the offset is known."""
+        """Compute the age of the newest fresh frame's content.
+
+        Args:
+            now_s: own clock [s].
+
+        Returns:
+            Age [s]; NaN before there is a frame, or the offset is known.
+        """
         return self.since_s(self._sent_s, now_s)
 
     def since_s(self, peer_s: float, now_s: float) -> float:
-        """How long ago a time of the peer's clock was [s]; NaN before the offset is known."""
+        """Compute how long ago a time of the peer's clock was.
+
+        Args:
+            peer_s: peer's clock [s].
+            now_s: own clock [s].
+
+        Returns:
+            Time since then [s]; NaN before the offset is known.
+        """
         return nan if self.offset is None else now_s - (peer_s - self.offset.offset_s)
 
     def judge(self, frame: Frame, arrived_s: float) -> Arrival:
-        """Say what a frame is, and count it."""
+        """Classify a frame, and count it.
+
+        Args:
+            frame: that arrived.
+            arrived_s: when, own clock [s].
+
+        Returns:
+            Its class.
+        """
         arrival = self._judge(frame, arrived_s)
         self.counts[arrival] += 1
         if arrival is Arrival.FRESH:
@@ -83,7 +174,9 @@ class Peer:
         if frame.sender != self._sender:
             if not self.silent(arrived_s):
                 return Arrival.FOREIGN
-            self._begin(frame.sender)
+            self.restarts += self._sender is not None
+            self._sender, self._newest, self._seen = frame.sender, -1, 0
+            self._clocks, self._fastest_s = ClockOffset(), inf
         behind = self._newest - frame.sequence
         if behind >= 0:
             if behind >= _WINDOW or self._seen >> behind & 1:
@@ -95,15 +188,8 @@ class Peer:
         self._seen = (self._seen << min(-behind, _WINDOW) | 1) & ((1 << _WINDOW) - 1)
         self._newest = frame.sequence
         self._clocks.update(frame.heard_sent_s, frame.heard_at_s, frame.sent_s, arrived_s)
-        return Arrival.LATE if self._way_s(frame, arrived_s) > self._limits.late_s else Arrival.FRESH
-
-    def _way_s(self, frame: Frame, arrived_s: float) -> float:
-        """How long the frame was under way; before the offset is known, how much longer than the fastest."""
+        # Before the offset is known, the time under way is compared with that of the fastest frame.
         way_s, best = arrived_s - frame.sent_s, self._clocks.best
         self._fastest_s = min(self._fastest_s, way_s)
-        return way_s - self._fastest_s if best is None else way_s + best.offset_s
-
-    def _begin(self, sender: int) -> None:
-        self.restarts += self._sender is not None
-        self._sender, self._newest, self._seen = sender, -1, 0
-        self._clocks, self._fastest_s = ClockOffset(), inf
+        way_s += -self._fastest_s if best is None else best.offset_s
+        return Arrival.LATE if way_s > self._limits.late_s else Arrival.FRESH

@@ -11,16 +11,20 @@ from robot_io.types import FloatArray
 
 
 class VirtualArm:
-    """Kinematics only: what it weighs the operator need not carry.
+    """Kinematic arm without mass.
 
-    The tool's direction is given in the tip frame and in the world, shape (3,) each. Where the arm begins,
-    `home_rad`, shape (3,) [rad], says how its elbow bends.
+    Args:
+        body: model of the arm.
+        tool_axis_tip: direction of the tool, tip frame, shape (3,).
+        direction_world: direction of the tool, world frame, shape (3,).
+        home_rad: joint positions at the start, shape (3,) [rad]; they decide how the elbow bends.
 
     Attributes:
         position_rad: joint positions, shape (3,) [rad].
-        reached: whether the tip is where the hand is, apart from what lies out of the arm's plane.
+        reached: whether the tip is where the hand is, within the arm's plane.
 
-    InputError: the arm is not planar, or the direction does not lie in its plane.
+    Raises:
+        InputError: the arm is not planar, or the direction does not lie in its plane.
     """
 
     def __init__(
@@ -32,7 +36,11 @@ class VirtualArm:
         self.position_rad, self.reached = home_rad.copy(), True
 
     def follow(self, hand_world_m: FloatArray) -> None:
-        """Put the tip where the hand is, shape (3,) [m]; out of reach, stay where it was."""
+        """Put the tip where the hand is; out of reach, stay.
+
+        Args:
+            hand_world_m: shape (3,) [m].
+        """
         u_m, w_m = self._arm.plane_point(hand_world_m)
         try:
             angles = self._arm.absolute_angles(u_m, w_m, self._tool_rad, self._elbow)
@@ -45,6 +53,6 @@ class VirtualArm:
 
     @property
     def tip_world_m(self) -> FloatArray:
-        """Where its tip is, shape (3,) [m]."""
+        """Tip position, shape (3,) [m]."""
         tip, _ = self._body.tip_pose(self.position_rad)
         return tip

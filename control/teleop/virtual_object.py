@@ -33,12 +33,20 @@ from robot_io.types import FloatArray, frozen_array
 # step, touched or not, so that a law may have a memory.
 ForceLaw = Callable[[float, float, float], float]
 
-_STEEPEST = 4.0  # p: laws up to depth^3 are felt as they are
-_WAYS = 2.0  # the energy must last for as many steps of the way out, the force being held for each
+_STEEPEST = 4.0  # p: laws up to depth^3 are rendered unchanged
+_WAYS = 2.0  # number of steps of the way out for which the energy must last
 
 
 def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
-    """F = k x + c dx/dt, cut at zero (paper, section V)."""
+    """Make the law F = k x + c dx/dt, cut at zero (paper, section V).
+
+    Args:
+        stiffness_n_m: k [N/m].
+        damping_n_s_m: c [N s/m].
+
+    Returns:
+        The force law.
+    """
 
     def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
         return max(0.0, stiffness_n_m * depth_m + damping_n_s_m * rate_m_s) if depth_m > 0.0 else 0.0
@@ -47,7 +55,16 @@ def kelvin_voigt(stiffness_n_m: float, damping_n_s_m: float) -> ForceLaw:
 
 
 def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw:
-    """F = (k + b dx/dt) x^n, cut at zero; k [N/m^n], b [N s/m^(n+1)] (Hunt and Crossley 1975, eq. 2)."""
+    """Make the law F = (k + b dx/dt) x^n, cut at zero (Hunt and Crossley 1975, eq. 2).
+
+    Args:
+        stiffness: k [N/m^n].
+        damping: b [N s/m^(n+1)].
+        exponent: n.
+
+    Returns:
+        The force law.
+    """
 
     def force_n(depth_m: float, rate_m_s: float, _dt_s: float) -> float:
         return max(0.0, stiffness + damping * rate_m_s) * depth_m**exponent if depth_m > 0.0 else 0.0
@@ -55,8 +72,8 @@ def hunt_crossley(stiffness: float, damping: float, exponent: float) -> ForceLaw
     return force_n
 
 
-class Touch(NamedTuple):
-    """What one step of the virtual object gave."""
+class RenderedForce(NamedTuple):
+    """Result of one step of the virtual object."""
 
     force_world_n: FloatArray  # on the tip, shape (3,) [N]
     force_n: float  # the same along the normal, positive in compression [N]
@@ -104,7 +121,7 @@ class VirtualObject:
             raise InputError("normal of the surface: it is zero")
         self._normal = normal / length
         self._law = law
-        self._height_m = self._wanted_height_m = self._along_normal(point_world_m)
+        self._height_m = self._next_height_m = self._along_normal(point_world_m)
         self._jump_n, self._surface_m_s = largest_jump_n, surface_speed_m_s
         self._reserve_j, self._limit_n = reserve_j, force_limit_n
         self._tip_m = math.nan  # along the normal, at the last step
@@ -112,28 +129,48 @@ class VirtualObject:
         self._updated = False
 
     def update(self, law: ForceLaw, point_world_m: FloatArray | None = None) -> None:
-        """Render another law from the next step on, and another surface if a point (3,) [m] is given.
+        """Render another law from the next step on.
 
-        InputError: the point is not finite.
+        Args:
+            law: force law.
+            point_world_m: a point of the new surface, shape (3,) [m]; None to keep the surface.
+
+        Raises:
+            InputError: the point is not finite.
         """
         if point_world_m is not None:
-            self._wanted_height_m = self._along_normal(point_world_m)
+            self._next_height_m = self._along_normal(point_world_m)
         self._law = law
         self._updated = True
 
     def step(
         self, tip_position_world_m: FloatArray, tip_velocity_world_m_s: FloatArray, dt_s: float
-    ) -> Touch:
-        """The force that the tip feels until the next step, `dt_s` [s] later; shapes (3,) [m], [m/s]."""
+    ) -> RenderedForce:
+        """Compute the force that the tip feels until the next step.
+
+        Args:
+            tip_position_world_m: shape (3,) [m].
+            tip_velocity_world_m_s: shape (3,) [m/s].
+            dt_s: time until the next step [s].
+
+        Returns:
+            Force, depth and energy.
+        """
         tip_m = float(self._normal.dot(tip_position_world_m))
         rate_m_s = -float(self._normal.dot(tip_velocity_world_m_s))
-        self._move_surface(tip_m, dt_s)
+        # A surface that is not touched moves at once, else at a limited speed.
+        if tip_m >= max(self._height_m, self._next_height_m):
+            self._height_m = self._next_height_m
+        most_m = self._surface_m_s * dt_s
+        self._height_m += clip(self._next_height_m - self._height_m, -most_m, most_m)
         depth_m = self._height_m - tip_m
         own_n = self._law(depth_m, rate_m_s, dt_s)
         if depth_m > 0.0:
             if self._force_n > 0.0:
                 self._energy_j += self._force_n * (self._tip_m - tip_m)
-            self._fade(own_n)
+            if self._updated:
+                self._fading_n = self._force_n - own_n  # difference to the former law's force
+            self._fading_n -= clip(self._fading_n, -self._jump_n, self._jump_n)
             way_m = max(depth_m / _STEEPEST, -_WAYS * rate_m_s * dt_s)
             most_n = max(0.0, self._reserve_j + self._energy_j) / way_m
             self._force_n = min(max(0.0, own_n + self._fading_n), most_n, self._limit_n)
@@ -141,20 +178,7 @@ class VirtualObject:
             self._force_n = self._energy_j = self._fading_n = own_n = 0.0
         self._tip_m, self._updated = tip_m, False
         force_world_n = self._normal * self._force_n
-        return Touch(force_world_n, self._force_n, depth_m, self._energy_j, own_n - self._force_n)
+        return RenderedForce(force_world_n, self._force_n, depth_m, self._energy_j, own_n - self._force_n)
 
     def _along_normal(self, point_world_m: FloatArray) -> float:
         return float(self._normal.dot(frozen_array(point_world_m, (3,), what="point of the surface")))
-
-    def _move_surface(self, tip_m: float, dt_s: float) -> None:
-        """At once if neither the old nor the new surface is touched, else slowly."""
-        if tip_m >= max(self._height_m, self._wanted_height_m):
-            self._height_m = self._wanted_height_m
-        most_m = self._surface_m_s * dt_s
-        self._height_m += clip(self._wanted_height_m - self._height_m, -most_m, most_m)
-
-    def _fade(self, own_n: float) -> None:
-        """What is left of the difference between the last law's force and the new one's."""
-        if self._updated:
-            self._fading_n = self._force_n - own_n
-        self._fading_n -= clip(self._fading_n, -self._jump_n, self._jump_n)

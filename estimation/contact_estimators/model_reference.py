@@ -16,7 +16,7 @@ class ModelReference(OnlineContactLaw):
     while nothing moves nothing is learnt. What damping adds to the force passes for stiffness.
 
     Source: K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control see
-    `control.laws.hold_laws`.
+    `control.laws.force_laws`.
 
     Args:
         rate: of the adaptation, in (0, 1).

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from control.laws.touch import touch_force_n
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.signals.blocks import places
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -45,7 +45,7 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
     Args:
         force_n: shape (n,), positive in compression [N].
         run: shape (n,).
-        phase: shape (n,), numbers of `control.loop.phases.Phase`.
+        phase: shape (n,), numbers of `control.loop.task.Phase`.
     """
     return tuple(
         _contact_of(int(number), np.flatnonzero(run == number), force_n, phase) for number in np.unique(run)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
 from estimation.data.numbers import FINEST_S
@@ -26,7 +26,7 @@ class Rows:
     order: IntArray  # index in the table of each row, shape (n,)
     time_s: FloatArray  # shape (n,), strictly increasing within a run [s]
     run: IntArray  # shape (n,)
-    phase: IntArray  # shape (n,), numbers of `control.loop.phases.Phase`, or -1 where unknown
+    phase: IntArray  # shape (n,), numbers of `control.loop.task.Phase`, or -1 where unknown
     labels: dict[int, str]  # what the file calls each run
     note: str = ""  # how the runs were found, if the file does not say them; or empty
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import median_filter
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.data.press_runs import force_levels
 from estimation.signals.blocks import blocks
 from estimation.statistics.correlation import likeness
@@ -29,7 +29,7 @@ def press_phases(
     run: IntArray,
     pressed: BoolArray | None = None,
 ) -> IntArray:
-    """Numbers of `control.loop.phases.Phase`, shape (n,).
+    """Numbers of `control.loop.task.Phase`, shape (n,).
 
     What is pressed is below the surface, if the displacement says where that is, or else has a force.
 

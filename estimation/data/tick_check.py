@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from control.loop.phases import Phase
-from control.loop.task import NO_RUN
+from control.loop.task import NO_RUN, Phase
 from control.loop.tick_record import STREAM_NAME, tick_stream
 from estimation.data.numbers import fault_of, more_like_it, useless_rows
 from robot_io.errors import InputError, SessionError

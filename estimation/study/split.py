@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelData
 from robot_io.types import BoolArray, FloatArray
 

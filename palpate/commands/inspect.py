@@ -11,7 +11,7 @@ from palpate.files import different_files, open_session, output_file, output_fol
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.viewer import open_window, take_picture
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
-from palpate.teleop.joined import join
+from palpate.teleop.merged_sessions import merge_sessions
 from palpate.teleop.recording import record_both
 from palpate.words import shown, typed
 from robot_io.errors import InputError
@@ -46,7 +46,7 @@ def command(  # noqa: PLR0917, one parameter an option
     folder, where it is renewed each time, or where --save says.
     """
     found = open_session(session)
-    joined = None if other is None else join(found, open_session(other))
+    merged = None if other is None else merge_sessions(found, open_session(other))
     if other is None and HAPTIC in found.stream_names:
         raise InputError(f"{session}: is a leader's session: give that of its follower as well")
     for output in (save, screenshot):
@@ -56,16 +56,16 @@ def command(  # noqa: PLR0917, one parameter an option
     if plots is not None:
         spare_files(plots, [PLOTS], force=force, keep=[session])
         output_folder(plots)
-    recording = save or output_folder(found.derived_dir) / (RECORDING if joined is None else BOTH)
+    recording = save or output_folder(found.derived_dir) / (RECORDING if merged is None else BOTH)
     out = console.stdout()
-    if joined is None:
+    if merged is None:
         inspection = look_into(found)
         moment_s = inspection.record(recording)
     else:
         if plots is not None:
             raise InputError("--plots is for one session; palpate inspect FOLLOWER --plots FOLDER")
-        moment_s = record_both(joined, recording)
-        out.print(joined.clocks_in_words())
+        moment_s = record_both(merged, recording)
+        out.print(merged.clock_summary())
     out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)
     if plots is not None:
         out.print(f"plot: [bold]{shown(inspection.plot(plots))}[/bold]", soft_wrap=True)

@@ -241,21 +241,21 @@ def demo(
                 "files": files,
                 "felt_share": settled.share,
                 "felt_share_with_all": made.felt.share,
-                "verdicts": made.joined.verdicts(),
+                "verdicts": made.merged.verdicts(),
                 "model_share": made.modelled.share,
-                "clock_offset_s": made.joined.offset_s,
+                "clock_offset_s": made.merged.offset_s,
             }
         )
         return
     sessions = " ".join(typed(made.files[side]) for side in ("leader", "follower"))
     print_files(console.stdout(), made.files)
-    console.stdout().print(f"models over the follower's own measurements: {made.modelled.in_words()}")
-    console.stdout().print(made.verdicts_in_words(), soft_wrap=True)
+    console.stdout().print(f"models over the follower's own measurements: {made.modelled.summary()}")
+    console.stdout().print(made.verdict_summary(), soft_wrap=True)
     console.next_steps(
         (f"palpate inspect {sessions}", "both sides on one time line"),
         (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
     )
-    console.stdout().print(made.felt_in_words(), soft_wrap=True)
+    console.stdout().print(made.force_summary(), soft_wrap=True)
 
 
 def _us(seconds: float) -> str:

@@ -8,9 +8,8 @@ from calibration.arm.free_motion import FreeMotion
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.loop import run_loop
-from control.loop.phases import Phase
 from control.loop.result import LoopResult, Outcome
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.paths.trajectory import JointMotion
 from palpate.doctor.limits import random_poses_rad

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import is_session
 from estimation.data.import_options import ImportOptions

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.result import ParameterValue

@@ -1,6 +1,6 @@
 """One palette for every medium: middle tones that read on light and on dark. A colour means one thing."""
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded

@@ -16,8 +16,7 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from control.loop.phases import Phase
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from control.probing.plan import ProbingPlan
 from palpate import console
 from palpate.runs.probing import Watcher

@@ -22,7 +22,7 @@ from sim_backend.scenario import Scenario
 
 
 class TickRecords:
-    """A log of ticks in memory; see `control.loop.journal.TickLog`."""
+    """A log of ticks in memory; see `control.loop.tick_record.TickLog`."""
 
     dropped = 0
     failure = None

@@ -8,12 +8,10 @@ from pathlib import Path
 import yaml
 
 from control.laws.gains import TouchGains, gains_of
-from control.loop.journal import Observer
-from control.loop.phases import Phase
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult
-from control.loop.task import Task, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
+from control.loop.task import Phase, Task, TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates, Observer
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from estimation.contact_estimator import OnlineContactLaw

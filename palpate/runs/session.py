@@ -11,11 +11,10 @@ from pathlib import Path
 
 from control.arm.dh import check_dh_table
 from control.arm.rigid_body import RigidBody
-from control.loop.journal import Observer
 from control.loop.loop import run_loop
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import Task
-from control.loop.tick_record import tick_stream
+from control.loop.tick_record import Observer, tick_stream
 from palpate.runs.hiding import SEAL, hide, seal_hidden
 from palpate.runs.permission import Permission, without_question
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from palpate.render.palette import BASE, FLOOR, JOINTS, MEASURED, MODEL, TRUTH
 from palpate.sweep.case import Row
 from palpate.sweep.summary import BOUND, column, errors_of, estimated, grouped, parameters_of

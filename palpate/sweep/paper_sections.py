@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from palpate.sweep import figures
 from palpate.sweep.case import Row
 from palpate.sweep.page import Section

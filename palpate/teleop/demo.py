@@ -15,7 +15,7 @@ import yaml
 from palpate.failures import INTERRUPTED
 from palpate.files import output_file, output_folder, write_text
 from palpate.teleop.figures import draw
-from palpate.teleop.joined import TOUCH_S, Felt, Joined, join
+from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
 from palpate.teleop.recording import record_both
 from palpate.words import count
 from robot_io.errors import PalpateError
@@ -38,18 +38,18 @@ _SIDES = ("follower", "leader")
 class TeleopDemo:
     """What the demo made."""
 
-    joined: Joined
-    felt: Felt  # what was felt, and what the real object would have answered
-    modelled: Felt  # what the models answer to the follower's presses, and what it measured
+    merged: MergedSessions
+    felt: ForceComparison  # what was felt, and what the real object would have answered
+    modelled: ForceComparison  # what the models answer to the follower's presses, and what it measured
     files: dict[str, Path]
 
-    def verdicts_in_words(self) -> str:
+    def verdict_summary(self) -> str:
         """What the diagnosis said of each target, as far as it came before the end."""
-        verdicts = self.joined.verdicts()
+        verdicts = self.merged.verdicts()
         said = [f"target {number} {verdict or 'none before the end'}" for number, verdict in verdicts.items()]
         return f"verdicts of the diagnosis: {', '.join(said) or 'nothing was probed before the end'}"
 
-    def felt_in_words(self) -> str:
+    def force_summary(self) -> str:
         """How far what was felt is from what is real."""
         if not len(self.felt.real_n):
             return "nothing was felt after the first estimate: the felt force cannot be compared"
@@ -134,12 +134,12 @@ def run_demo(
     for side, options in commands.items():
         options += ["--port", port, "-o", str(sessions[side])]
     _run_both(folder, commands)
-    joined = join(*(Session.open(path) for path in sessions.values()))
-    felt, modelled = joined.felt_and_real(real), joined.modelled_and_measured()
+    merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
+    felt, modelled = merged.felt_and_real(real), merged.modelled_and_measured()
     files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}
-    record_both(joined, files["recording"])
-    draw(files["figures"], joined, felt, modelled)
-    return TeleopDemo(joined, felt, modelled, files)
+    record_both(merged, files["recording"])
+    draw(files["figures"], merged, felt, modelled)
+    return TeleopDemo(merged, felt, modelled, files)
 
 
 def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from control.loop.way_out import one_line
+from control.loop.stop_handler import one_line
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels

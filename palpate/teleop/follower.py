@@ -18,11 +18,11 @@ from control.probing.plan import ProbingPlan
 from control.probing.sites import check_against_guard
 from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
-from control.teleop.link_record import LINK_STREAM
+from control.teleop.messaging import LINK_STREAM
 from palpate.runs.probing import PLAN
 from palpate.runs.session import ArmJob, arm_session, checked_body
+from palpate.teleop.follower_messaging import FollowerMessaging, Say
 from palpate.teleop.follower_observer import Observer
-from palpate.teleop.follower_talk import Say, Talk
 from robot_io.calibration import load_calibrations
 from robot_io.guard import Guard
 from robot_io.link import Line, LineSettings, Target, TargetState, short_number
@@ -68,18 +68,18 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     with ExitStack() as stack:
         arm = stack.enter_context(arm_session(job, calibrations, {PLAN: plan_text}, streams=(LINK_STREAM,)))
         line = stack.enter_context(Line("follower", job.link, arm.clock))
-        talk = Talk(line, arm.clock, say, diagnose=job.diagnose)
-        stack.callback(talk.close)
+        messaging = FollowerMessaging(line, arm.clock, say, diagnose=job.diagnose)
+        stack.callback(messaging.close)
         axis = np.array(robot_file.sensor_axis_tip)
         task = FollowerTask(
-            body, axis, gains_of(robot_file), talk.queue, probing, talk.settled, job.on_silence
+            body, axis, gains_of(robot_file), messaging.queue, probing, messaging.settled, job.on_silence
         )
         if not job.simulated:
             stack.enter_context(realtime())
-        observer = Observer(talk, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
-        talk.start()
+        observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
+        messaging.start()
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, guard, rate_hz, observer.observe)
-        talk.farewell(result.cause)
-    states = {short_number(number): state for number, state in talk.queue.states().items()}
-    return FollowerOutcome(result, states, talk.estimates, talk.error)
+        messaging.farewell(result.cause)
+    states = {short_number(number): state for number, state in messaging.queue.states().items()}
+    return FollowerOutcome(result, states, messaging.estimates, messaging.error)

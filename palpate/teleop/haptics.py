@@ -16,15 +16,15 @@ import numpy as np
 
 from control.arm.rigid_body import RigidBody
 from control.loop.realtime import realtime
+from control.loop.stop_handler import one_line
 from control.loop.timing import Histogram, SectionTiming, TickGrid
-from control.loop.way_out import one_line
-from control.teleop.link_record import LINK_STREAM
+from control.teleop.messaging import LINK_STREAM
 from control.teleop.operator_devices import build_operator
 from control.teleop.virtual_arm import VirtualArm
-from control.teleop.virtual_object import Touch, VirtualObject
+from control.teleop.virtual_object import RenderedForce, VirtualObject
 from palpate.runs.robots import find_robot
-from palpate.teleop.in_words import in_words
 from palpate.teleop.object_law import felt_data, force_law, terms_of
+from palpate.teleop.summaries import summarize_estimate
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number
@@ -210,7 +210,7 @@ class _Haptics:
         if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
             self._tell(hand, touch)
 
-    def _select(self, hand: Hand, touch: Touch) -> None:
+    def _select(self, hand: Hand, touch: RenderedForce) -> None:
         """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
         if hand.select and not self._was_selected:
             place = self._arm.tip_world_m - touch.depth_m * _DOWN
@@ -234,10 +234,10 @@ class _Haptics:
             return
         self._revision = estimate.revision
         number = short_number(estimate.target)
-        text = f"estimate {estimate.revision}, target {number}: {in_words(estimate)}"
+        text = f"estimate {estimate.revision}, target {number}: {summarize_estimate(estimate)}"
         self._log.event(now_s, FEEL, text, felt_data(estimate))
 
-    def _tell(self, hand: Hand, touch: Touch) -> None:
+    def _tell(self, hand: Hand, touch: RenderedForce) -> None:
         tip = tuple(hand.position_world_m.tolist())
         finished = getattr(self._device, "finished", False)
         chosen, refused = tuple(self._selected), tuple(self._refused)

@@ -15,11 +15,11 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
 from control.loop.timing import SectionTiming
-from control.teleop.conversation import Conversation
+from control.teleop.messaging import Messaging
 from palpate.runs.session import SOURCE
 from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
-from palpate.teleop.in_words import in_words
-from palpate.teleop.probed import DOWN, Probed
+from palpate.teleop.summaries import summarize_estimate
+from palpate.teleop.target_state import DOWN, TargetStates
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import (
@@ -39,7 +39,7 @@ from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata
 from sim_backend.scenario import Scenario
 
-TALK_S = 0.02  # between two intents
+MESSAGE_PERIOD_S = 0.02  # between two intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5
 _FAREWELL_S = 45.0  # how long a follower may take to finish what is queued
 _SAME_PLACE_M = 0.005  # nearer than this to a target is that target
@@ -132,8 +132,8 @@ class _Leader:
     ) -> None:
         self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._conversation = Conversation(line, clock, take=self._take, begin_anew=self._begin_anew)
-        self._probed = Probed(job.haptics.scene)
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._on_new_peer)
+        self._target_states = TargetStates(job.haptics.scene)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}
         self._cancelled: list[int] = []
@@ -147,7 +147,7 @@ class _Leader:
         self._lateness: SectionTiming | None = None
 
     def run(self) -> None:
-        """Talk until it is over."""
+        """FollowerMessaging until it is over."""
         begun_s = self._clock.now_s()
         while not self._over:
             now_s = self._clock.now_s()
@@ -156,21 +156,21 @@ class _Leader:
                 raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
             self._hear_follower()
             self._choose()
-            self._conversation.say(self._intent())
+            self._messaging.send(self._intent())
             self._order(now_s)
             if not now_s < self._show_s + _SHOW_S:
                 self._show_s = now_s
-                self._show(self._in_words(now_s))
-            if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._conversation.linked):
+                self._show(self._status_line(now_s))
+            if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
                 self._over = True
-            self._clock.sleep_until(now_s + TALK_S)
+            self._clock.sleep_until(now_s + MESSAGE_PERIOD_S)
         self._end_haptics()
 
     def end(self) -> str:
         """Want nothing more than what is queued; what comes of that, in words."""
         if not self._ending:
             self._ending_s = self._clock.now_s()
-        if not self._conversation.linked:
+        if not self._messaging.linked:
             return "ending: no follower is there to finish what is queued"
         return "ending: the follower finishes what is queued; Ctrl-C again leaves it alone"
 
@@ -181,8 +181,8 @@ class _Leader:
     def outcome(self) -> LeaderOutcome:
         """How it ended."""
         states = {short_number(number): state.name.lower() for number, state in self._states.items()}
-        heard = self._conversation.peer.offset is not None
-        return LeaderOutcome(states, self._probed.received, heard, self._lateness)
+        heard = self._messaging.peer.offset is not None
+        return LeaderOutcome(states, self._target_states.received, heard, self._lateness)
 
     def _hear_operator(self) -> None:
         try:
@@ -221,14 +221,14 @@ class _Leader:
             self._note("target", f"target {short_number(number)} chosen at ({place_mm}) mm")
 
     def _hear_follower(self) -> None:
-        if self._conversation.listen():
-            heard = self._conversation.linked
+        if self._messaging.receive():
+            heard = self._messaging.linked
             self._note("link", "the follower is heard" if heard else "the follower is silent")
-        if words := self._conversation.complaint():
+        if words := self._messaging.problem():
             self._note("link", words)
 
-    def _begin_anew(self) -> None:
-        self._probed.begin_anew()
+    def _on_new_peer(self) -> None:
+        self._target_states.on_new_peer()
         self._note("link", "another follower has begun")
 
     def _take(self, message: Message, sent_s: float) -> None:
@@ -239,13 +239,15 @@ class _Leader:
 
     def _take_estimate(self, estimate: ObjectEstimate) -> None:
         try:
-            new = self._probed.take(estimate)
+            new = self._target_states.take(estimate)
         except InputError as error:
             self._note("refused", f"estimate {estimate.revision} cannot be felt: {error}")
             return
         if new:
             why = f" ({estimate.words})" if estimate.words else ""
-            self._note("estimate", f"target {short_number(estimate.target)}: {in_words(estimate)}{why}")
+            self._note(
+                "estimate", f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}{why}"
+            )
 
     def _take_report(self, report: Report, sent_s: float) -> None:
         # A follower that has not heard of this leader yet may still tell of the targets of the last one.
@@ -254,7 +256,7 @@ class _Leader:
         if report.remark and report.remark != self._remark:
             self._note("follower", report.remark)
         self._remark = report.remark
-        for text in self._probed.compare(report, sent_s):
+        for text in self._target_states.compare(report, sent_s):
             self._note("disagreement", text)
         if report.ended and not self._over:
             self._note("follower", "the follower has ended")
@@ -263,13 +265,13 @@ class _Leader:
 
     def _choose(self) -> None:
         """Feel the estimate of the nearest place that was probed."""
-        chosen = self._probed.choose(self._telling.tip_world_m) if self._telling else None
+        chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
         if chosen is not None:
             self._send(Orders(self._read, render=chosen))
 
     def _intent(self) -> Intent:
         wanted = tuple(self._wanted()[:MOST_TARGETS])
-        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._probed.seen, self._ending)
+        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._target_states.seen, self._ending)
 
     def _wanted(self) -> list[Target]:
         """Targets that the follower has not finished, and that are not called off."""
@@ -284,7 +286,7 @@ class _Leader:
         if self._telling is None or (now_s < self._link_s + _LINK_RECORD_S and not self._notes):
             return
         self._link_s = now_s
-        record = self._conversation.record(now_s)
+        record = self._messaging.record(now_s)
         self._send(Orders(self._read, notes=tuple(self._notes), link=record))
         self._notes.clear()
 
@@ -303,18 +305,18 @@ class _Leader:
             self._send(Orders(self._read, notes=tuple(self._notes), end=True))
         while self._lateness is None:
             self._hear_operator()
-            self._clock.sleep_until(self._clock.now_s() + TALK_S)
+            self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def _note(self, kind: str, text: str) -> None:
         self._notes.append((kind, text))
         self._say(text)
 
-    def _in_words(self, now_s: float) -> str:
+    def _status_line(self, now_s: float) -> str:
         """How things stand, and how far the virtual object can be trusted."""
-        telling, felt = self._telling, self._probed.felt
+        telling, felt = self._telling, self._target_states.felt
         if telling is None:
             return "starting"
-        age_s = nan if felt is None else self._conversation.peer.since_s(felt.measured_s, now_s)
-        trust = self._probed.in_words(telling.tip_world_m, age_s)
-        link = "linked" if self._conversation.linked else "NO LINK"
+        age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
+        trust = self._target_states.summary(telling.tip_world_m, age_s)
+        link = "linked" if self._messaging.linked else "NO LINK"
         return f"{telling.force_n:5.2f} N felt; {trust}; {link}"

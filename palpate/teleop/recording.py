@@ -20,8 +20,8 @@ from palpate.render.recording.stream import (
     time_column,
 )
 from palpate.teleop.haptics import GUESS
-from palpate.teleop.in_words import GEOMETRY
-from palpate.teleop.joined import Joined
+from palpate.teleop.merged_sessions import MergedSessions
+from palpate.teleop.summaries import GEOMETRY
 from robot_io.session import Event
 from robot_io.types import FloatArray
 
@@ -31,7 +31,7 @@ _TROUBLE = {"disagreement", "refused", "link", "link_silent", "trip", "no_estima
 _MILLI = 1e3
 
 
-def record_both(joined: Joined, path: Path) -> float:
+def record_both(merged: MergedSessions, path: Path) -> float:
     """Write the recording; it appears whole or not at all.
 
     Returns:
@@ -40,29 +40,31 @@ def record_both(joined: Joined, path: Path) -> float:
     Raises:
         InputError: the file cannot be written, the sessions hold no arm, or the sides never heard each other.
     """
-    haptic, ticks = joined.haptic, joined.ticks
+    haptic, ticks = merged.haptic, merged.ticks
     start_s = float(haptic["time_s"][0])
-    hand_s, arm_s = haptic["time_s"] - start_s, joined.to_leader(ticks["time_s"]) - start_s
-    with recording_file(joined.leader.path.stem, path, _blueprint(joined)) as recording:
+    hand_s, arm_s = haptic["time_s"] - start_s, merged.to_leader(ticks["time_s"]) - start_s
+    with recording_file(merged.leader.path.stem, path, _blueprint(merged)) as recording:
         for name, session, samples, time_s, base_m in (
-            ("leader", joined.leader, haptic, hand_s, _LEADER_BASE_M),
-            ("follower", joined.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
+            ("leader", merged.leader, haptic, hand_s, _LEADER_BASE_M),
+            ("follower", merged.follower, ticks, arm_s, (0.0, 0.0, 0.0)),
         ):
             rows = picture_rows(time_s)
             position_rad = samples.vector("joint_position_rad")[rows]
             urdf = session.metadata.urdf
             log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
-            _log_events(recording, name, session.events, start_s, joined)
-        _log_forces(recording, joined, hand_s, arm_s)
+            _log_events(recording, name, session.events, start_s, merged)
+        _log_forces(recording, merged, hand_s, arm_s)
         log_phases(recording, _PHASE, ticks["phase"], arm_s)
-        _log_parameters(recording, joined, start_s)
-        _log_link(recording, joined, start_s)
+        _log_parameters(recording, merged, start_s)
+        _log_link(recording, merged, start_s)
     felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
     return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
 
 
-def _log_forces(recording: rr.RecordingStream, joined: Joined, hand_s: FloatArray, arm_s: FloatArray) -> None:
-    haptic, ticks = joined.haptic, joined.ticks
+def _log_forces(
+    recording: rr.RecordingStream, merged: MergedSessions, hand_s: FloatArray, arm_s: FloatArray
+) -> None:
+    haptic, ticks = merged.haptic, merged.ticks
     send_lines(recording, f"{_FORCE}/leader", hand_s, {"felt": (haptic["force_n"], palette.MODEL, 1.5)})
     send_lines(
         recording, f"{_FORCE}/follower", arm_s, {"measured": (ticks["force_n"], palette.MEASURED, 1.5)}
@@ -71,11 +73,11 @@ def _log_forces(recording: rr.RecordingStream, joined: Joined, hand_s: FloatArra
     send_lines(recording, _DEPTH, hand_s, depth)
 
 
-def _log_parameters(recording: rr.RecordingStream, joined: Joined, start_s: float) -> None:
+def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
     """Each parameter that was felt, as a level with its interval from estimate to estimate."""
-    end_s = float(joined.haptic["time_s"][-1])
-    feels = joined.feels()
-    for name in _parameters(joined):
+    end_s = float(merged.haptic["time_s"][-1])
+    feels = merged.feels()
+    for name in _parameters(merged):
         having = [(event.time_s, data) for event, data in feels if name in data["parameters"]]
         times = [time_s for time_s, _ in having]
         edges = np.array([[begin, end] for begin, end in zip(times, [*times[1:], end_s], strict=True)])
@@ -89,8 +91,8 @@ def _log_parameters(recording: rr.RecordingStream, joined: Joined, start_s: floa
         send_lines(recording, _entity(name), edges.reshape(-1) - start_s, lines)
 
 
-def _log_link(recording: rr.RecordingStream, joined: Joined, start_s: float) -> None:
-    link = joined.leader.samples("link")
+def _log_link(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
+    link = merged.leader.samples("link")
     lines = {
         "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
         "round trip [ms]": (_MILLI * link["round_trip_s"], palette.FLOOR, 1.5),
@@ -99,19 +101,23 @@ def _log_link(recording: rr.RecordingStream, joined: Joined, start_s: float) -> 
 
 
 def _log_events(
-    recording: rr.RecordingStream, side: str, events: tuple[Event, ...], start_s: float, joined: Joined
+    recording: rr.RecordingStream,
+    side: str,
+    events: tuple[Event, ...],
+    start_s: float,
+    merged: MergedSessions,
 ) -> None:
     if not events:
         return
     times = np.array([event.time_s for event in events])
-    times = (times if side == "leader" else joined.to_leader(times)) - start_s
+    times = (times if side == "leader" else merged.to_leader(times)) - start_s
     levels = [rr.TextLogLevel.WARN if one.kind in _TROUBLE else rr.TextLogLevel.INFO for one in events]
     columns = rr.TextLog.columns(text=[f"{side}, {one.kind}: {one.text}" for one in events], level=levels)
     recording.send_columns(f"{_EVENTS}/{side}", time_column(times), columns)
 
 
-def _parameters(joined: Joined) -> list[str]:
-    names = dict.fromkeys(name for _, data in joined.feels() for name in data["parameters"])
+def _parameters(merged: MergedSessions) -> list[str]:
+    names = dict.fromkeys(name for _, data in merged.feels() for name in data["parameters"])
     return [name for name in names if name not in GEOMETRY]
 
 
@@ -119,7 +125,7 @@ def _entity(parameter: str) -> str:
     return f"parameter/{parameter.replace('.', '_')}"
 
 
-def _blueprint(joined: Joined) -> rrb.Blueprint:
+def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
     arms = rrb.Spatial3DView(
         origin="/",
         name="Follower, and the virtual arm behind it",
@@ -132,10 +138,10 @@ def _blueprint(joined: Joined) -> rrb.Blueprint:
         ),
     )
     corner = rrb.Corner2D.LeftTop
-    parameters = [plot(_entity(name), name) for name in _parameters(joined)]
+    parameters = [plot(_entity(name), name) for name in _parameters(merged)]
     left = rrb.Vertical(arms, rrb.TextLogView(origin=_EVENTS, name="Events"), row_shares=[3, 2])
     right = rrb.Vertical(
-        plot(f"{_FORCE}/leader", "Felt by the operator [N]"),
+        plot(f"{_FORCE}/leader", "ForceComparison by the operator [N]"),
         plot(f"{_FORCE}/follower", "Measured by the follower [N]"),
         rrb.StateTimelineView(origin=_PHASE, name="Follower's phase"),
         plot(_DEPTH, "Depth of the hand [mm]"),

@@ -115,7 +115,7 @@ class Line:
                 self.refuse(str(error))
         return arrived
 
-    def listen_anew(self) -> None:
+    def resubscribe(self) -> None:
         """Tell the other side again that this one listens: zenoh says it once, which over UDP may be lost."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)

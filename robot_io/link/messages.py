@@ -86,7 +86,7 @@ class Intent:
 class Report:
     """What the follower does and feels at this moment; follower to leader."""
 
-    phase: int  # number of `control.loop.phases.Phase`
+    phase: int  # number of `control.loop.task.Phase`
     target: int  # number of the target that is being probed, -1 for none
     tip_world_m: tuple[float, ...]  # shape (3,) [m]
     speed_m_s: float  # of the tip along the press direction [m/s]

@@ -14,7 +14,7 @@ from calibration.encoder.stop_task import StopSettings, StopTask
 from calibration.still import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains, gains_of
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.loop.tick_record import tick_stream
 from palpate.commands.calibrate import ask_for_weight
 from palpate.runs import calibration as runs

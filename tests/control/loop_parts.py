@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from control.loop.phases import Phase
-from control.loop.task import TaskEvent, TaskOutput
+from control.loop.task import Phase, TaskEvent, TaskOutput
 from control.loop.tick_record import tick_stream
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.guard import Guard

@@ -7,8 +7,7 @@ import numpy as np
 
 from control.arm.inverse_kinematics import Elbow, PlanarArm
 from control.laws.gains import Gains
-from control.loop.phases import Phase
-from control.loop.task import TaskEvent, TaskOutput
+from control.loop.task import Phase, TaskEvent, TaskOutput
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.types import Measurement

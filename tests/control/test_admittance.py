@@ -7,9 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.laws.admittance import Admittance, loading_acceleration, scheduled_admittance
+from control.laws.force_laws import (
+    Admittance,
+    Compliance,
+    QuickEstimator,
+    loading_acceleration,
+    scheduled_admittance,
+)
 from control.laws.gains import ContactGains
-from control.laws.object_guess import Compliance, ObjectGuess
 
 DT_S = 0.001
 GAINS = ContactGains()
@@ -104,7 +109,7 @@ def samples(stiffness, damping, count=400, noise_n=0.0, exponent=1.0):
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(100.0, 0.0), (500.0, 100.0), (10_000.0, 200.0)])
 def test_the_guess_finds_the_object(stiffness, damping):
-    guess = ObjectGuess()
+    guess = QuickEstimator()
     for depth, speed, force in samples(stiffness, damping, noise_n=0.02):
         guess.update(depth, speed, force, DT_S)
     assert guess.compliance.stiffness_n_m == pytest.approx(stiffness, rel=0.1)
@@ -112,14 +117,14 @@ def test_the_guess_finds_the_object(stiffness, damping):
 
 
 def test_the_guess_sees_a_damper_within_five_milliseconds():
-    guess = ObjectGuess()
+    guess = QuickEstimator()
     for depth, speed, force in samples(500.0, 200.0, count=5):
         guess.update(depth, speed, force, DT_S)
     assert guess.compliance.damping_n_s_m == pytest.approx(200.0, rel=0.1)
 
 
 def test_the_guess_follows_a_stiffening_object():
-    guess = ObjectGuess()
+    guess = QuickEstimator()
     # F = a depth^2: the slope at the end is twice the chord, a fit to everything three quarters of it.
     speed_m_s, hardening = 0.05, 2e5
     for i in range(140):
@@ -130,7 +135,7 @@ def test_the_guess_follows_a_stiffening_object():
 
 
 def test_standing_still_teaches_nothing():
-    guess = ObjectGuess()
+    guess = QuickEstimator()
     for row in samples(1000.0, 50.0):
         guess.update(*row, DT_S)
     before = guess.compliance

@@ -9,9 +9,8 @@ import pytest
 import control.loop.loop
 from control.arm.rigid_body import TipMotion
 from control.loop.loop import run_loop
-from control.loop.phases import Phase
 from control.loop.result import LoopResult, Outcome
-from control.loop.task import TaskOutput, aimed_output, checked_output
+from control.loop.task import Phase, TaskOutput, checked_output, make_output
 from control.loop.tick_record import STREAM_NAME, tick_stream
 from control.loop.timing import SECTIONS
 from control.paths.trajectory import JointMotion
@@ -64,7 +63,7 @@ def test_what_a_task_aims_at_is_recorded_where_it_belongs():
     motion = JointMotion(np.ones(3), np.full(3, 2.0), np.full(3, 3.0))
     tip = TipMotion(np.full(3, 4.0), np.eye(3), np.full(3, 5.0), np.zeros((6, 3)))
     down = np.array([0.0, 0.0, -1.0])
-    aimed = aimed_output(Command(np.zeros(3)), motion, tip, down, Phase.APPROACH)
+    aimed = make_output(Command(np.zeros(3)), motion, tip, down, Phase.APPROACH)
     assert [aimed[i][0] for i in range(1, 5)] == [1.0, 2.0, 4.0, 5.0]
     assert aimed.press_direction_world is down
     assert np.isnan(aimed.desired_force_n)

@@ -9,11 +9,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-import control.loop.loop
+from control.loop import tick_record
 from control.loop.loop import run_loop
-from control.loop.phases import Phase
 from control.loop.result import Outcome
-from control.loop.way_out import InterruptFlag
+from control.loop.stop_handler import InterruptFlag
+from control.loop.task import Phase
 from robot_io.clock import MonotonicClock
 from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from robot_io.types import Command
@@ -349,11 +349,9 @@ def test_a_result_that_is_of_no_use_brakes_the_arm_like_an_exception(changes, wo
 
 
 def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
-    made, calls = control.loop.loop.tick_record, count(1)
+    made, calls = tick_record.tick_record, count(1)
     fail = raising(IndexError("a bug in the loop"))
-    monkeypatch.setattr(
-        control.loop.loop, "tick_record", lambda *parts: fail() if next(calls) == 100 else made(*parts)
-    )
+    monkeypatch.setattr(tick_record, "tick_record", lambda tick: fail() if next(calls) == 100 else made(tick))
     arm = Arm()
     result, log = run(arm, Swing(torque_nm=0.5))
     assert result.cause == "the loop: IndexError: a bug in the loop"

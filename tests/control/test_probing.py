@@ -8,7 +8,7 @@ import pytest
 from control.arm.inverse_kinematics import Elbow
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import ContactGains, Gains
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask

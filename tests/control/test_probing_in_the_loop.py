@@ -8,7 +8,7 @@ import pytest
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.loop import run_loop
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from tests import mock_robot

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from control.laws.gains import Gains, TouchGains
-from control.loop.phases import Phase
 from control.loop.result import Outcome
+from control.loop.task import Phase
 from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan, load_probing_plan
 from control.probing.task import ProbingTask

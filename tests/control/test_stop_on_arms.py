@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
 

@@ -7,13 +7,13 @@ import pytest
 
 from control.arm.inverse_kinematics import PlanarArm
 from control.arm.rigid_body import RigidBody
-from control.loop.phases import Phase
 from control.loop.result import Outcome
+from control.loop.task import Phase
 from control.paths.trajectory import JointPath, LineState
 from control.probing.plan import ProbingPlan
+from control.probing.routes import Place, Routes
 from control.probing.sites import probing_sites
 from control.probing.task import ProbingTask
-from control.probing.ways import Place, Routes
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Measurement

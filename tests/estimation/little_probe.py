@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.loop.tick_record import tick_stream
 from robot_io.session import Samples
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.data import file_columns
 from estimation.data.import_file import import_file
 from estimation.data.import_files import data_files, import_files

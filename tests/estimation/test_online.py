@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from control.laws.gains import TouchGains
-from control.loop.phases import Phase
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from estimation.estimators import ESTIMATORS
 from estimation.estimators.rls import Rls
 from estimation.online import OnlineContactEstimator

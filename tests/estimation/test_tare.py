@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels
 from estimation.estimate_channel import estimate_channel

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelKind
 from estimation.data.contact import contact_rows, find_contacts
 from estimation.data.tick_channels import contact_channels, joined, joint_channels

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.effects import EFFECTS
 from estimation.surface import Surface
 from palpate.export import export_scenario

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from control.laws.hold_laws import HOLD_LAWS
-from control.loop.phases import Phase
+from control.laws.force_laws import HOLD_LAWS
+from control.loop.task import Phase
 from control.paths.excitation import Excitation
 from control.probing.plan import ProbingPlan
 from palpate.runs.probing import ProbingJob, run_probing

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from estimation.data.channels import session_channels
 from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing

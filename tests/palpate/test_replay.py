@@ -7,7 +7,7 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import Gains
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.replay import References, ReplayTask
 from estimation.study.sides import side_by_side
 from palpate.runs import replaying

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from palpate.render import palette, sentences, terminal

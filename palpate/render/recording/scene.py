@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from estimation.estimate import Estimate, ParameterEstimate

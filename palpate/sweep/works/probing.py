@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData

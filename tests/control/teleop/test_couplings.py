@@ -17,14 +17,18 @@ from benchmarks.teleop_simulation import (
     presses,
     run,
 )
-from control.teleop.couplings.catalogue import COUPLINGS
-from control.teleop.couplings.channel import Newest, Playout
-from control.teleop.couplings.coupling import Port, Tracking
-from control.teleop.couplings.direct import DIRECT
-from control.teleop.couplings.four_channel import FOUR_CHANNEL
-from control.teleop.couplings.model_mediated import ProbingWay, model_mediated
-from control.teleop.couplings.time_domain import RESERVE_J, TIME_DOMAIN
-from control.teleop.couplings.wave_variables import WAVE_VARIABLES
+from control.teleop.couplings import (
+    DIRECT,
+    FOUR_CHANNEL,
+    RESERVE_J,
+    TIME_DOMAIN,
+    WAVE_VARIABLES,
+    DevicePort,
+    Newest,
+    Playout,
+    Tracking,
+)
+from control.teleop.model_mediated import COUPLINGS, ProbingMotion, model_mediated
 from robot_io.errors import InputError
 
 DT_S = 1e-3
@@ -48,7 +52,7 @@ def energy_made_j(coupling, leader_m, follower_m, faults, seed):
     lines = [DelayLine(faults, np.random.default_rng([seed, way])) for way in (0, 1)]
     channels = coupling.channel(), coupling.channel()
     made = most = 0.0
-    held_n = [0.0, 0.0]  # what hand and tool push back with, in the sign of `Port`
+    held_n = [0.0, 0.0]  # what hand and tool push back with, in the sign of `DevicePort`
     ways = np.column_stack([leader_m, follower_m])
     speeds = np.gradient(ways, DT_S, axis=0)
     for step, (place, speed) in enumerate(zip(ways[:-1], speeds[:-1], strict=True)):
@@ -57,7 +61,7 @@ def energy_made_j(coupling, leader_m, follower_m, faults, seed):
                 channel.take(number, packet)
         for end, side in enumerate(sides):
             given = channels[end].packet()
-            force_n, packet = side.step(Port(place[end], speed[end], held_n[end]), given, DT_S)
+            force_n, packet = side.step(DevicePort(place[end], speed[end], held_n[end]), given, DT_S)
             lines[1 - end].send(packet, step * DT_S)
             held_n[end] = force_n if end else -force_n
             made += force_n * (ways[step + 1, end] - place[end])
@@ -178,9 +182,9 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(coupling, port, packe
     for make in (coupling.leader, coupling.follower):
         side, other = make(), make()
         with pytest.raises(InputError, match="finite"):
-            side.step(Port(*port), packet, dt_s)
+            side.step(DevicePort(*port), packet, dt_s)
         for place_m in (0.0, 0.001):
-            good = Port(place_m, 0.01, 0.1), None, DT_S
+            good = DevicePort(place_m, 0.01, 0.1), None, DT_S
             assert side.step(*good) == other.step(*good)
 
 
@@ -189,9 +193,9 @@ def test_what_is_not_finite_is_refused_and_changes_nothing(coupling, port, packe
     [
         lambda: Tracking(nan),
         lambda: Tracking(8000.0, -1.0),
-        lambda: ProbingWay(()),
-        lambda: ProbingWay((nan,)),
-        lambda: ProbingWay(force_limit_n=inf),
+        lambda: ProbingMotion(()),
+        lambda: ProbingMotion((nan,)),
+        lambda: ProbingMotion(force_limit_n=inf),
     ],
 )
 def test_settings_that_make_no_coupling_are_refused(make):

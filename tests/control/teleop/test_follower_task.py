@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from control.laws.gains import Gains
-from control.loop.phases import Phase
-from control.loop.task import TaskOutput
+from control.loop.task import Phase, TaskOutput
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
@@ -150,7 +149,7 @@ def test_repeated_lost_and_odd_intents_change_nothing():
     queue.take(wanted)
     assert queue.begin() == target(1, 0.40)
     queue.take(intent(cancelled=(0, 44)))
-    assert not queue.unwanted
+    assert not queue.cancelled
     queue.finish(TargetState.DONE)
     assert not queue.done
     queue.take(intent(ended=True))
@@ -174,8 +173,8 @@ def test_a_new_leader_finds_an_empty_queue():
     queue.linked = True
     queue.take(intent(NEAR, target(1)))
     queue.begin()
-    queue.forget()
-    assert queue.unwanted
+    queue.clear()
+    assert queue.cancelled
     assert queue.states() == {}
     newcomers = target(target_number(5, 0), 0.42)
     queue.take(intent(newcomers))

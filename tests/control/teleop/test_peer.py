@@ -5,8 +5,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from control.teleop.clock_offset import ClockOffset
-from control.teleop.peer import Arrival, Peer, PeerLimits
+from control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
 from robot_io.errors import InputError
 from robot_io.link import Frame
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import effect_library
 from estimation.diagnosis.result import Accepted

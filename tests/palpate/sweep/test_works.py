@@ -6,7 +6,7 @@ from multiprocessing import current_process
 import numpy as np
 import pytest
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from palpate.runs.in_memory import probe_in_memory
 from palpate.runs.probing import ProbingJob, run_probing

@@ -37,14 +37,6 @@ class Driven:
     velocity: float = 0.0
     force: float = 0.0
 
-    def in_words(self) -> str:
-        """One line."""
-        became = ", ".join(f"{count} {state}" for state, count in self.states.items())
-        shares = f"range {self.position:.0%}, velocity {self.velocity:.0%}, force {self.force:.0%}"
-        return (
-            f"{became}; {'no trip' if self.finished else 'STOPPED'}; at most of its guard's limits: {shares}"
-        )
-
 
 class _Queue(TargetQueue):
     """A queue that a leader fills as soon as it is empty, and that counts what becomes of its targets."""

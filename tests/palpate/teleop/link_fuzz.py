@@ -4,10 +4,10 @@ import random
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from control.teleop.conversation import Conversation
+from control.teleop.messaging import Messaging
 from control.teleop.peer import Arrival
 from control.teleop.target_queue import TargetQueue
-from palpate.teleop.probed import Probed
+from palpate.teleop.target_state import TargetStates
 from robot_io.clock import SimulatedClock
 from robot_io.errors import InputError
 from robot_io.link import (
@@ -82,8 +82,8 @@ class FedLine:
         """See `Line.refuse`."""
         self.malformed += 1
 
-    def listen_anew(self) -> None:
-        """See `Line.listen_anew`."""
+    def resubscribe(self) -> None:
+        """See `Line.resubscribe`."""
 
     def heard(self, frame: Frame, at_s: float) -> None:
         """See `Line.heard`."""
@@ -136,20 +136,20 @@ def _follower(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> Non
 
 
 def _leader(data: bytes, sent: Message, seal: Seal, result: FuzzResult) -> None:
-    probed = Probed(Scenario())
+    target_states = TargetStates(Scenario())
 
     def take(message: ObjectEstimate | Report) -> None:
         if isinstance(message, Report):
-            probed.compare(message, 0.02)
+            target_states.compare(message, 0.02)
             return
         try:
-            probed.take(message)
+            target_states.take(message)
         except InputError:
             result.counts["an estimate that cannot be felt"] += 1
 
     if _heard(data, take, ObjectEstimate | Report, result, sent, seal) is not None:
-        result.felt += probed.choose(_TIP_M) is not None
-        probed.in_words(_TIP_M, 1.0)
+        result.felt += target_states.choose(_TIP_M) is not None
+        target_states.summary(_TIP_M, 1.0)
 
 
 def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | None:
@@ -160,13 +160,13 @@ def _heard(data, take, kinds, result, sent: Message, seal: Seal) -> Message | No
         if isinstance(message, kinds):
             taken.append(message)
 
-    talk = Conversation(line, SimulatedClock(), take=keep, begin_anew=lambda: None)
+    messaging = Messaging(line, SimulatedClock(), take=keep, on_new_peer=lambda: None)
     line.waiting += [encode(SENDER, 0, 0.0, _HEARD, REPORT, seal), data]
-    talk.listen()
+    messaging.receive()
     if line.malformed:
         result.counts["refused as malformed"] += 1
     for arrival in set(Arrival) - {Arrival.FRESH}:
-        result.counts[str(arrival)] += talk.peer.counts[arrival]
+        result.counts[str(arrival)] += messaging.peer.counts[arrival]
     new = taken[-1] if taken and taken[-1] not in (sent, REPORT) else None
     if new is not None:
         result.counts["another valid message"] += 1

@@ -4,7 +4,7 @@ import time
 from multiprocessing import get_context
 from multiprocessing.context import SpawnProcess
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.teleop.peer import Arrival, Peer, PeerLimits
 from robot_io.clock import MonotonicClock
 from robot_io.link import Line, LineSettings, ObjectEstimate, Report
@@ -53,11 +53,11 @@ def follow_until_asked(port: int, reached) -> None:
     side.until(lambda _: moment, lambda _: False)
 
 
-def killed_when_reached(talk, port: int) -> SpawnProcess:
+def killed_when_reached(messaging, port: int) -> SpawnProcess:
     """Run one of the above in a process, and kill it (SIGKILL) once it has got there."""
     context = get_context("spawn")
     reached = context.Event()
-    process = context.Process(target=talk, args=(port, reached), daemon=True)
+    process = context.Process(target=messaging, args=(port, reached), daemon=True)
     process.start()
     assert reached.wait(WAIT_S)
     process.kill()

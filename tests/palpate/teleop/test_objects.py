@@ -6,8 +6,8 @@ import pytest
 from control.loop.tick_record import tick_stream
 from control.probing.plan import ProbingPlan
 from palpate.teleop.estimating import first_look, second_look
-from palpate.teleop.in_words import in_words, trust_in_words
 from palpate.teleop.object_law import felt_data, force_law, terms_in, terms_of
+from palpate.teleop.summaries import summarize_estimate, summarize_trust
 from robot_io.errors import InputError
 from robot_io.link import ContactModel
 from robot_io.session import Samples
@@ -106,9 +106,9 @@ def test_what_cannot_be_felt_is_refused(terms, words):
 
 
 def test_trust_says_what_it_rests_on():
-    assert "a guess" in trust_in_words(None, float("nan"), float("nan"))
-    told = trust_in_words(estimate(verdict=""), 4.4, 0.012)
+    assert "a guess" in summarize_trust(None, float("nan"), float("nan"))
+    told = summarize_trust(estimate(verdict=""), 4.4, 0.012)
     assert told.startswith("target 0, 12 mm away, 4 s old: k 500.0 ± 1.0 N/m")
     assert told.endswith("not diagnosed")
-    assert in_words(estimate()).endswith("3 runs; adequate")
+    assert summarize_estimate(estimate()).endswith("3 runs; adequate")
     assert estimate().direction_world == DOWN

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from palpate.teleop.demo import script
-from palpate.teleop.joined import join
+from palpate.teleop.merged_sessions import merge_sessions
 from robot_io.session import Session
 from tests.free_port import free_port
 from tests.palpate.cli import assert_refused, done, run
@@ -114,7 +114,7 @@ def test_a_killed_main_process_ends_the_haptic_one_with_its_session_closed(tmp_p
 
 
 def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path):
-    """Joined, the two sessions say when what happened, and how far apart the forces are."""
+    """Merged, the two sessions say when what happened, and how far apart the forces are."""
     port, plan = str(free_port()), tmp_path / "operator.yaml"
     plan.write_text(yaml.safe_dump(script(0.05)))
     sessions = {side: tmp_path / f"{side}.mcap" for side in ("leader", "follower")}
@@ -125,21 +125,21 @@ def test_both_sides_on_one_time_line_and_what_is_felt_is_what_is_there(tmp_path)
     ):
         said = [process.communicate(timeout=2 * WAIT_S)[0] for process in (leader, follower)]
     assert (leader.returncode, follower.returncode) == (0, 0), said
-    joined = join(*(Session.open(path) for path in sessions.values()))
-    assert joined.modelled_and_measured().share < 0.05
-    assert joined.round_trip_s < 0.05
+    merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
+    assert merged.modelled_and_measured().share < 0.05
+    assert merged.round_trip_s < 0.05
 
     def first(session: Session, kind: str) -> float:
         return next(event.time_s for event in session.events if event.kind == kind)
 
-    chosen, felt = (first(joined.leader, kind) for kind in ("target", "feel"))
-    begun, made = joined.to_leader(
-        np.array([first(joined.follower, kind) for kind in ("target", "estimate")])
+    chosen, felt = (first(merged.leader, kind) for kind in ("target", "feel"))
+    begun, made = merged.to_leader(
+        np.array([first(merged.follower, kind) for kind in ("target", "estimate")])
     )
     slack_s = 2.0  # what a simulated clock may slip on a busy machine while an offset is held for the best
     assert chosen < begun + slack_s < made + slack_s < felt + 2 * slack_s  # the order, across both clocks
     result = done("inspect", sessions["follower"], sessions["leader"], "--save", tmp_path / "both.rrd")
-    which = "ahead of" if joined.offset_s >= 0.0 else "behind"
+    which = "ahead of" if merged.offset_s >= 0.0 else "behind"
     assert f"the follower's clock is {which} the leader's by" in result.stdout
     assert_refused(run("inspect", sessions["leader"]), "give that of its follower as well")
     assert_refused(run("inspect", sessions["leader"], sessions["leader"]), "a leader and of its follower")

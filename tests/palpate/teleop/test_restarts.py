@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.teleop import follower_talk, leader
+from palpate.teleop import follower_messaging, leader
 from palpate.teleop.estimating import sample_stream
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
@@ -38,7 +38,7 @@ class StoredLine:
     def send(self, message):
         self.sent.append(message)
 
-    def listen_anew(self):
+    def resubscribe(self):
         self.anew.append(self.now)
 
     def now_s(self):
@@ -61,9 +61,9 @@ def led(line):
 def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
-    monkeypatch.setattr(follower_talk, "Estimator", lambda *, diagnose: fake)
-    talk = follower_talk.Talk(line, line, [].append, diagnose=True)
-    return talk, answers
+    monkeypatch.setattr(follower_messaging, "Estimator", lambda *, diagnose: fake)
+    messaging = follower_messaging.FollowerMessaging(line, line, [].append, diagnose=True)
+    return messaging, answers
 
 
 def test_what_became_of_the_last_leaders_targets_says_nothing_of_this_ones(led, line):
@@ -84,19 +84,19 @@ def test_estimates_of_a_follower_that_was_started_again_are_taken(led, line):
     line.put(2, 0, again)
     led._hear_follower()
     assert led._intent().seen == (0,)
-    assert led._probed.choose((0.4, 0.0, 0.05)) == again
+    assert led._target_states.choose((0.4, 0.0, 0.05)) == again
 
 
 @pytest.mark.parametrize("answers", [0, 78])
 def test_who_has_not_heard_this_program_is_not_obeyed(followed, line, answers):
     """It may be what somebody recorded on another day, with the pair's own key."""
-    talk, _ = followed
+    messaging, _ = followed
     line.put(1, 0, intent(target(0)), answers=answers)
-    talk._listen()
-    assert talk.queue.states() == {}
+    messaging._listen()
+    assert messaging.queue.states() == {}
     line.put(1, 1, intent(target(0)))
-    talk._listen()
-    assert talk.queue.states() == {0: TargetState.QUEUED}
+    messaging._listen()
+    assert messaging.queue.states() == {0: TargetState.QUEUED}
 
 
 def test_while_nothing_is_heard_the_other_side_is_told_again_that_this_one_listens(led, line):
@@ -121,66 +121,66 @@ def test_what_may_be_wrong_is_said_once(led, line):
 
 
 def test_an_estimate_that_was_lost_is_sent_again_though_newer_ones_of_other_places_arrived(followed, line):
-    talk, answers = followed
+    messaging, answers = followed
     line.put(1, 0, intent())
     for place in (0, 1, 2):
         answers.append(estimate(target=place))
-        talk._think()
+        messaging._think()
     line.put(1, 1, intent(seen=(0, 2)))  # revision 1 was lost
-    talk._listen()
-    talk._send_estimates()
+    messaging._listen()
+    messaging._send_estimates()
     assert [(one.target, one.revision) for one in line.sent] == [(1, 1)]
     line.put(1, 2, intent(seen=(0, 1, 2)))
     line.now += LATER_S / 10.0
-    talk._listen()
-    talk._send_estimates()
+    messaging._listen()
+    messaging._send_estimates()
     assert len(line.sent) == 1
 
 
 def test_another_leader_is_told_what_the_last_ones_targets_are_like(followed, line):
-    talk, answers = followed
+    messaging, answers = followed
     line.put(1, 0, intent(target(0)))
-    talk._listen()
+    messaging._listen()
     answers.append(estimate(target=0, runs=6, verdict="adequate"))
-    talk._think()
+    messaging._think()
     line.put(1, 1, intent(seen=(0,)))
     line.now += LATER_S
     line.put(2, 0, intent())
-    talk._listen()
+    messaging._listen()
     answers.append(estimate(target=target_number(2, 0), runs=1, verdict=""))
-    talk._think()
-    assert [one.runs for one in talk._unseen()] == [6, 1]
-    assert talk.queue.states() == {}
+    messaging._think()
+    assert [one.runs for one in messaging._unseen()] == [6, 1]
+    assert messaging.queue.states() == {}
 
 
 def test_the_arm_waits_for_what_is_being_estimated_at_every_moment(followed, line):
     """Whoever asks between two steps of the talking thread hears that something is still to come."""
-    talk, answers = followed
-    asked, estimator = [], talk._estimator
+    messaging, answers = followed
+    asked, estimator = [], messaging._estimator
 
     def look(samples, target, *, last):
-        asked.append(talk.settled())
+        asked.append(messaging.settled())
         answers.append(estimate(target=target))
 
     def answer():
-        asked.append(talk.settled())
+        asked.append(messaging.settled())
         return [answers.pop(0)] if answers else []
 
     estimator.look, estimator.answers = look, answer
-    assert talk.settled()
+    assert messaging.settled()
     stream = sample_stream(3)
-    talk.look(stream, np.zeros(2, stream.dtype), 0, last=True)
-    assert not talk.settled()
-    talk._talk()
+    messaging.look(stream, np.zeros(2, stream.dtype), 0, last=True)
+    assert not messaging.settled()
+    messaging._exchange()
     assert asked == [False, False]
-    assert talk.settled()  # nobody is there to see it
+    assert messaging.settled()  # nobody is there to see it
 
 
 def test_a_later_verdict_replaces_one_whatever_it_is_called(followed, line):
-    talk, answers = followed
+    messaging, answers = followed
     for verdict in ("incomplete", "adequate", ""):
         answers.append(estimate(runs=6, verdict=verdict))
-        talk._think()
-    (kept,) = talk._unseen()
+        messaging._think()
+    (kept,) = messaging._unseen()
     assert isinstance(kept, ObjectEstimate)
     assert kept.verdict == "adequate"

@@ -44,7 +44,7 @@ def test_both_ends_hear_each_other_also_after_one_was_started_again():
             with Line("follower", settings, clock) as follower:
                 assert heard(leader, follower, intent(target()))
                 assert heard(follower, leader, report())
-                follower.listen_anew()
+                follower.resubscribe()
                 assert heard(leader, follower, intent(target()))
 
 

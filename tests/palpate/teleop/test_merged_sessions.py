@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.teleop.joined import TOUCH_S, Felt, Joined
+from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions
 from palpate.teleop.object_law import felt_data, force_law, terms_of
 from sim_backend.scenario import Scenario
 from tests.robot_io.link.link_parts import estimate
@@ -52,7 +52,7 @@ def haptic(withheld_n: float, late_at: int | None) -> Kept:
 
 @pytest.mark.parametrize("late_at", [1200, 1203])
 def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at):
-    felt = Joined(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
     assert felt.settled().share < 1e-9
     assert felt.stalled.sum() == 500
     assert felt.share > 0.01  # and yet it was felt
@@ -60,7 +60,7 @@ def test_a_touch_at_which_the_machine_was_late_says_nothing_of_the_model(late_at
 
 @pytest.mark.parametrize("late_at", [None, 300, 1500])
 def test_a_model_that_is_off_is_not_excused_by_a_late_tick_elsewhere(late_at):
-    felt = Joined(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
+    felt = MergedSessions(Kept(haptic=haptic(0.5, late_at)), None).felt_and_real(REAL)
     assert felt.stalled.sum() == 0
     assert felt.settled().share == pytest.approx(felt.share, rel=0.01)
 
@@ -68,7 +68,7 @@ def test_a_model_that_is_off_is_not_excused_by_a_late_tick_elsewhere(late_at):
 def test_the_first_milliseconds_of_each_touch_are_left_out():
     time_s = np.concatenate([np.arange(100), 500 + np.arange(100)]) * TICK_S
     ones = np.ones(len(time_s))
-    settled = Felt(time_s, ones, ones, ones < 0.0).settled()
+    settled = ForceComparison(time_s, ones, ones, ones < 0.0).settled()
     assert len(settled.time_s) == len(time_s) - 2 * round(TOUCH_S / TICK_S)
 
 
@@ -77,8 +77,8 @@ def test_times_of_a_clock_that_slips_are_put_on_the_leaders():
     leader_s = np.linspace(100.0, 110.0, 101)
     offset_s = -90.0 - 0.5 * (leader_s - 100.0)
     link = Kept(time_s=leader_s, peer_offset_s=offset_s, round_trip_s=np.full(101, 1e-3))
-    joined = Joined(Kept(link=link), Kept(link=link))
-    np.testing.assert_allclose(joined.to_leader(leader_s + offset_s), leader_s, atol=1e-9)
+    merged = MergedSessions(Kept(link=link), Kept(link=link))
+    np.testing.assert_allclose(merged.to_leader(leader_s + offset_s), leader_s, atol=1e-9)
 
 
 def test_what_is_felt_keeps_which_target_it_is_of():

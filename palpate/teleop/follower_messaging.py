@@ -1,4 +1,4 @@
-"""The follower's talk with its leader, in a thread apart from the control loop.
+"""The follower's messaging with its leader, in a thread apart from the control loop.
 
 Only the queue of targets leads from here into the loop; estimates are made in processes of their own.
 """
@@ -12,18 +12,18 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from control.loop.phases import Phase
-from control.loop.way_out import one_line
-from control.teleop.conversation import Conversation
+from control.loop.stop_handler import one_line
+from control.loop.task import Phase
+from control.teleop.messaging import Messaging
 from control.teleop.target_queue import TargetQueue
 from palpate.teleop.estimating import Estimator
-from palpate.teleop.in_words import in_words
+from palpate.teleop.summaries import summarize_estimate
 from robot_io.clock import Clock
 from robot_io.link import Intent, Line, Message, ObjectEstimate, Report, short_number
 from robot_io.link.messages import MOST_TARGETS, MOST_TEXT
 from robot_io.session import RecordArray, Samples, Stream
 
-_TALK_S = 0.02  # between two reports
+_MESSAGE_PERIOD_S = 0.02  # between two reports
 _RESEND_S = 0.2  # of an estimate that the leader has not seen
 _SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
 _SEEN_S = 3.0  # and for the newest to be seen
@@ -42,7 +42,7 @@ class Moment(NamedTuple):
     force_n: float
 
 
-class Talk(threading.Thread):
+class FollowerMessaging(threading.Thread):
     """Listens to the leader and answers it, apart from the control loop.
 
     Attributes:
@@ -66,7 +66,7 @@ class Talk(threading.Thread):
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
-        self._conversation = Conversation(line, clock, take=self._take, begin_anew=self._begin_anew)
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._on_new_peer)
 
     def settled(self) -> bool:
         """Whether no estimate is still to come, and none to be seen by a leader who can be heard.
@@ -87,9 +87,9 @@ class Talk(threading.Thread):
     def run(self) -> None:
         """See `threading.Thread.run`."""
         try:
-            while not self._over.wait(_TALK_S):
-                self._talk()
-        except Exception as error:  # a follower that cannot talk goes on as if the link were silent
+            while not self._over.wait(_MESSAGE_PERIOD_S):
+                self._exchange()
+        except Exception as error:  # a follower that cannot send goes on as if the link were silent
             self.error = one_line(error)
             self._say(f"the link was given up, nothing new is begun: {self.error}")
         finally:
@@ -100,8 +100,8 @@ class Talk(threading.Thread):
         self.close()
         with suppress(Exception):  # nobody needs to hear it
             for _ in range(_FAREWELLS):
-                self._conversation.say(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
-                time.sleep(_TALK_S)
+                self._messaging.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
+                time.sleep(_MESSAGE_PERIOD_S)
 
     def close(self) -> None:
         """Stop talking; can be called twice."""
@@ -112,23 +112,23 @@ class Talk(threading.Thread):
 
     def record(self, now_s: float) -> tuple[object, ...]:
         """How things stand with the line, as one record of `LINK_STREAM`."""
-        return self._conversation.record(now_s)
+        return self._messaging.record(now_s)
 
-    def _talk(self) -> None:
+    def _exchange(self) -> None:
         self._listen()
         self._think()
-        self._conversation.say(self._report())
+        self._messaging.send(self._report())
         self._send_estimates()
         self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
 
     def _listen(self) -> None:
-        changed, self.queue.linked = self._conversation.listen(), self._conversation.linked
+        changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
         if changed:
             words = (
                 "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
             )
             self._say(words)
-        if words := self._conversation.complaint():
+        if words := self._messaging.problem():
             self.notes.append(("link", words, {}))
             self._say(words)
 
@@ -137,9 +137,9 @@ class Talk(threading.Thread):
             self.queue.take(message)
             self._seen = message.seen
 
-    def _begin_anew(self) -> None:
+    def _on_new_peer(self) -> None:
         self._seen = ()
-        self.queue.forget()
+        self.queue.clear()
         self._say("another leader has begun: the targets of the last one are dropped")
 
     def _think(self) -> None:
@@ -165,7 +165,7 @@ class Talk(threading.Thread):
         self._newest[estimate.target] = replace(estimate, revision=self.estimates)
         self.estimates += 1
         self._made_s = self._clock.now_s()
-        text = f"target {short_number(estimate.target)}: {in_words(estimate)}"
+        text = f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}"
         self.notes.append((ESTIMATE, text, {"target": estimate.target, "verdict": estimate.verdict}))
         self._say(text)
         if len(self._newest) > MOST_TARGETS:
@@ -180,7 +180,7 @@ class Talk(threading.Thread):
         if now_s >= self._resend_s:
             self._resend_s = now_s + _RESEND_S
             for estimate in self._unseen():
-                self._conversation.say(estimate)
+                self._messaging.send(estimate)
 
     def _report(self) -> Report:
         moment, states = self.moment, self.queue.states()

@@ -9,7 +9,7 @@ _SHORT = {"stiffness.k": "k", "damping.c": "c"}
 GEOMETRY = ("contact_offset.offset",)
 
 
-def in_words(estimate: ObjectEstimate) -> str:
+def summarize_estimate(estimate: ObjectEstimate) -> str:
     """Its parameters with their 95 % intervals, what they leave, and the verdict."""
     shown = ", ".join(_parameter(one) for one in estimate.parameters if one.name not in GEOMETRY)
     verdict = f"; {estimate.verdict}" if estimate.verdict else ""
@@ -23,7 +23,7 @@ def _parameter(one: Parameter) -> str:
     return f"{name} {significant(one.value, half)} ± {significant(half, half)} {one.unit}"
 
 
-def trust_in_words(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
+def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
     """How far the virtual object can be trusted.
 
     Args:
@@ -36,4 +36,4 @@ def trust_in_words(estimate: ObjectEstimate | None, age_s: float, away_m: float)
     age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
     away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""
     verdict = "" if estimate.verdict else "; not diagnosed"
-    return f"target {short_number(estimate.target)}{away}{age}: {in_words(estimate)}{verdict}"
+    return f"target {short_number(estimate.target)}{away}{age}: {summarize_estimate(estimate)}{verdict}"

@@ -1,9 +1,9 @@
 """Model-mediated coupling: the operator feels a model of the object, which the follower finds by probing.
 
-Mitra and Niemeyer, "Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's
-figure 1. The first touch of the virtual object asks for a probing; only the target travels to the follower,
-which presses by itself at several speeds and sends back what the object is like. The force felt comes from
-the model at hand, without delay, and is passive whatever comes from the link (`VirtualObject`).
+The first touch of the virtual object asks for a probing. Only the target travels to the follower, which
+presses by itself at several speeds and sends back a model of the object. The rendered force comes from that
+model without delay, and is passive whatever comes from the link (`VirtualObject`). Source: Mitra and
+Niemeyer, "Model-mediated telemanipulation", IJRR 27(2), 2008; the architecture of the paper's figure 1.
 """
 
 from collections.abc import Callable
@@ -13,8 +13,17 @@ from math import inf
 
 import numpy as np
 
-from control.teleop.couplings.channel import Packet
-from control.teleop.couplings.coupling import TRACKING, Coupling, Port, Side
+from control.teleop.couplings import (
+    DIRECT,
+    FOUR_CHANNEL,
+    TIME_DOMAIN,
+    TRACKING,
+    WAVE_VARIABLES,
+    Coupling,
+    CouplingSide,
+    DevicePort,
+    Packet,
+)
 from control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
@@ -26,7 +35,7 @@ _RETRACT_M_S = 0.05
 
 
 @dataclass(frozen=True)
-class ContactModel:
+class ObjectModel:
     """How the follower describes an object, and how the leader renders it."""
 
     # Samples (n, 3) in contact, of position [m], velocity [m/s] and compression [N], to parameters.
@@ -44,7 +53,7 @@ def _fit_kelvin_voigt(samples: FloatArray) -> Packet:
     return float(stiffness), float(damping), float(-offset / stiffness)
 
 
-KELVIN_VOIGT = ContactModel(
+KELVIN_VOIGT = ObjectModel(
     fit=_fit_kelvin_voigt,
     law=lambda parameters: (kelvin_voigt(parameters[0], parameters[1]), parameters[2]),
     guess=(500.0, 5.0, 0.0),
@@ -52,8 +61,8 @@ KELVIN_VOIGT = ContactModel(
 
 
 @dataclass(frozen=True)
-class ProbingWay:
-    """How the follower presses by itself."""
+class ProbingMotion:
+    """Speeds and force limit with which the follower presses."""
 
     speeds_m_s: tuple[float, ...] = (0.06, 0.04, 0.02)
     force_limit_n: float = 8.0
@@ -63,16 +72,20 @@ class ProbingWay:
             raise InputError(f"{self}: speeds and force limit must be finite and above 0")
 
 
-class ModelMediatedLeader(Side):
-    """Renders the model at hand; the first touch of it asks for a probing."""
+class ModelMediatedLeader(CouplingSide):
+    """Renders the model; the first touch of it asks for a probing.
 
-    def __init__(self, model: ContactModel) -> None:
+    Args:
+        model: kind of the object.
+    """
+
+    def __init__(self, model: ObjectModel) -> None:
         self._law = model.law
         law, surface_m = model.law(model.guess)
         self.virtual = VirtualObject(law, surface_m * _AXIS, -_AXIS)
         self._target = self._answered = 0.0
 
-    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if newest is not None and newest[0] > self._answered:
             self._answered = newest[0]
             law, surface_m = self._law(newest[1:])
@@ -83,8 +96,8 @@ class ModelMediatedLeader(Side):
         return -touch.force_n, (self._target,)
 
 
-class Stage(Enum):
-    """Where the follower is in its work."""
+class ProbingStage(Enum):
+    """Stage of the follower's work."""
 
     IDLE = "idle"
     PRESS = "press"
@@ -92,40 +105,40 @@ class Stage(Enum):
 
 
 @dataclass
-class ModelMediatedFollower(Side):
+class ModelMediatedFollower(CouplingSide):
     """Waits for a target, presses there at each speed up to the force limit, and answers with a model."""
 
-    model: ContactModel
-    way: ProbingWay
-    stage: Stage = Stage.IDLE
+    model: ObjectModel
+    way: ProbingMotion
+    stage: ProbingStage = ProbingStage.IDLE
     _answer: Packet = (0.0,)
     _target: float = 0.0
     _presses: int = 0
     _wanted_m: float | None = None
     _touched_m: float = 0.0
-    _samples: list[Port] = field(default_factory=list)
+    _samples: list[DevicePort] = field(default_factory=list)
 
-    def _step(self, port: Port, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
         if self._wanted_m is None:
             self._wanted_m = port.position_m
         if newest is not None and newest[0] > self._target:
-            self._target, self._presses, self.stage = newest[0], 0, Stage.PRESS
+            self._target, self._presses, self.stage = newest[0], 0, ProbingStage.PRESS
         speed_m_s = self._work(port)
         self._wanted_m += speed_m_s * dt_s
         force_n = TRACKING.force_n(self._wanted_m - port.position_m, speed_m_s - port.velocity_m_s)
         return force_n, self._answer
 
-    def _work(self, port: Port) -> float:
-        """The speed wanted now [m/s]; keeps samples, and moves from stage to stage."""
-        if port.force_n > _TOUCH_N and self.stage is not Stage.IDLE:
+    def _work(self, port: DevicePort) -> float:
+        """Record samples, change the stage, and return the speed of the reference [m/s]."""
+        if port.force_n > _TOUCH_N and self.stage is not ProbingStage.IDLE:
             if not self._samples:
                 self._touched_m = port.position_m
             self._samples.append(port)
-        if self.stage is Stage.PRESS:
+        if self.stage is ProbingStage.PRESS:
             if port.force_n >= self.way.force_limit_n:
-                self.stage = Stage.RETRACT
+                self.stage = ProbingStage.RETRACT
             return self.way.speeds_m_s[self._presses]
-        if self.stage is Stage.RETRACT:
+        if self.stage is ProbingStage.RETRACT:
             if port.position_m < self._touched_m - _CLEARANCE_M:
                 self._press_done()
             return -_RETRACT_M_S
@@ -134,19 +147,29 @@ class ModelMediatedFollower(Side):
     def _press_done(self) -> None:
         self._presses += 1
         if self._presses < len(self.way.speeds_m_s):
-            self.stage = Stage.PRESS
+            self.stage = ProbingStage.PRESS
             return
         answer = (self._target, *self.model.fit(np.array(self._samples)))
-        if np.isfinite(answer).all():  # else nothing is known of the object, and the last model stands
+        if np.isfinite(answer).all():  # else the last model stays
             self._answer = answer
         self._samples.clear()
-        self.stage = Stage.IDLE
+        self.stage = ProbingStage.IDLE
 
 
-def model_mediated(model: ContactModel = KELVIN_VOIGT) -> Coupling:
-    """The coupling for a kind of object."""
+def model_mediated(model: ObjectModel = KELVIN_VOIGT) -> Coupling:
+    """Make the coupling for a kind of object.
+
+    Args:
+        model: how the object is described.
+
+    Returns:
+        The coupling.
+    """
     return Coupling(
         "model-mediated",
         lambda: ModelMediatedLeader(model),
-        lambda: ModelMediatedFollower(model, ProbingWay()),
+        lambda: ModelMediatedFollower(model, ProbingMotion()),
     )
+
+
+COUPLINGS = (DIRECT, FOUR_CHANNEL, TIME_DOMAIN, WAVE_VARIABLES, model_mediated())

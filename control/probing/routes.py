@@ -22,15 +22,15 @@ from control.probing.sites import ProbingSite
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
-_STEPS = 40  # places on a route, and moments of a swing, that are looked at
-_KEPT_SHARE = 0.5  # of the clearance between tool and object, on the route as well
-_MOST_LIFTS = 5  # that are tried
+_STEPS = 40  # places on a route, and moments of a swing, that are checked
+_KEPT_SHARE = 0.5  # share of the clearance that a route keeps
+_MOST_LIFTS = 5  # attempts to lift a route
 _LIFT_MARGIN_M = 0.002
 _ROUNDING_M = 1e-6
 
 
 class Place(NamedTuple):
-    """Where a route begins or ends: joint positions (3,) [rad], and the target whose approach starts there.
+    """End of a route: joint positions, shape (3,) [rad], and the site whose approach starts there.
 
     Without a site the tip cannot be lifted along a press line.
     """
@@ -40,13 +40,20 @@ class Place(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Points (3,) [rad], at rest in between, and how far its lowest place is too low, 0 if it is not [m]."""
+    """Points, shape (3,) each [rad], at rest in between, and how far the lowest place is too low [m]."""
 
     points_rad: tuple[FloatArray, ...]
     too_low_m: float
 
     def problem(self, where: str) -> str:
-        """That it is too low, in words, and what would help."""
+        """Describe that the route is too low, with a remedy.
+
+        Args:
+            where: such as "to target 2".
+
+        Returns:
+            One sentence.
+        """
         return (
             f"on the way {where} the tip would come {1e3 * self.too_low_m:.1f} mm too near to the object and "
             "cannot be lifted more: give targets nearer to each other, or more approach_clearance_m and "
@@ -54,13 +61,20 @@ class Route(NamedTuple):
         )
 
     def refuse_if_low(self, where: str) -> None:
-        """Raise `InputError` if it is too low."""
+        """Refuse a route that is too low.
+
+        Args:
+            where: such as "to target 2".
+
+        Raises:
+            InputError: the route is too low.
+        """
         if self.too_low_m > 0.0:
             raise InputError(self.problem(where))
 
 
 class Swing(NamedTuple):
-    """Half a swing, up or down: its start, points (3,) from there on [rad], and its fastest joint's speed."""
+    """Half a swing, up or down: start, points from there on, shape (3,) each [rad], fastest joint's speed."""
 
     start: Place
     points_rad: tuple[FloatArray, ...]
@@ -68,7 +82,12 @@ class Swing(NamedTuple):
 
 
 class Routes:
-    """Finds routes and swings for a plan, whose press direction is "down"."""
+    """Finds routes and swings for a plan, whose press direction is "down".
+
+    Args:
+        arm: geometry of the arm.
+        plan: press direction and clearances.
+    """
 
     def __init__(self, arm: PlanarArm, plan: ProbingPlan) -> None:
         self._arm, self._plan = arm, plan
@@ -78,9 +97,16 @@ class Routes:
         self._shares = np.linspace(0.0, 1.0, _STEPS)[:, None]
 
     def find(self, start: Place, end: Place) -> Route:
-        """The route with the least lifting that keeps clear of the object, or the highest there is.
+        """Find the route with the least lifting that keeps clear of the object, or the highest there is.
 
         Between two targets the higher one counts; to or from any other place, the lower end.
+
+        Args:
+            start: where the route begins.
+            end: where it ends.
+
+        Returns:
+            The route.
         """
         ends = (start, end)
         depths_m = self._depths_m(np.array([start.position_rad, end.position_rad]))
@@ -95,9 +121,14 @@ class Routes:
         return best
 
     def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:
-        """Refuse with `InputError` if the tip comes too near to where an object is expected.
+        """Check the routes from the start to all sites in turn and back.
 
-        Looks at the routes from the start to all sites in turn and back.
+        Args:
+            start: where the arm is.
+            sites: of the plan, in their order.
+
+        Raises:
+            InputError: the tip comes too near to where an object is expected.
         """
         here, where = start, ""
         for number, site in enumerate(sites, 1):
@@ -107,9 +138,14 @@ class Routes:
         self.find(here, start).refuse_if_low(f"back from {where}")
 
     def swings_at(self, site: ProbingSite, near_rad: FloatArray) -> list[Swing]:
-        """All swings before a run at a site; none if the plan has none, or the way up is too near the object.
+        """List all swings before a run at a site.
 
-        They begin and end where the next approach starts; `near_rad` are present joint positions, (3,) [rad].
+        Args:
+            site: where the next approach starts, and all swings begin and end.
+            near_rad: present joint positions, shape (3,) [rad].
+
+        Returns:
+            Half swings in order; empty if the plan has none, or the way up is too near to the object.
         """
         if not self._plan.free_air_swing_m:
             return []
@@ -126,9 +162,16 @@ class Routes:
         body: RigidBody,
         torque_limits_nm: FloatArray | None,
     ) -> None:
-        """Refuse with `InputError` swings for which the arm lacks room or torque, or that touch the object.
+        """Check that the arm has room and torque for the plan's swings, and that they clear the object.
 
-        `near_rad` are the present joint positions, torque limits hold for each joint (None: any), (3,) each.
+        Args:
+            sites: of the plan.
+            near_rad: present joint positions, shape (3,) [rad].
+            body: model of the arm.
+            torque_limits_nm: largest torques, shape (3,) [N m]; None for any.
+
+        Raises:
+            InputError: a swing is not possible; the error names a remedy.
         """
         plan = self._plan
         if not plan.free_air_swing_m:

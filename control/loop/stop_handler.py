@@ -1,4 +1,4 @@
-"""The one way out of a run that is not done: through the guard, with the cause said once."""
+"""Stopping a run early: signals, requests and failures trip the guard, and each cause is logged once."""
 
 import signal
 import threading
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Self
 
-from control.loop.journal import Journal
 from control.loop.result import Outcome
+from control.loop.tick_record import Journal
 from robot_io.clock import Clock
 from robot_io.errors import PalpateError
 from robot_io.guard import Guard
@@ -18,11 +18,11 @@ _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill
 
 
 class InterruptFlag:
-    """While entered, the signals that end a program only set a flag; afterwards the former handlers are back.
+    """Context in which the signals that end a program only set a flag.
 
-    A second Ctrl-C changes nothing: the safe stop under way is already the shortest safe way out. Signals
-    that the program's parent had switched off (nohup, background jobs) stay off. Outside the main thread,
-    where Python allows no handlers, the flag is never set.
+    A second Ctrl-C changes nothing: the safe stop under way is already the shortest one. Signals that the
+    program's parent had switched off (nohup, background jobs) stay off. Outside the main thread, where Python
+    allows no handlers, the flag is never set.
     """
 
     def __init__(self) -> None:
@@ -46,10 +46,12 @@ class InterruptFlag:
 
 
 @dataclass
-class WayOut:
+class StopHandler:
     """Turns requests to stop and failures into trips of the guard, each logged once.
 
-    `stop` is asked once a tick; a reason, not empty, ends the run.
+    Attributes:
+        stop: asked once a tick; a reason that is not empty ends the run.
+        error: the exception behind the trip, if there was one.
     """
 
     guard: Guard
@@ -65,7 +67,7 @@ class WayOut:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run has ended, if it ends now."""
+        """Outcome of the run if it ends now."""
         if not self.guard.tripped:
             return Outcome.FINISHED
         return Outcome.STOPPED if self._on_request else Outcome.TRIPPED
@@ -73,11 +75,11 @@ class WayOut:
     @property
     def cause(self) -> str:
         """Why the guard is tripped, empty if it is not."""
-        self.note_trip()
+        self.log_trip()
         return self._cause
 
-    def heed_requests(self) -> None:
-        """Trip if somebody wants the arm to stop; once it is tripped nothing can hurry or undo it."""
+    def check_requests(self) -> None:
+        """Trip the guard if the user or `stop` asks for it; no effect once it is tripped."""
         if self.guard.tripped:
             return
         if self.interrupt.signal_name:
@@ -94,8 +96,13 @@ class WayOut:
             self.guard.trip(f"stopped: {reason}")
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Trip for an exception, or log it if the guard is tripped already."""
-        if not isinstance(error, Exception):  # what would end the program is one failure of many
+        """Trip the guard for an exception, or log it if the guard is tripped already.
+
+        Args:
+            what: what failed, for the message.
+            error: the exception.
+        """
+        if not isinstance(error, Exception):  # SystemExit and KeyboardInterrupt count as failures
             error = RuntimeError(f"{type(error).__name__} {error}")
         text = f"{what}: {one_line(error)}"
         if not self.guard.tripped:
@@ -105,8 +112,8 @@ class WayOut:
             self.journal.event(self.clock.now_s(), "failure", text)
         self._last_failure = text
 
-    def note_trip(self) -> None:
-        """Log the trip, if there is one and it is new."""
+    def log_trip(self) -> None:
+        """Log the trip if it is new."""
         trip = self.guard.tripped
         if trip and not self._cause:
             robot = self.robot
@@ -119,6 +126,13 @@ class WayOut:
 
 
 def one_line(error: Exception) -> str:
-    """An exception's text on one line, with its type unless the text is meant for users."""
+    """Write an exception on one line, with its type unless the text is meant for users.
+
+    Args:
+        error: the exception.
+
+    Returns:
+        Its text without line breaks.
+    """
     text = " ".join(str(error).split())
     return text if isinstance(error, PalpateError) else f"{type(error).__name__}: {text}"

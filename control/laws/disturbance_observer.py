@@ -1,10 +1,10 @@
-"""The second witness of the contact force: what the joints need beyond their model and the force sensor.
+"""Disturbance observer: compares the force sensor with the torque that the joints need beyond their model.
 
 With M the mass matrix and n the tool's direction, the controller's correction c of a motion that is followed
-stands for a torque M c that nobody expected. A force f on the tip, beyond what the sensor says, explains it
-as M c = J^T n f, so f = m (J^T n).c with the mass m = 1 / (n^T J M^-1 J^T n) that the tip has along n. The
-inverse dynamics of the controller are the model; nothing is computed twice. It is the stationary form of a
-disturbance observer, Siciliano et al., "Robotics", Springer 2009, section 8.5.2 and problem 8.13.
+stands for an unmodelled torque M c. A force f on the tip, beyond what the sensor reads, explains it as
+M c = J^T n f, so f = m (J^T n).c with the mass m = 1 / (n^T J M^-1 J^T n) that the tip has along n. It is the
+stationary form of a disturbance observer: Siciliano et al., "Robotics", Springer 2009, section 8.5.2 and
+problem 8.13.
 """
 
 import math
@@ -15,17 +15,20 @@ from control.laws.hybrid import ControlOutput
 from robot_io.errors import SafetyTripError
 from robot_io.types import Measurement
 
-_FREE_FILTER_S = 0.05  # in free air what weight and friction leave unexplained is learnt within this
-_MASS_TICKS = 50  # the arm moves by millimetres meanwhile
-_STALL_PERIODS = 3  # a tick so late leaves the arm off its motion,
-_STALL_S = 0.1  # which proves nothing for so long
+_FREE_FILTER_S = 0.05  # time constant of the free-air baseline
+_MASS_TICKS = 50  # between updates of the tip's mass; the arm moves by millimetres meanwhile
+_STALL_PERIODS = 3  # a tick later than this leaves the arm off its motion,
+_STALL_S = 0.1  # and is not judged for this long
 
 
-class ForceWitness:
-    """Compares the force sensor with the joint torques, tick after tick.
+class DisturbanceObserver:
+    """Trips when force sensor and joint torques contradict each other.
 
-    A share of the plan's force limit is the threshold. The controller balances `force_feedforward` of the
-    measured force by itself.
+    Args:
+        body: model of the arm.
+        gains: threshold, filter and debounce.
+        force_limit_n: force limit of the plan, of which a share is the threshold [N].
+        force_feedforward: share of the measured force that the controller balances by itself.
     """
 
     def __init__(
@@ -45,16 +48,23 @@ class ForceWitness:
         self.pause()
 
     def pause(self) -> None:
-        """Forget what was learnt in free air: what is unexplained at the next look counts as free air."""
+        """Forget the free-air baseline; the disturbance of the next tick becomes the new one."""
         self._free_n = self._beyond_n = math.nan
         self._sensed_n, self._count = 0.0, 0
 
-    def watch(
+    def update(
         self, measurement: Measurement, output: ControlOutput, dt_s: float, *, in_free_air: bool
     ) -> None:
-        """Judge one tick; in free air nothing but the arm itself can be what is not explained.
+        """Judge one tick.
 
-        SafetyTripError: for several ticks the joint torques have said something else than the sensor.
+        Args:
+            measurement: state of the arm.
+            output: of the controller in this tick.
+            dt_s: time since the last tick [s].
+            in_free_air: whether nothing touches the arm, so that the disturbance is weight and friction.
+
+        Raises:
+            SafetyTripError: for several ticks the joint torques have contradicted the sensor.
         """
         if self._ticks % _MASS_TICKS == 0:
             self._mass_kg = self._body.mass_along(measurement.joint_position_rad, output.push_lever_m)
@@ -79,10 +89,9 @@ class ForceWitness:
             )
 
     def _is_opposed(self, unexplained_n: float) -> bool:
-        """Whether the sensor says pull and the joints say push, as where its sign is wrong.
+        """Whether the sensor reads a pull and the joints feel a push, as if the sensor's sign were wrong.
 
-        Each must say it louder than half of what weight and friction may leave unexplained: a push that small
-        and a pull that small can be both at once, on something sticky.
+        Both must exceed half of what weight and friction may leave unexplained.
         """
         return self._sensed_n < -self._opposed_n and self._sensed_n + unexplained_n > self._opposed_n
 

@@ -4,11 +4,11 @@ from math import dist, inf, nan
 
 import numpy as np
 
-from control.loop.phases import Phase
-from control.teleop.disagreement import Disagreement
+from control.loop.task import Phase
+from control.teleop.force_mismatch import MismatchMonitor
 from control.teleop.virtual_object import ForceLaw
-from palpate.teleop.in_words import trust_in_words
 from palpate.teleop.object_law import force_law, terms_of
+from palpate.teleop.summaries import summarize_trust
 from robot_io.errors import InputError
 from robot_io.link import ObjectEstimate, Report, short_number
 from robot_io.link.messages import MOST_TARGETS
@@ -18,7 +18,7 @@ DOWN = (0.0, 0.0, -1.0)  # the virtual object is pressed downwards only
 _TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
-class Probed:
+class TargetStates:
     """Estimates by target. The nearest one is felt, and before the first the scene's guess.
 
     Attributes:
@@ -33,7 +33,7 @@ class Probed:
         self._revisions: dict[int, int] = {}  # newest by target, also of what cannot be felt
         self._law: ForceLaw = force_law(terms_of(scene))
         self._surface_m = np.array((0.0, 0.0, scene.object.surface_height_m))
-        self._disagreement, self._told = Disagreement(), set[object]()
+        self._mismatch, self._told = MismatchMonitor(), set[object]()
         self._report_s = -inf
 
     @property
@@ -41,7 +41,7 @@ class Probed:
         """Revision of the newest estimate of each target, shape (n,) with n at most `MOST_TARGETS`."""
         return tuple(self._revisions.values())[-MOST_TARGETS:]
 
-    def begin_anew(self) -> None:
+    def on_new_peer(self) -> None:
         """Another follower: it counts its estimates from 0 again."""
         self._revisions.clear()
 
@@ -67,7 +67,7 @@ class Probed:
             return None
         self.felt = nearest
         self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
-        self._disagreement, self._told = Disagreement(max(nearest.noise_n, 0.0)), set()
+        self._mismatch, self._told = MismatchMonitor(max(nearest.noise_n, 0.0)), set()
         return nearest
 
     def compare(self, report: Report, sent_s: float) -> list[str]:
@@ -84,15 +84,15 @@ class Probed:
         if report.phase not in _TOUCHING:
             return []
         place = (short_number(report.target), Phase(report.phase).name.lower())
-        self._disagreement.add(place, depth_m, report.force_n, predicted_n)
-        found = [one for one in self._disagreement.found() if one.place not in self._told]
+        self._mismatch.add(place, depth_m, report.force_n, predicted_n)
+        found = [one for one in self._mismatch.mismatches() if one.place not in self._told]
         self._told.update(one.place for one in found)
-        return [f"target {place[0]}, {place[1]}: {one.in_words()}" for one in found]
+        return [f"target {place[0]}, {place[1]}: {one.summary()}" for one in found]
 
-    def in_words(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
+    def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
         """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s]."""
         away_m = nan if self.felt is None else _away_m(self.felt, tip_world_m)
-        return trust_in_words(self.felt, age_s, away_m)
+        return summarize_trust(self.felt, age_s, away_m)
 
 
 def _away_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:

@@ -1,4 +1,4 @@
-"""Whether what the follower measures is what the virtual object would have answered, and where it is not."""
+"""Comparison of the follower's measured force with the force that the virtual object would give."""
 
 from collections import defaultdict, deque
 from collections.abc import Hashable
@@ -7,14 +7,15 @@ from math import sqrt
 
 _KEPT = 200  # samples of one place
 _FEWEST = 8
-_SHARE = 0.1  # of the measured force, and
-_TIMES_NOISE = 3.0  # the sensor's noise: what is less is no disagreement
+# A mismatch exceeds this share of the measured force, this multiple of the noise, and this force.
+_SHARE = 0.1
+_TIMES_NOISE = 3.0
 _LEAST_N = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Misfit:
-    """How far model and measurement are apart at one place."""
+class ForceMismatch:
+    """Difference between model and measurement at one place."""
 
     place: Hashable  # such as target and phase
     share: float  # mean of measured minus predicted, over the mean measured force; positive: felt too soft
@@ -24,8 +25,8 @@ class Misfit:
     deep_m: float  # greatest depth of the samples [m]
     samples: int
 
-    def in_words(self) -> str:
-        """One line for the operator."""
+    def summary(self) -> str:
+        """Write one line for the operator."""
         way = "softer" if self.share > 0.0 else "stiffer"
         return (
             f"{1e3 * self.shallow_m:.1f} to {1e3 * self.deep_m:.1f} mm deep the virtual object is "
@@ -33,10 +34,11 @@ class Misfit:
         )
 
 
-class Disagreement:
+class MismatchMonitor:
     """Collects pairs of measured and predicted force by place, for one model; pure.
 
-    `noise_n` is that of the follower's force sensor [N].
+    Args:
+        noise_n: standard deviation of the follower's force sensor [N].
     """
 
     def __init__(self, noise_n: float = 0.0) -> None:
@@ -46,22 +48,31 @@ class Disagreement:
         )
 
     def add(self, place: Hashable, depth_m: float, measured_n: float, predicted_n: float) -> None:
-        """Take in one sample in contact: depth [m] and both forces [N]."""
+        """Take in one sample in contact.
+
+        Args:
+            place: such as target and phase.
+            depth_m: below the surface [m].
+            measured_n: force of the sensor, positive in compression [N].
+            predicted_n: force of the model [N].
+        """
         self._pairs[place].append((depth_m, measured_n, predicted_n))
 
-    def found(self) -> list[Misfit]:
-        """Places where the model is more off than noise and a tenth of the force explain, worst first."""
-        misfits = [_misfit(place, pairs) for place, pairs in self._pairs.items() if len(pairs) >= _FEWEST]
+    def mismatches(self) -> list[ForceMismatch]:
+        """List places where the difference exceeds noise and a tenth of the force, largest first."""
+        mismatches = [
+            _mismatch(place, pairs) for place, pairs in self._pairs.items() if len(pairs) >= _FEWEST
+        ]
         least_n = max(_TIMES_NOISE * self.noise_n, _LEAST_N)
-        off = [one for one in misfits if one.rms_share > _SHARE and one.rms_n > least_n]
-        return sorted(off, key=lambda one: -one.rms_n)
+        off = [place for place in mismatches if place.rms_share > _SHARE and place.rms_n > least_n]
+        return sorted(off, key=lambda place: -place.rms_n)
 
 
-def _misfit(place: Hashable, pairs: deque[tuple[float, float, float]]) -> Misfit:
+def _mismatch(place: Hashable, pairs: deque[tuple[float, float, float]]) -> ForceMismatch:
     n = len(pairs)
     measured_n = sqrt(sum(measured**2 for _, measured, _ in pairs) / n)
     rms_n = sqrt(sum((measured - predicted) ** 2 for _, measured, predicted in pairs) / n)
     mean_n = sum(measured - predicted for _, measured, predicted in pairs) / n
     depths_m = [depth for depth, _, _ in pairs]
     scale_n = max(measured_n, 1e-9)
-    return Misfit(place, mean_n / scale_n, rms_n, rms_n / scale_n, min(depths_m), max(depths_m), n)
+    return ForceMismatch(place, mean_n / scale_n, rms_n, rms_n / scale_n, min(depths_m), max(depths_m), n)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.phases import Phase
+from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME as TICK
-from control.teleop.link_record import STREAM_NAME as LINK
-from palpate.teleop.follower_talk import ESTIMATE
+from control.teleop.messaging import STREAM_NAME as LINK
+from palpate.teleop.follower_messaging import ESTIMATE
 from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.object_law import force_law, terms_in, terms_of
@@ -29,7 +29,7 @@ _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
 
 
 @dataclass(frozen=True)
-class Felt:
+class ForceComparison:
     """Two forces side by side, shape (n,) each."""
 
     time_s: FloatArray  # on the leader's clock [s]
@@ -44,17 +44,17 @@ class Felt:
             return float("nan")
         return float(np.sqrt(np.mean((self.felt_n - self.real_n) ** 2) / np.mean(self.real_n**2)))
 
-    def settled(self) -> "Felt":
+    def settled(self) -> "ForceComparison":
         """The same without the first `TOUCH_S` of every touch, and without touches that began late."""
         begins_s = self.time_s[np.diff(self.time_s, prepend=-np.inf) > _APART_S]
         since_s = self.time_s - begins_s[np.searchsorted(begins_s, self.time_s, side="right") - 1]
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
-    def select(self, kept: BoolArray) -> "Felt":
+    def select(self, kept: BoolArray) -> "ForceComparison":
         """Those samples, shape (n,), for which `kept` holds."""
-        return Felt(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
+        return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
-    def in_words(self) -> str:
+    def summary(self) -> str:
         """The share, such as "1.2 % rms of 8000 samples"."""
         if not len(self.real_n):
             return "nothing to compare"
@@ -62,7 +62,7 @@ class Felt:
 
 
 @dataclass(frozen=True)
-class Joined:
+class MergedSessions:
     """Both sessions; times are the leader's."""
 
     leader: Session
@@ -105,7 +105,7 @@ class Joined:
         """The shortest round trip: the offset is known to half of it [s]."""
         return float(self.exchanges[:, 2].min())
 
-    def clocks_in_words(self) -> str:
+    def clock_summary(self) -> str:
         """The offset between the two clocks, as far as it is known."""
         which = "ahead of" if self.offset_s >= 0.0 else "behind"
         moved_ms = 1e3 * np.ptp(self.exchanges[:, 1])
@@ -130,7 +130,7 @@ class Joined:
         made = [event.data or {} for event in self.follower.events if event.kind == ESTIMATE]
         return {short_number(data["target"]): data["verdict"] for data in made}
 
-    def felt_and_real(self, real: Scenario) -> Felt:
+    def felt_and_real(self, real: Scenario) -> ForceComparison:
         """What was felt after the first estimate, and what the real object would have answered to that hand.
 
         Touches that were under way when the first estimate came are left out: the force fades over then.
@@ -145,11 +145,11 @@ class Joined:
         touching = haptic["force_n"] > 0.0
         counted = _begun_after(touching, haptic["revision"] != GUESS) & (real_n > _LEAST_N)
         missed = haptic["lateness_s"] > np.median(step_s)
-        return Felt(haptic["time_s"], haptic["force_n"], real_n, _begun_during(touching, missed)).select(
-            counted
-        )
+        return ForceComparison(
+            haptic["time_s"], haptic["force_n"], real_n, _begun_during(touching, missed)
+        ).select(counted)
 
-    def modelled_and_measured(self) -> Felt:
+    def modelled_and_measured(self) -> ForceComparison:
         """What each target's newest model answers to the follower's presses, and what was measured."""
         ticks, parts = self.ticks, []
         newest = {data["target"]: data for _, data in self.feels()}
@@ -169,9 +169,9 @@ class Joined:
             parts.append((ticks["time_s"][rows][kept], modelled_n[kept], measured_n[kept]))
         if not parts:
             nothing = np.zeros(0)
-            return Felt(nothing, nothing, nothing, nothing > 0.0)
+            return ForceComparison(nothing, nothing, nothing, nothing > 0.0)
         time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Felt(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
+        return ForceComparison(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
 
     def _target_of(self, time_s: FloatArray) -> FloatArray:
         """Number of the target that was being probed at the follower's times, shape (n,); -1 before any."""
@@ -187,11 +187,11 @@ class Joined:
         return np.where(found >= 0, numbers[np.maximum(found, 0)], -1.0)
 
 
-def join(first: Session, second: Session) -> Joined:
+def merge_sessions(first: Session, second: Session) -> MergedSessions:
     """Both sessions, whichever comes first. InputError: they are not a leader's and a follower's."""
     for leader, follower in ((first, second), (second, first)):
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
-            return Joined(leader, follower)
+            return MergedSessions(leader, follower)
     raise InputError(f"{first.path} and {second.path}: give the sessions of a leader and of its follower")
 
 

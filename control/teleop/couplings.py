@@ -1,0 +1,358 @@
+"""Couplings of a leader and a follower over a link with delay and loss, on one axis.
+
+Positions are positive into the object. A coupling has two sides, each stepped on its own machine, that send
+each other small packets. Three axes are three couplings. Pure: no clock, no link. In each step a channel
+gives a side one packet: the newest that has arrived, again and again until a newer one comes, or each after a
+constant delay. So a lost, a late and a repeated packet all look like an old one.
+
+- Direct (position-force): the leader's position is tracked, and the measured force is fed back.
+- Four channels: position, velocity and force travel both ways. Lawrence, "Stability and transparency in
+  bilateral teleoperation", IEEE T-RA 9(5), 1993.
+- Time-domain passivity: each side observes the energy of the link, and lets out no more than was put in.
+  Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE T-RA 18(1), 2002. With a
+  delay no side sees both ends at once, so each sends what it has put in, and takes out at most what it knows
+  the other to have put in: Ryu, Artigas and Preusche, "A passive bilateral control scheme for a teleoperator
+  with time-varying communication delay", Mechatronics 20(7), 2010. Each end of the link is a point that a
+  spring joins to the device, and the controllers hold back that point's motion; so the energy of a step is
+  known before it is taken (the leader's spring is our addition). In free air no force comes back, and nothing
+  would be put in for the follower to move with: the leader feels a drag, whose energy goes to the link, as
+  into the tank of Lee and Huang, IEEE T-RO 26(2), 2010.
+- Wave variables: velocity and force travel as two waves, and a delayed wave carries no more energy than it
+  had, u = (b v + F) / sqrt(2 b), w = (b v - F) / sqrt(2 b), F v = u^2 / 2 - w^2 / 2. Niemeyer and Slotine,
+  "Stable adaptive teleoperation", IEEE J. Oceanic Eng. 16(1), 1991; integrals of the waves against drift:
+  "Telemanipulation with time delays", IJRR 23(9), 2004. Holding a wave because nothing newer has come would
+  produce energy (Berestesky, Chopra and Spong, ICRA 2004): each packet tells how much energy was sent up to
+  it, and no side lets out more.
+"""
+
+import heapq
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from robot_io.clip import clip
+from robot_io.errors import InputError
+
+Packet = tuple[float, ...]  # what one side sends the other in a step
+_LONGEST = 10_000  # steps; a packet that is further behind the newest is ignored
+
+
+class Channel(ABC):
+    """One side's end of the link; pure. Call `take` for what has arrived, then `packet` once in each step."""
+
+    def take(self, number: int, packet: Packet) -> None:
+        """Take in a packet that has arrived.
+
+        Args:
+            number: step of the sender in which it was sent.
+            packet: ignored if a value is not finite.
+        """
+        if math.isfinite(sum(packet)):
+            self._take(number, packet)
+
+    @abstractmethod
+    def _take(self, number: int, packet: Packet) -> None:
+        """The same for a packet that is finite."""
+
+    @abstractmethod
+    def packet(self) -> Packet | None:
+        """Give the packet of this step; None before the first. Call it once in each step."""
+
+
+class Newest(Channel):
+    """Gives the newest packet; an overtaken one is dropped."""
+
+    def __init__(self) -> None:
+        self._number = -1
+        self._packet: Packet | None = None
+
+    def _take(self, number: int, packet: Packet) -> None:
+        if number > self._number:
+            self._number, self._packet = number, packet
+
+    def packet(self) -> Packet | None:
+        """See `Channel.packet`."""
+        return self._packet
+
+
+class Playout(Channel):
+    """A playout buffer: each packet waits until it is as old as the oldest that ever came.
+
+    So jitter becomes a constant delay, for which waves are made (Kosuge, Murayama and Takeo, "Bilateral
+    feedback control of telemanipulators via computer network", IROS 1996). A lost packet is replaced by the
+    one before it.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, Packet]] = []
+        self._step = self._played = self._newest = -1
+        self._oldest = -math.inf  # steps from sending to arrival, by counts that may begin apart
+        self._packet: Packet | None = None
+
+    def _take(self, number: int, packet: Packet) -> None:
+        if number <= self._played or number < self._newest - _LONGEST:
+            return
+        self._newest = max(self._newest, number)
+        self._oldest = max(self._oldest, self._step + 1 - number)
+        heapq.heappush(self._waiting, (number, packet))
+
+    def packet(self) -> Packet | None:
+        """See `Channel.packet`."""
+        self._step += 1
+        while self._waiting and self._waiting[0][0] + self._oldest <= self._step:
+            self._played, self._packet = heapq.heappop(self._waiting)
+        return self._packet
+
+
+class DevicePort(NamedTuple):
+    """State of a side's own device."""
+
+    position_m: float  # of the device's tip along the axis [m]
+    velocity_m_s: float  # [m/s]
+    # Leader: what the hand pushes the device with, positive inwards. Follower: compression of its tool [N].
+    force_n: float
+
+
+class CouplingSide(ABC):
+    """Leader or follower of a coupling; a new one implements `_step`."""
+
+    def step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        """Compute one step of the control loop.
+
+        Args:
+            port: state of the own device.
+            newest: packet of the other side, as the channel gives it; None before the first.
+            dt_s: time until the next step, for which the force is held [s].
+
+        Returns:
+            Force of the actuator on the own device [N], positive inwards, and the packet for the other side.
+
+        Raises:
+            InputError: a value is not finite, or the time not positive; nothing has changed.
+        """
+        if not math.isfinite(sum(port) + sum(newest or ())) or not 0.0 < dt_s < math.inf:
+            raise InputError(f"coupling: {port}, packet {newest}, step {dt_s} s: all must be finite numbers")
+        return self._step(port, newest, dt_s)
+
+    @abstractmethod
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        """See `step`; the values are finite."""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A coupling by name, with constructors of its two sides."""
+
+    name: str
+    leader: Callable[[], CouplingSide]
+    follower: Callable[[], CouplingSide]
+    channel: Callable[[], Channel] = Newest  # one for each side
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The follower's own position control, the same for all: F = K (x_wanted - x) + B (v_wanted - v)."""
+
+    stiffness_n_m: float = 8000.0
+    damping_n_s_m: float = 120.0
+
+    def __post_init__(self) -> None:
+        for value in (self.stiffness_n_m, self.damping_n_s_m):
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"tracking: stiffness and damping are finite and not negative, not {value}")
+
+    def force_n(self, ahead_m: float, faster_m_s: float) -> float:
+        """Force [N] for how far the wanted motion is ahead [m] and how much faster it is [m/s]."""
+        return self.stiffness_n_m * ahead_m + self.damping_n_s_m * faster_m_s
+
+
+TRACKING = Tracking()
+
+
+class DirectLeader(CouplingSide):
+    """Sends position and velocity, renders the force that comes."""
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        return -newest[0] if newest else 0.0, (port.position_m, port.velocity_m_s)
+
+
+class DirectFollower(CouplingSide):
+    """Tracks position and velocity that come, sends the measured force."""
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        wanted_m, wanted_m_s = newest or (port.position_m, 0.0)
+        force_n = TRACKING.force_n(wanted_m - port.position_m, wanted_m_s - port.velocity_m_s)
+        return force_n, (port.force_n,)
+
+
+DIRECT = Coupling("direct", DirectLeader, DirectFollower)
+
+
+class FourChannelSide(CouplingSide):
+    """Tracks the other side, and adds the force measured there; `reflects` where that is a compression."""
+
+    def __init__(self, *, reflects: bool) -> None:
+        self._sign = -1.0 if reflects else 1.0
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        other_m, other_m_s, other_n = newest or (port.position_m, port.velocity_m_s, 0.0)
+        tracking_n = TRACKING.force_n(other_m - port.position_m, other_m_s - port.velocity_m_s)
+        return tracking_n + self._sign * other_n, tuple(port)
+
+
+FOUR_CHANNEL = Coupling(
+    "four-channel", lambda: FourChannelSide(reflects=True), lambda: FourChannelSide(reflects=False)
+)
+
+
+DRAG_N_S_M = 10.0
+RESERVE_J = 1e-3  # what each end may take at the very start, when nothing has been put in
+_FASTEST_M_S = 0.5  # of a point of the link, after a gap in the packets above all
+
+
+class Account:
+    """Energy of one end of the link, as known there [J]."""
+
+    def __init__(self) -> None:
+        self.put_in_j = 0.0  # by this end
+        self._taken_j = 0.0
+
+    def book(self, work_j: float) -> None:
+        """What this end did on the link in a step, negative if the link worked on it."""
+        if work_j > 0.0:
+            self.put_in_j += work_j
+        else:
+            self._taken_j -= work_j
+
+    def share_allowed(self, taking_j: float, other_put_in_j: float) -> float:
+        """The share 0 to 1 of a withdrawal that the other end is known to have covered."""
+        left_j = max(0.0, RESERVE_J + other_put_in_j - self._taken_j)
+        return 1.0 if taking_j <= left_j else left_j / taking_j
+
+
+class TimeDomainLeader(CouplingSide):
+    """Lets its point go where the spring has the force that comes, as far as the account covers it."""
+
+    def __init__(self) -> None:
+        self._account = Account()
+        self._point_m = self._position_m = math.nan
+        self._drag_n = 0.0
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        if math.isnan(self._point_m):
+            self._point_m = self._position_m = port.position_m
+        force_n, other_put_in_j = newest or (0.0, 0.0)
+        stiffness = TRACKING.stiffness_n_m
+        ahead_m = port.position_m - self._point_m
+        way_m = clip(ahead_m - force_n / stiffness, -_FASTEST_M_S * dt_s, _FASTEST_M_S * dt_s)
+        way_m *= self._account.share_allowed(-stiffness * (ahead_m - way_m) * way_m, other_put_in_j)
+        spring_n = stiffness * (ahead_m - way_m)  # after the step: less is put in, more taken, than really is
+        self._account.book(spring_n * way_m)
+        self._account.book(self._drag_n * (port.position_m - self._position_m))
+        self._point_m += way_m
+        self._position_m, self._drag_n = port.position_m, DRAG_N_S_M * port.velocity_m_s
+        return -spring_n - self._drag_n, (port.position_m, self._account.put_in_j)
+
+
+class TimeDomainFollower(CouplingSide):
+    """Moves its point to where the leader is as far as the account covers it, and sends the tracking force.
+
+    What was held back is made up for as soon as the account allows it, so positions do not drift apart.
+    """
+
+    def __init__(self) -> None:
+        self._account = Account()
+        self._wanted_m = math.nan
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        if math.isnan(self._wanted_m):
+            self._wanted_m = port.position_m
+        goal_m, other_put_in_j = newest or (self._wanted_m, 0.0)
+        way_m = clip(goal_m - self._wanted_m, -_FASTEST_M_S * dt_s, _FASTEST_M_S * dt_s)
+        way_m *= self._account.share_allowed(self._force_n(port, way_m, dt_s) * way_m, other_put_in_j)
+        force_n = self._force_n(port, way_m, dt_s)  # smaller by more than the share, if that is below 1
+        self._account.book(-force_n * way_m)
+        self._wanted_m += way_m
+        return force_n, (force_n, self._account.put_in_j)
+
+    def _force_n(self, port: DevicePort, way_m: float, dt_s: float) -> float:
+        """Tracking force [N] after the wanted position has moved on by `way_m` [m]."""
+        return TRACKING.force_n(self._wanted_m + way_m - port.position_m, way_m / dt_s - port.velocity_m_s)
+
+
+TIME_DOMAIN = Coupling("time-domain passivity", TimeDomainLeader, TimeDomainFollower)
+
+
+IMPEDANCE_N_S_M = 30.0  # b: felt as drag in free air, and over a delay T as a spring b / T in contact
+_CATCH_UP_1_S = 5.0  # how fast the integrals are brought together
+_GAP_STEPS = 5.0  # energy is kept back to hold the wave for so long, before any is spent on catching up
+
+
+class WaveEnd:
+    """One end of the two lines: counts what goes out, and gives back what came in, never more than that."""
+
+    def __init__(self) -> None:
+        self._sent = self._sent_j = self._used = self._used_j = 0.0
+
+    def send(self, wave: float, dt_s: float) -> Packet:
+        """The packet for a wave [sqrt(W)]: itself, its integral, and the energy sent so far [J]."""
+        self._sent += wave * dt_s
+        self._sent_j += 0.5 * wave * wave * dt_s
+        return wave, self._sent, self._sent_j
+
+    def receive(self, newest: Packet | None, dt_s: float) -> float:
+        """The wave to use in this step [sqrt(W)]."""
+        if newest is None:
+            return 0.0
+        wave, sent, sent_j = newest
+        left_j = max(0.0, sent_j - self._used_j)
+        if left_j > _GAP_STEPS * 0.5 * wave * wave * dt_s:
+            wave += _CATCH_UP_1_S * (sent - self._used)
+        most = math.sqrt(2.0 * left_j / dt_s)
+        wave = math.copysign(min(abs(wave), most), wave)
+        self._used += wave * dt_s
+        self._used_j += 0.5 * wave * wave * dt_s
+        return wave
+
+
+class WaveLeader(CouplingSide):
+    """Turns its velocity and the wave that comes into a force and a wave that goes."""
+
+    def __init__(self) -> None:
+        self._end = WaveEnd()
+        self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        back = self._end.receive(newest, dt_s)
+        force_n = IMPEDANCE_N_S_M * port.velocity_m_s - self._root * back
+        return -force_n, self._end.send(self._root * port.velocity_m_s - back, dt_s)
+
+
+class WaveFollower(CouplingSide):
+    """Turns the wave that comes into a wanted velocity, and the tracking's force into a wave that goes.
+
+    Wanted velocity and force depend on each other; solved for the end of the step (implicit), the spring of
+    the tracking makes no energy.
+    """
+
+    def __init__(self) -> None:
+        self._end = WaveEnd()
+        self._root = math.sqrt(2.0 * IMPEDANCE_N_S_M)
+        self._wanted_m = math.nan
+
+    def _step(self, port: DevicePort, newest: Packet | None, dt_s: float) -> tuple[float, Packet]:
+        wave = self._end.receive(newest, dt_s)
+        ahead_m = 0.0 if math.isnan(self._wanted_m) else self._wanted_m - port.position_m
+        yielding_n_s_m = IMPEDANCE_N_S_M + TRACKING.stiffness_n_m * dt_s
+        free_m_s = self._root * wave / IMPEDANCE_N_S_M  # wanted velocity if there were no force
+        force_n = (TRACKING.stiffness_n_m * ahead_m + yielding_n_s_m * (free_m_s - port.velocity_m_s)) / (
+            1.0 + yielding_n_s_m / IMPEDANCE_N_S_M
+        )
+        wanted_m_s = free_m_s - force_n / IMPEDANCE_N_S_M
+        self._wanted_m = port.position_m + ahead_m + wanted_m_s * dt_s
+        return force_n, self._end.send(wave - self._root * force_n / IMPEDANCE_N_S_M, dt_s)
+
+
+WAVE_VARIABLES = Coupling("wave variables", WaveLeader, WaveFollower, Playout)
