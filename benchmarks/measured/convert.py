@@ -316,12 +316,8 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
                 if "of_file" in spec:
                     columns[name] = np.full(count, float(spec["of_file"][number]))
             kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
-            if "keep" in read:  # only rows whose column lies within bounds
-                for name, (low, high) in read["keep"].items():
-                    kept &= (columns[name] >= low) & (columns[name] <= high)
-            if read.get("advance", True):  # time that stands still says that a row was written twice
-                time = columns["time_s"]
-                kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+            time = columns["time_s"]  # it stands still where a row was written twice
+            kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
             columns = {name: values[kept] for name, values in columns.items()}
             if "surface" in read:
                 _find_surface(columns, read["surface"])

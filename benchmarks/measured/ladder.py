@@ -190,8 +190,10 @@ TERMS: dict[str, Term] = {
     ),
     "damping": Term("rate_dependence", lambda s, p: np.where(s.x > 0, s.v, 0.0) if s.contact else s.v),
     "quadratic_rate": Term("rate_dependence", lambda s, p: s.v * np.abs(s.v)),
-    "root_rate": Term(
-        "rate_dependence", lambda s, p: np.sign(s.v) * np.abs(s.v / _speed(s)) ** p, (0.25, 0.5)
+    "root_rate": Term(  # dry: it turns at once, and grows by less than the speed
+        "friction",
+        lambda s, p: np.sign(s.v) * np.abs(s.v / _speed(s)) ** p,
+        (0.25, 0.5),
     ),
     "depth_rate": Term("rate_dependence", lambda s, p: _depth(s) * s.v),
     "coulomb": Term("friction", lambda s, p: np.tanh(s.v / (p * _speed(s))), (0.003, 0.02, 0.1, 0.3)),
