@@ -37,13 +37,17 @@ def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
 def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
     """Numbers, from 0, of the stretches that end with a run or at a gap in time [s], shape (n,).
 
+    A gap is longer than the steps on either side of it, too: where a rate falls for good, there is none.
+
     A touch ends none. It bends the velocity but does not break it, and a window across it is less wrong than
     the lopsided windows at the ends of two pieces would be (see docs/estimation.md).
     """
     steps_s, same_run = np.diff(time_s), np.diff(run) == 0
     border = ~same_run
     if same_run.any():
-        border = border | (steps_s > _GAP * np.median(steps_s[same_run]))
+        beside = np.pad(np.where(same_run, steps_s, 0.0), 1)
+        usual = np.maximum(np.median(steps_s[same_run]), np.maximum(beside[:-2], beside[2:]))
+        border = border | (steps_s > _GAP * usual)
     return np.concatenate([[0], np.cumsum(border)]).astype(np.int64)
 
 

@@ -176,6 +176,16 @@ def test_pieces_end_at_runs_and_gaps():
     np.testing.assert_array_equal(number_pieces(time_s, run), [0, 0, 0, 0, 1, 1, 2, 2, 2])
 
 
+def test_a_rate_that_falls_for_good_makes_no_gaps():
+    """As of a tension test that records yielding at 12 Hz and what follows at 2 Hz."""
+    time_s = np.cumsum(np.repeat([0.08, 0.4, 0.08], [300, 150, 300]))
+    run = np.zeros(len(time_s), dtype=np.int64)
+    piece = number_pieces(time_s, run)
+    assert len(np.unique(piece)) == 1
+    moved = differentiate(time_s, 2e-5 * time_s, piece)
+    np.testing.assert_allclose(moved.velocity, 2e-5, rtol=1e-6)
+
+
 @pytest.mark.parametrize("place", [0.01, 1e6 / 3])
 def test_what_rests_does_not_move_not_even_by_rounding(place):
     time_s, piece = np.arange(200) * 0.002, np.repeat([0, 1], 100)
