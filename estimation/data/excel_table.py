@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+import numpy as np
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
@@ -37,6 +38,7 @@ class _Sheet:
     skipped: int
     titles: tuple[str, ...]
     decimal: str  # mark in those numbers that are text
+    numbers: list[int]  # of the rows in the sheet
 
 
 def read_excel_table(path: Path) -> FileColumns:
@@ -62,6 +64,7 @@ def read_excel_table(path: Path) -> FileColumns:
         first.decimal,
         _words(first, found, alike, book.sheet_names),
         first.titles,
+        np.array([number for sheet in alike for number in sheet.numbers], dtype=np.int64),
     )
 
 
@@ -142,9 +145,21 @@ def _sheet_of(sheet: CalamineSheet) -> _Sheet | None:
     if layout is None:
         return None
     width = len(layout.names)
-    body = [row[:width] for row in rows[layout.first :] if any(cell != "" for cell in row[:width])]
+    filled = [
+        place for place in range(layout.first, len(rows)) if any(cell != "" for cell in rows[place][:width])
+    ]
+    body = [rows[place][:width] for place in filled]
+    above = 1 + (sheet.start or (0, 0))[0]
     skipped = sum(any(row) for row in head[: layout.header])
-    return _Sheet(sheet.name, layout.names, body, skipped, layout.titles, _mark_in(body))
+    return _Sheet(
+        sheet.name,
+        layout.names,
+        body,
+        skipped,
+        layout.titles,
+        _mark_in(body),
+        [above + place for place in filled],
+    )
 
 
 def _mark_in(rows: Sequence[Sequence[Any]]) -> str:

@@ -7,6 +7,7 @@ import pyarrow as pa
 
 from robot_io.errors import InputError
 from robot_io.files.unpacked import most_unpacked
+from robot_io.types import IntArray
 
 BAGS = (".mcap", ".db3")  # of ROS 2
 MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is full
@@ -20,6 +21,9 @@ class FileColumns:
     decimal: str = "."  # mark in numbers that are text
     words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
     titles: tuple[str, ...] = ()  # what stands above each column's name, such as that of a test
+    # Number of each row in the file, as an editor or spreadsheet shows it, shape (n,); None to count from 1.
+    rows: IntArray | None = None
+    row_word: str = "row"  # what such a number counts: "row" or "line"
 
 
 def is_bag(path: Path) -> bool:

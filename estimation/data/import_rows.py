@@ -109,7 +109,7 @@ def _phases(table: Table, column: str | None) -> IntArray:
         if name.lower() not in known:
             row = table.rows[np.argmax(index == number)]
             raise InputError(
-                f"{table.path}: row {row}, column '{column}': no phase is called '{name:.60}'. "
+                f"{table.path}: {table.row_word} {row}, column '{column}': no phase is called '{name:.60}'. "
                 f"Valid: {', '.join(known)}"
             )
     return np.array([known[name.lower()] for name in names], dtype=np.int64)[index]
@@ -125,13 +125,13 @@ def _check_times(columns: Columns, rows: Rows) -> None:
             "turn the order of the rows round"
         )
     before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
-    name, in_run = columns.name(TIME), ""
+    name, in_run, word = columns.name(TIME), "", columns.table.row_word
     if len(rows.labels) > 1:
         in_run = f" of run '{rows.labels[int(rows.run[late[0]])]}'"
     raise InputError(
-        f"{columns.table.path}: row {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not come "
-        f"after {rows.time_s[late[0]]:.9g} s in row {before}{in_run}; times must increase within a run: "
-        f"sort the rows, or say with --column run={columns.like_runs or 'COLUMN'} where a new run begins"
+        f"{columns.table.path}: {word} {after}, column '{name}': {rows.time_s[late[0] + 1]:.9g} s does not "
+        f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
+        f"run: sort the rows, or say with --column run={columns.like_runs or 'COLUMN'} where a new run begins"
     )
 
 

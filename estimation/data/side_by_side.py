@@ -33,7 +33,7 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 def one_below_the_other(
     columns: pa.Table, tests: Sequence[Mapping[str, int]], titles: Sequence[str], decimal: str = "."
 ) -> tuple[pa.Table, IntArray]:
-    """The tests' rows, with a column of the run, and the number of each row in the file, counted from 1.
+    """The tests' rows, with a column of the run, and the index of each among the rows before.
 
     Args:
         columns: of n rows.
@@ -49,7 +49,7 @@ def one_below_the_other(
         part = pa.table({name: _as_text(columns.column(place), decimal) for name, place in test.items()})
         there = np.logical_or.reduce([_is_held(columns.column(test[name])) for name in own])
         parts.append(with_run(part, str(label)).filter(pa.array(there)))
-        rows.append(np.flatnonzero(there) + 1)
+        rows.append(np.flatnonzero(there))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
 

@@ -39,9 +39,10 @@ class Table:
 
     path: Path  # where they come from, for errors
     columns: pa.Table  # as Arrow holds them; those of a text file are text
-    rows: IntArray  # number of each row in the file, counted from 1 after the header, shape (n,)
+    rows: IntArray  # number of each row in the file, as an editor or spreadsheet shows it, shape (n,)
     decimal: str = "."  # mark in numbers that are text
     words: tuple[str, ...] = ()  # how the file is written, where that is worth a word
+    row_word: str = "row"  # what `rows` counts: "row", or "line" of a text file
     _numbers: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -81,7 +82,7 @@ class Table:
         if len(bad):
             shown = str(column[int(bad[0])].as_py())[:_SHOWN]
             fault = fault_of(number_of(shown)) + more_like_it(len(bad))
-            place = f"{self.path}: row {self.rows[bad[0]]}, column '{name}'"
+            place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
             raise InputError(
                 f"{place}: {shown!r} is {fault}; {_remedy(shown, whole=len(bad) == len(values))}"
             )
@@ -166,15 +167,21 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         )
     try:
         found = read(place)
-        table = table_of(found.columns, place, found.titles, found.decimal)
-        return replace(table, words=(*found.words, *table.words))
+        table = table_of(found.columns, place, found.titles, found.decimal, found.rows)
+        return replace(table, words=(*found.words, *table.words), row_word=found.row_word)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
         raise InputError(f"{place}: cannot be read: {' '.join(str(error).split())[:200]}") from error
 
 
-def table_of(found: pa.Table, place: Path, titles: Sequence[str] = (), decimal: str = ".") -> Table:
+def table_of(
+    found: pa.Table,
+    place: Path,
+    titles: Sequence[str] = (),
+    decimal: str = ".",
+    rows: IntArray | None = None,
+) -> Table:
     """A table as Arrow holds it, clock times as seconds; several side by side are runs of one.
 
     Args:
@@ -182,14 +189,17 @@ def table_of(found: pa.Table, place: Path, titles: Sequence[str] = (), decimal: 
         place: where they come from, for errors.
         titles: what stands above each column's name.
         decimal: mark in numbers that are text.
+        rows: number of each row in the file, shape (n,); None to count from 1.
 
     Raises:
         InputError: it has no rows, or two columns of one name.
     """
     columns = _without_gaps(found.rename_columns([" ".join(name.split()) for name in found.column_names]))
-    names, rows, words = columns.column_names, np.arange(1, columns.num_rows + 1), list[str]()
+    names, words = columns.column_names, list[str]()
+    rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):
-        columns, rows = one_below_the_other(columns, tests, titles, decimal)
+        columns, places = one_below_the_other(columns, tests, titles, decimal)
+        rows = rows[places]
         names, words = columns.column_names, [f"{len(tests)} tests side by side, taken as runs"]
     twice = sorted(name for name, times in Counter(names).items() if times > 1)[:_MOST_NAMES]
     if twice:

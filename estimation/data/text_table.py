@@ -4,6 +4,7 @@ import gzip
 import math
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
@@ -13,6 +14,7 @@ from estimation.data.text_blocks import find_blocks
 from estimation.data.text_decoding import as_utf8
 from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
 from robot_io.errors import InputError
+from robot_io.types import IntArray
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
@@ -34,11 +36,12 @@ def read_text_table(path: Path) -> FileColumns:
     words = (*dialect.words, *footer, *([f"text in {encoding}"] if encoding else []))
     places = [f"{path}, test {n}" if len(tests) > 1 else str(path) for n in range(1, len(tests) + 1)]
     parts = [_block(content, *test, dialect, place) for test, place in zip(tests, places, strict=True)]
+    lines = [_lines(content, *test, len(part)) for test, part in zip(tests, parts, strict=True)]
     if len(parts) == 1:
-        return FileColumns(parts[0], dialect.decimal, words, dialect.titles)
+        return FileColumns(parts[0], dialect.decimal, words, dialect.titles, lines[0], "line")
     columns = pa.concat_tables([with_run(part, str(test)) for test, part in enumerate(parts, 1)])
     words = (*words, f"{len(parts)} tests one after the other, taken as runs")
-    return FileColumns(columns, dialect.decimal, words)
+    return FileColumns(columns, dialect.decimal, words, (), np.concatenate(lines), "line")
 
 
 def _block(content: bytes, begin: int, end: int, dialect: Dialect, place: str) -> pa.Table:
@@ -49,8 +52,29 @@ def _block(content: bytes, begin: int, end: int, dialect: Dialect, place: str) -
     try:
         return _parse(rows, dialect)
     except pa.ArrowInvalid as error:
-        problem = _first_bad_row(rows, dialect) or " ".join(str(error).split())[:200]
+        problem = (
+            _first_bad_row(rows, dialect, _lines(content, begin, end)) or " ".join(str(error).split())[:200]
+        )
         raise InputError(f"{place}: {problem}") from error
+
+
+def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> IntArray:
+    """Numbers in the file, from 1, of the lines from one byte to another that are not empty.
+
+    Args:
+        content: of the file.
+        begin: first byte.
+        end: byte after the last.
+        count: how many rows were read of them; None for as many as there are lines.
+    """
+    mark = b"\n" if b"\n" in content else b"\r"
+    first = 1 + content.count(mark, 0, begin)
+    if count is not None and count >= content.count(mark, begin, end):  # no line is empty
+        return np.arange(first, first + count)
+    lines = content[begin:end].split(mark)
+    filled = first + np.flatnonzero([bool(line.strip(b"\r")) for line in lines])
+    # Where a cell in quotation marks holds the end of a line, lines are more than rows.
+    return filled if count is None or count == len(filled) else np.arange(first, first + count)
 
 
 def number_of(text: object) -> float:
@@ -115,8 +139,14 @@ def _parse(rows: pa.Buffer, dialect: Dialect, wrong: _Collector | None = None) -
     )
 
 
-def _first_bad_row(rows: pa.Buffer, dialect: Dialect) -> str:
-    """Which row has a wrong number of cells, counted from 1 after the header; empty if none has."""
+def _first_bad_row(rows: pa.Buffer, dialect: Dialect, lines: IntArray) -> str:
+    """Which line has a wrong number of cells; empty if none has.
+
+    Args:
+        rows: text of the table.
+        dialect: how it is written.
+        lines: number in the file of each line that is not empty, shape (n,).
+    """
     wrong = _Collector()
     try:
         _parse(rows, dialect, wrong)  # in one thread: only then are rows numbered
@@ -126,4 +156,4 @@ def _first_bad_row(rows: pa.Buffer, dialect: Dialect) -> str:
         return ""
     row = wrong.rows[0]
     cells = f"has {row.actual_columns} cells and the header {row.expected_columns}"
-    return f"row {row.number} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
+    return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"

@@ -306,7 +306,7 @@ def test_a_time_with_a_bad_cell_is_not_needed_beside_another(press):
     stamps = (1e3 * presses()[0]).astype(str).tolist()
     path = press(Timestamp=[*stamps[:300], "ERR", *stamps[301:]])
     np.testing.assert_allclose(contact_of(path).time_s, presses()[0])
-    with pytest.raises(InputError, match="row 301, column 'Timestamp': 'ERR' is no"):
+    with pytest.raises(InputError, match="line 302, column 'Timestamp': 'ERR' is no"):
         contact_of(path, columns={"time": "Timestamp"})
 
 
@@ -379,7 +379,7 @@ def test_numbers_are_read_as_they_are_written(tmp_path, cells, delimiter, values
 def test_a_comma_that_parts_no_thousands_is_not_left_out(tmp_path):
     path = tmp_path / "numbers.txt"
     path.write_text("n [s]\tKraft [N]\n0\t1,234.5\n1\t2,345.5\n2\t3,456.5\n3\t4,5\n")
-    with pytest.raises(InputError, match=r"row 4, column .*'4,5' is no finite number"):
+    with pytest.raises(InputError, match=r"line 5, column .*'4,5' is no finite number"):
         read_table(path).numbers("Kraft [N]")
 
 
@@ -456,7 +456,7 @@ def test_a_day_that_is_none_leaves_its_column_as_it_is(press):
 
 def test_a_cell_that_is_no_time_is_named_among_times(press):
     times = [f"0:{cell:07.4f}" for cell in presses()[0] % 60.0]
-    with pytest.raises(InputError, match=r"row 8, column 'Time .s.': '0:xx' is no finite number; remove"):
+    with pytest.raises(InputError, match=r"line 9, column 'Time .s.': '0:xx' is no finite number; remove"):
         contact_of(press(**{TIME: [*times[:7], "0:xx", *times[8:]]}))
 
 
@@ -475,8 +475,8 @@ GOOD = "Time [s],Way [mm],Load [N]\n" + "".join(f"{i},{i},{i}\n" for i in range(
     [
         # A column that is there twice is no second test, a row that is cut off no footer.
         ("Time,Force,Time,Way\n" + "".join(f"{i},{i},{i},{i}\n" for i in range(9)), "'Time' is there twice"),
-        (GOOD + "\nSpecimen 2\n" + GOOD + "9,9\n", r"csv, test 2: row 10 has 2 cells and the header 3"),
-        (GOOD + "9\n", "row 10 has 1 cells and the header 3"),
+        (GOOD + "\nSpecimen 2\n" + GOOD + "9,9\n", r"csv, test 2: line 23 has 2 cells and the header 3"),
+        (GOOD + "9\n", "line 11 has 1 cells and the header 3"),
     ],
 )
 def test_what_looks_like_another_part_of_the_file_is_not_taken_for_one(tmp_path, text, words):

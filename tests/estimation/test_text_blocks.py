@@ -39,11 +39,11 @@ def test_a_header_is_the_same_with_blanks_behind_it(read, behind):
 
 
 def test_words_below_a_header_are_named_as_what_they_are(read):
-    with pytest.raises(InputError, match="row 1, column 'force_N': 'c' is no finite number"):
+    with pytest.raises(InputError, match="line 2, column 'force_N': 'c' is no finite number"):
         read("time_s,displacement_m,force_N\na,b,c\n").numbers("force_N")
 
 
 @pytest.mark.parametrize("cut", ["5.99,,", "5.99,", ",1,"])
 def test_a_row_that_lacks_its_last_numbers_is_no_footer(read, cut):
-    with pytest.raises(InputError, match="row 10"):
+    with pytest.raises(InputError, match="line 11"):
         read("\n".join([HEAD, *ROWS, cut])).numbers("Load [N]")
