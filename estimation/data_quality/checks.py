@@ -41,7 +41,7 @@ _MOST_BLOCKS = 300_000  # 25 minutes of blocks of 5 ms: memory grows with them
 _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
-_TRAVELLED = 3.0  # ranges of positions, that a single recording goes through for parts of it to be held out
+_TRAVELLED = 3.0  # ranges of positions, that a single recording which repeats its motion goes through
 _OF_READINGS = frozenset({"sync", "readings", "saturation"})  # kinds of checks
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
 
@@ -114,12 +114,6 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
     return _first(checks, good) or next(affected, None)
 
 
-def mention_held_out(reason: str, left: int, recorded: int) -> str:
-    """Say in a reason of `reject_reason` how many runs are left of all, where some are held out."""
-    few = f"{SINGLE_RUN} is left of {recorded}, the others are held out"
-    return reason.replace(SINGLE_RUN, few, 1) if left < recorded else reason
-
-
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     """Say for each kind of check what speaks against a channel, be it a reason or a warning.
 
@@ -180,16 +174,24 @@ def _size(data: ChannelData) -> str | None:
 
 
 def _runs(data: ChannelData) -> str | None:
-    """One run must cover its motion several times over, so that parts of it can be held out."""
+    """Of several runs, two at least must touch, so that one can be held out."""
+    several = data.kind is ChannelKind.CONTACT and len(data.runs) > 1
+    if several and len(np.unique(data.run[data.engaged])) == 1:
+        return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
+    return None
+
+
+def _motion_once(data: ChannelData) -> str | None:
+    """Say that a single run covers its motion once, so that its parts are held out at other places."""
     if len(data.runs) > 1:
-        touching = np.unique(data.run[data.engaged]) if data.kind is ChannelKind.CONTACT else data.runs
-        if len(touching) == 1:
-            return f"{SINGLE_RUN} of {len(data.runs)} touches; record at least three that do"
         return None
     travelled = sum(np.ptp(part) for part in np.array_split(data.position, PIECES))
-    if travelled < _TRAVELLED * np.ptp(data.position):
-        return f"{SINGLE_RUN} that goes through its motion once; record at least three runs"
-    return None
+    if travelled >= _TRAVELLED * np.ptp(data.position):
+        return None
+    return (
+        f"{SINGLE_RUN} that goes through its motion once: what changes with time and what changes with the "
+        "position look alike in it; record at least three runs"
+    )
 
 
 def _blocks(data: ChannelData) -> str | None:
@@ -226,6 +228,7 @@ _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `rejec
     ("excitation", _blocks),
 )
 _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
+    ("enough", _motion_once),
     ("units", mistaken_units),
     ("sync", misaligned),
     ("excitation", unrelated),

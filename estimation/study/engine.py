@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from estimation import diagnosis
 from estimation.channel import ChannelData
-from estimation.data_quality import mention_held_out, reject_reason, usable
+from estimation.data_quality import reject_reason, usable
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
@@ -171,8 +171,7 @@ def fit(
         if parent is not None:
             return Fitted(_extended(data, parent.result, model.effects[-1], good), whole)
         if reason := reject_reason(data, model):
-            said = mention_held_out(reason, len(data.runs), len((whole or data).runs))
-            raise InputError(f"channel '{data.name}': {said}")
+            raise InputError(f"channel '{data.name}': {reason}")
         return Fitted(fit_model(data, model, {}, good), whole)
 
 

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping, Sequence
 
-from estimation.data_quality import mention_held_out
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
@@ -20,8 +19,7 @@ MOST_FITTED = 3  # candidates that are fitted as `add` would
 def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
     if channel.held_out:  # a diagnosis judges each run that is fitted by the others
-        said = mention_held_out(found.reason, len(channel.to_fit.runs), len(channel.data.runs))
-        return found.model_copy(update={"reason": said})
+        return found
     if found.baseline is None or found.noise_floor is None:
         return found
     names = [entry.effect for entry in found.accepted]

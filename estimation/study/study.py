@@ -9,7 +9,7 @@ from typing import Any
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
-from estimation.data_quality import mention_held_out, quality_warnings, reject_reason
+from estimation.data_quality import quality_warnings, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
@@ -130,8 +130,7 @@ class Study(Fits):
 
     def refusal(self, channel: StudyChannel) -> str:
         """Why a channel cannot be judged; empty where it can."""
-        reason = reject_reason(channel.to_fit, channel.model) or ""
-        return mention_held_out(reason, len(channel.to_fit.runs), len(channel.data.runs))
+        return reject_reason(channel.to_fit, channel.model) or ""
 
     @property
     def warnings(self) -> dict[str, list[str]]:

@@ -10,7 +10,7 @@ from estimation.data_quality import reject_reason
 from estimation.design.next_experiment import sufficient
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
-from tests.palpate.presses import CUBIC, write_presses, write_table
+from tests.palpate.presses import CUBIC, NOISE_N, write_presses, write_table
 
 # What needs the whole library is made before: a module's fixture.
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -79,9 +79,11 @@ def test_json_alone_is_on_stdout_and_writes_nothing(tmp_path, monkeypatch):
 
 def test_data_that_cannot_say_gets_the_reason(tmp_path):
     one = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
+    header, *rows = one.read_text().splitlines()
+    one.write_text("\n".join([header, *rows[100:161]]) + "\n")
     result = done("diagnose", one)
     assert result.stdout.startswith("INSUFFICIENT  contact")
-    assert "single run" in result.stdout
+    assert "only 61 samples" in result.stdout
     assert "channel 'contact'" not in result.stdout  # the verdict gives the reason
     assert [words[0] for words in next_commands(result)] == ["import", "estimate"]
     (words,) = next_commands(run("estimate", one))
@@ -98,13 +100,10 @@ def test_further_files_are_asked_for_only_where_runs_are_too_few(tmp_path):
     assert [words[0] for words in next_commands(result)] == ["estimate"]
 
 
-@pytest.mark.parametrize(
-    ("command", "more"), [("diagnose", ()), ("compare", ()), ("add", ("cubic_stiffness",))]
-)
-def test_runs_that_are_left_when_others_are_held_out_are_counted(command, more, tmp_path):
-    two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04))
-    result = run(command, two, *more, "--held-out", 1)
-    assert "a single run is left of 2, the others are held out" in result.stdout + result.stderr
+def test_one_run_is_left_to_fit_to_where_the_other_is_held_out(tmp_path):
+    two = write_presses(tmp_path / "two.csv", speeds_m_s=(0.02, 0.04), cubic=0.0)
+    (channel,) = as_json("compare", two, "--held-out", 1)["channels"]
+    assert channel["rmse"] == pytest.approx(NOISE_N, rel=0.1)
 
 
 def rewritten(path, name, values, change):

@@ -155,11 +155,13 @@ def test_nothing_is_left_where_it_cannot_be_written(result, tmp_path):
 
 
 def test_a_channel_that_cannot_be_judged_is_told_too(tmp_path):
-    one = Study(write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,)), keep=False)
+    press = write_presses(tmp_path / "one.csv", speeds_m_s=(0.02,))
+    press.write_text("\n".join(press.read_text().splitlines()[:61]) + "\n")
+    one = Study(press, keep=False)
     (found,) = one.diagnose().channels
     told = document(StudyView("one", (result_view(one.result(one.channel(), (), found)),)))
     assert "INSUFFICIENT" in told
-    assert "single run" in told
+    assert "only 60 samples" in told
 
 
 class TestFigures:

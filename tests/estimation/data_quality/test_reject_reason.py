@@ -77,11 +77,9 @@ def moving_in_one_run(phase):
 SHORT_RUNS = {"time_s": 0.1 * DATA.time_s, "velocity": 10.0 * DATA.velocity}
 REJECTED = {
     "never changes": lambda: replace(DATA, effort=np.full(len(DATA), 2.0)),
-    "goes through its motion once; record at least three runs": lambda: DATA.of_runs(DATA.runs[:1]),
     "of 6 touches; record at least three that do": lambda: replace(
         DATA, position=np.where(DATA.run == 0, X, X - 1.0), effort=np.where(DATA.run == 0, F, 0.0)
     ),
-    "motion once; record at least three": lambda: one_recording(lambda t: t),
     "no contact: the displacement": lambda: replace(DATA, position=X - 1.0),
     "no contact: the force": lambda: replace(DATA, effort=np.random.default_rng(0).normal(0, 0.05, len(X))),
     "check times and units": lambda: replace(DATA, velocity=1e3 * DATA.velocity),
@@ -92,7 +90,6 @@ REJECTED = {
     "take shorter recordings": lambda: replace(very_long(), run=np.zeros(len(very_long()), np.int64)),
     "record at least 100": lambda: DATA.select(COUNT[:50]),
     "only 0 samples": lambda: DATA.select(COUNT[:0]),
-    "a single run": copies,
     "was rectified; record it with its sign": lambda: replace(swinging(), effort=np.abs(swinging().effort)),
     "was the sign cut off": lambda: replace(swinging(), effort=np.maximum(swinging().effort, 0.0)),
     "fewer than two runs have": lambda: replace(DATA, **SHORT_RUNS, run=COUNT // 8),
@@ -127,6 +124,9 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     ),
     "the signal was rectified, and": lambda: replace(DATA, effort=np.abs(F)),
     "explain 0 % of the force; do they belong together?": lambda: replace(DATA, effort=shuffled_in_contact()),
+    "a single run that goes through its motion once: what": lambda: DATA.of_runs(DATA.runs[:1]),
+    "look alike in it; record at least three runs": lambda: one_recording(lambda t: t),
+    "run 1 is a copy of run 0, number for number (and 2 more)": copies,
     "run 6 is a copy of run 0, number for number, and": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
 }
 
