@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 Errors = Callable[[], Mapping[str, float]]
@@ -69,6 +70,8 @@ class Effect(ABC):
     """One physical effect; class attributes state it in the same form for all (a test holds each to it)."""
 
     name: ClassVar[str]  # snake_case, from the vocabulary where it is there
+    kind: ClassVar[Kind]  # of physics that it belongs to, see `estimation.kinds`
+    also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, of a law that is a product
     physics: ClassVar[str]  # one line of what happens
     equation: ClassVar[str]  # its term, in plain text
     source: ClassVar[str]  # where the equation comes from

@@ -53,6 +53,11 @@ class Model:
         return {f"{e.name}.{p.name}": p for e in self.additive for p in e.gains}
 
     @cached_property
+    def gain_bounds(self) -> dict[str, tuple[float, float]]:
+        """Physical bounds of the gains by "effect.parameter"."""
+        return {name: (parameter.lower, parameter.upper) for name, parameter in self.gains.items()}
+
+    @cached_property
     def inner(self) -> dict[str, Parameter]:
         """Nonlinear parameters by "effect.parameter"."""
         known = {f"{e.name}.{p.name}": p for e in self.effects for p in e.inner}

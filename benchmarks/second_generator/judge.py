@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
-from estimation.diagnosis.candidates import library
+from estimation.diagnosis.candidates import effect_library
 
 from .cases import Case, Job, make
 
@@ -149,7 +149,7 @@ def run(job: Job, seed: int) -> Outcome | None:
     started = time.process_time()
     rng = np.random.default_rng([seed, job.number, 7])
     removed = withheld(job) if job.sort == "removed" else frozenset()
-    effects = [effect for effect in library() if effect.name not in removed]
+    effects = [effect for effect in effect_library() if effect.name not in removed]
     found = diagnose(case.channel, case.model, effects, rng=rng, file=f"case {job.number}").channels[0]
     return judged(case, seed, found, time.process_time() - started)
 

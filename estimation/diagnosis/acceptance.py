@@ -1,8 +1,8 @@
 """Which effects of a model may be called by their names.
 
-Several effects of the library together can imitate one that is not in it. A flexible regression on all
-signals (`estimation.fit.flexible_regression`) assumes no shape and serves as the reference: effects are
-accepted where they describe held-out runs as well as it does, and leave it little to explain.
+Effects of a complete model are accepted where each is needed. Those of an incomplete model are accepted
+where each takes most of what a flexible law of its kind takes, beside flexible laws of the other kinds
+(`estimation.diagnosis.forms`).
 """
 
 from collections.abc import Callable, Iterator
@@ -15,21 +15,19 @@ from scipy.special import ndtri
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.bootstrap import SMALL, improvement_test
 from estimation.diagnosis.candidates import Candidate, parameter_count
+from estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
 from estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
-from estimation.effect import SIGNALS, Effect
+from estimation.effect import Effect
 from estimation.fit.fit_result import FitResult
-from estimation.fit.flexible_regression import fit_flexible
 from estimation.fit.intervals import estimate_parameters, final_solution
 from estimation.fit.measurement_model import MeasurementModel
+from estimation.kinds import Kind
 
 AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
-MOST = 0.9  # of the squared error that can be explained at all, that names must explain
-# signals of effects by the names that a smooth law has for them
-_FELT_AS = {"past effort": ("effort",), "other joints": ("joint position", "joint velocity")}
 Complete = Callable[[FitResult], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
-_OWN = 2.0  # times the noise, that an effect's own signals may still explain, or the small share
+_DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
 _SURE = float(ndtri(1.0 - 0.5 * LEVEL) / ndtri(0.975))  # times a 95 % interval: that of `LEVEL`
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
@@ -52,18 +50,6 @@ class AcceptanceCriteria:
         by = self.both - self.nameless
         return self.nameless < AS_GOOD * self.both and by > _SMALL_SHARE * (self.base - self.named)
 
-    @property
-    def explains_most(self) -> bool:
-        """Whether the names take away more of the squared error than they leave."""
-        return self.named <= 0.5 * self.base
-
-    @property
-    def is_satisfied(self) -> bool:
-        """Whether the names do as well as a law without a name, and leave it little to explain."""
-        explainable = self.base - min(self.nameless, self.both)
-        explained = self.base - self.named
-        return self.nameless >= AS_GOOD * self.named and explained >= MOST * explainable
-
 
 def acceptance_criteria(start: FitResult, end: FitResult) -> AcceptanceCriteria:
     """How well effects and nameless laws describe runs that were held out."""
@@ -75,38 +61,51 @@ def acceptance_criteria(start: FitResult, end: FitResult) -> AcceptanceCriteria:
     )
 
 
-def accept_effects(
-    search: Search, end: FitResult, measurement: MeasurementModel, *, complete: bool
-) -> FitResult:
-    """The model with those of its effects that stand by themselves; the base model where none does.
+def accept_effects(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
+    """Reduce a complete model to the effects that it needs; the base model where it needs none.
 
     Args:
         search: that led to the model.
-        end: base model and effects.
+        end: base model and effects, which leave no more than draws from them do.
         measurement: how the motion was read.
-        complete: whether it leaves no more than draws from it do.
     """
-    if not search.added_effects(end) or not _may_have_names(search, end, complete=complete):
+    if not search.added_effects(end) or not search.is_sensible(end):
         return search.start
     some = smallest_sufficient_model(search, end, measurement)
-    less = _without_needless(search, end, measurement, complete=complete) if some is end else some
+    less = _without_needless(search, end, measurement) if some is end else some
     if less is end or less is search.start:
         return less
-    return accept_effects(search, backward_step(search, less), measurement, complete=complete)
+    return accept_effects(search, backward_step(search, less), measurement)
 
 
-def _may_have_names(search: Search, end: FitResult, *, complete: bool) -> bool:
-    if not search.is_sensible(end):
-        return False
-    if complete:
-        return True
-    held = acceptance_criteria(search.start, end)
-    names = search.added_effects(end)
-    if held.is_outperformed or not all(_follows_its_law(search, end, name, held.both) for name in names):
-        return False
-    return held.is_satisfied or (
-        held.explains_most and all(_stands_by_itself(search, end, one) for one in names)
-    )
+def accept_forms(
+    search: Search, partial: PartiallyLinear, end: FitResult
+) -> tuple[FitResult, list[FormTest]]:
+    """Reduce an incomplete model to the effects whose form is known, exactly or approximately.
+
+    Args:
+        search: that led to the model.
+        partial: the kinds that account for the error, on the same blocks.
+        end: base model and effects.
+
+    Returns:
+        The model with these effects, and the comparison of each with its kind's law; the base model and no
+        comparison where none has a known form.
+    """
+    base = {effect.name for effect in search.model.effects}
+    kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
+    while search.added_effects(end):
+        tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
+        least = SMALL * search.start.held_out_mean_square
+        failed = [
+            test
+            for test in tests
+            if not test.is_known or test.taken < least or not search.is_sound(end, test.effect)
+        ]
+        if not failed:
+            return end, tests
+        end = search.without(end, min(failed, key=lambda test: test.taken).effect)
+    return search.start, []
 
 
 def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
@@ -118,14 +117,11 @@ def smallest_sufficient_model(search: Search, end: FitResult, measurement: Measu
     return next(enough, end)
 
 
-def _without_needless(
-    search: Search, end: FitResult, measurement: MeasurementModel, *, complete: bool
-) -> FitResult:
+def _without_needless(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
     """A model less the effects that it does not need, the least telling first."""
     for name in reversed(effects_by_importance(search, end)):
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
-        is_small = is_small or not (complete or _outweighs_the_rest(before, end))
         is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(before, end, name)
         needed = not is_nothing and search.is_needed(before, end)
         if needed and improvement_test(before, end, measurement, search.rng, name).is_significant:
@@ -168,6 +164,21 @@ def indistinguishable_models(
     return alone | {whole.name: made for whole, made in kept}
 
 
+def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitResult]:
+    """Models with another form of the same kind, of as few parameters, that takes about as much."""
+    (effect,) = (part for part in end.solution.model.effects if part.name == name)
+    without = search.without(end, name).solution.held_out
+    least = without - _DRAWS_THE_SAME * (without - end.solution.held_out)
+    return {
+        candidate.effect.name: search.with_candidate(candidate)
+        for candidate in search.alternatives(end, name)
+        if candidate.effect.name != name
+        and candidate.effect.kind is effect.kind
+        and parameter_count(candidate.effect) <= parameter_count(effect)
+        and candidate.held_out <= least
+    }
+
+
 def _wholes(search: Search, end: FitResult, name: str) -> list[Effect]:
     """Effects of which one is a part, and others of the model are the rest."""
     present = {one.name for one in end.solution.model.effects}
@@ -198,10 +209,31 @@ def most_parsimonious(
     """
     for name in effects_by_importance(search, end):
         (effect,) = (one for one in end.solution.model.effects if one.name == name)
+        if _is_undetermined(end, effect) and (simpler := _simpler(search, end, effect)) is not end:
+            end = simpler
+            continue
         made = map(search.with_candidate, _rivals(search, end, name, measurement, parameter_count(effect)))
         kept = [one for one in made if search.is_better(one, end) and is_complete(one) >= is_complete(end)]
         end = min(kept, key=lambda one: (search.size(one), one.solution.held_out), default=end)
     return end
+
+
+def _is_undetermined(end: FitResult, effect: Effect) -> bool:
+    """Whether the interval of a size or shape parameter of an effect holds zero, or is unknown."""
+    estimates = estimate_parameters(*final_solution(end))
+    own = [estimates[f"{effect.name}.{parameter.name}"] for parameter in (*effect.gains, *effect.inner)]
+    return any(not abs(one.value) > 0.5 * np.ptp(one.interval) for one in own if not one.at_bound)
+
+
+def _simpler(search: Search, end: FitResult, effect: Effect) -> FitResult:
+    """The model with a simpler effect in the place of one, where it leaves at most a small share more."""
+    others = [
+        search.with_candidate(candidate)
+        for candidate in search.alternatives(end, effect.name)[:_RIVALS]
+        if parameter_count(candidate.effect) < parameter_count(effect)
+    ]
+    close = [fit for fit in others if fit.rmse <= (1.0 + SMALL) * end.rmse and search.is_sensible(fit)]
+    return min(close, key=lambda fit: (search.size(fit), fit.solution.held_out), default=end)
 
 
 def _rivals(
@@ -235,53 +267,6 @@ def _is_same_curve(one: FitResult, other: FitResult, without: FitResult) -> bool
         return False
     apart, added = here - there, before - there
     return float(apart @ apart) < _WITHIN * float(added @ added)
-
-
-def _follows_its_law(search: Search, end: FitResult, name: str, noise: float) -> bool:
-    """Whether an effect leaves less in its own signals than counts beside the noise or what it takes away."""
-    small = _SMALL_SHARE * _taken_away(search, end, name)
-    return _left_of_its_own(end, name) <= max(_OWN * noise, small)
-
-
-def _stands_by_itself(search: Search, end: FitResult, name: str) -> bool:
-    """Whether an effect leaves little in its own signals, and a smooth law of all others does not replace it.
-
-    An impostor leaves structure in the signals of what it stands for: either they are its own, and much there
-    is left to explain, or a law of the others explains what it did.
-    """
-    if _left_of_its_own(end, name) > (1.0 - MOST) * _taken_away(search, end, name):
-        return False
-    own = _own(end, name)
-    with_it, beside = (
-        float(fit_flexible(one.problem, one.solution, one.filters, own).held_out.sum())
-        / max(int(one.problem.used.sum()), 1)
-        for one in (end, search.without(end, name))
-    )
-    return with_it < (1.0 - SMALL) ** 2 * beside
-
-
-def _taken_away(search: Search, end: FitResult, name: str) -> float:
-    """Mean square of the error that an effect takes away."""
-    return search.without(end, name).held_out_mean_square - end.held_out_mean_square
-
-
-def _left_of_its_own(end: FitResult, name: str) -> float:
-    """Mean square of the error that an effect's own signals still explain beside it."""
-    by_signal = end.flexible.by_signal
-    left = float(end.flexible.before.sum()) / max(int(end.problem.used.sum()), 1)
-    return left * max((by_signal.get(one, 0.0) for one in _own(end, name)), default=0.0)
-
-
-def _own(end: FitResult, name: str) -> list[str]:
-    """The signals of an effect, by the names that a smooth law has for them."""
-    (effect,) = (one for one in end.solution.model.effects if one.name == name)
-    recorded = [one for one in end.flexible.by_signal if "recorded" in effect.signals and one not in SIGNALS]
-    return [signal for one in effect.signals for signal in _FELT_AS.get(one, (one,))] + recorded
-
-
-def _outweighs_the_rest(before: FitResult, end: FitResult) -> bool:
-    """Whether an effect takes away more than a smooth law still could: less may be a part of that rest."""
-    return before.solution.held_out - end.solution.held_out >= end.flexible.explained
 
 
 def _may_be_nothing(before: FitResult, end: FitResult, name: str) -> bool:

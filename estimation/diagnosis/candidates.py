@@ -58,7 +58,7 @@ class Candidate:
         best = solve_gains(problem, best.model, best.parameters)  # with its blocks
         names = (*best.model.gains, *best.model.inner)
         columns = np.column_stack([best.columns, *inner_slopes(problem, best)])
-        followed = problem.solve(columns, best.target, names, best.model.held)
+        followed = problem.solve(columns, best.target, names, best.model.held, best.model.gain_bounds)
         return min(float(followed.held_out.sum()), self.held_out)
 
 

@@ -1,6 +1,6 @@
 """Says what is missing in a model, with evidence; or that nothing is, or that nobody has named it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from multiprocessing import get_context
@@ -13,12 +13,14 @@ from estimation.data_quality import reject_reason, usable
 from estimation.design.next_experiment import FEW_READINGS
 from estimation.diagnosis.acceptance import (
     accept_effects,
+    accept_forms,
     acceptance_criteria,
     most_parsimonious,
     smallest_sufficient_model,
 )
 from estimation.diagnosis.bootstrap import SMALL, encoder_step_error, lack_of_fit_test
 from estimation.diagnosis.candidates import effect_library
+from estimation.diagnosis.forms import FormTest, PartiallyLinear, analyse_kinds, form_tests, named_forms
 from estimation.diagnosis.random_effects import add_run_variation
 from estimation.diagnosis.residual_checks import ResidualFinding, check_residuals
 from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
@@ -31,7 +33,6 @@ from estimation.fit.measurement_model import identify_measurement_model
 from estimation.model import Model
 from estimation.shared_gains import with_shared_gains
 
-_ALONE = 3  # effects that may be established alone where the model that leaves least is not
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 
 
@@ -110,35 +111,51 @@ def diagnose_channel(
     """Diagnose one channel; see `diagnose`."""
     if reason := reject_reason(data, model):
         return insufficient_diagnosis(data, reason)
-    tried = prepare_search(data, model, usable(data), effects, rng, progress)
-    is_complete = _Completeness(tried)
-    found = tried.start
+    search = prepare_search(data, model, usable(data), effects, rng, progress)
+    checks = _Completeness(search)
+    kinds = cache(lambda: analyse_kinds(search))
+    found = search.start
     if not found.is_exact:
-        part = partial(smallest_sufficient_model, tried, measurement=is_complete.measurement)
-        found = select_effects(tried, is_complete.in_every_respect, part)
-    varied = add_run_variation(tried, found)
-    if is_complete.objection(varied) is None:  # else what is left may be what made the runs differ
+        part = partial(smallest_sufficient_model, search, measurement=checks.measurement)
+        coarse = search.coarse or search
+
+        @cache
+        def forms() -> FitResult:
+            progress(f"{data.name}: comparing forms within kinds", 0.0)
+            return named_forms(analyse_kinds(coarse, frozenset(kinds().kinds)))
+
+        found = select_effects(search, checks.in_every_respect, part, forms)
+    varied = add_run_variation(search, found)
+    if checks.objection(varied) is None:  # else what is left may be what made the runs differ
         found = varied
-    end = _established(tried, found, is_complete)
-    objection, complete = is_complete.objection(end), is_complete.in_every_respect(end)
-    if not complete and end is tried.start and (reason := _below_a_step(end)):
+    end, tests = _accept(search, found, checks, kinds)
+    if not found.is_exact and not checks.in_every_respect(end):
+        rough = forms()
+        alone = search.fitted(rough.solution.model, rough.solution.parameters)
+        other, other_tests = accept_forms(search, kinds(), alone)
+        if search.is_better(other, end):
+            end, tests = other, other_tests
+    objection, complete = checks.objection(end), checks.in_every_respect(end)
+    if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)
-    return decide_verdict(Evidence(tried, is_complete.measurement, end, complete, objection))
+    partial_model = None if complete else kinds()
+    return decide_verdict(
+        Evidence(search, checks.measurement, end, complete, objection, tests, partial_model)
+    )
 
 
-def _established(tried: Search, found: FitResult, is_complete: "_Completeness") -> FitResult:
-    """What is established of the model that was found; if nothing is, of the best effects alone."""
-    if found is tried.start:
-        return found
-
-    def of(one: FitResult) -> FitResult:
-        return accept_effects(tried, one, is_complete.measurement, complete=is_complete.in_every_respect(one))
-
-    end = of(found)
-    if end is tried.start:
-        alone = map(of, tried.extensions(tried.start, _ALONE))
-        end = next((one for one in alone if one is not tried.start), tried.start)
-    return most_parsimonious(tried, end, is_complete.measurement, is_complete.in_every_respect)
+def _accept(
+    search: Search, found: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
+) -> tuple[FitResult, list[FormTest]]:
+    """Reduce the model that was found to effects that may bear their names, with the test of each form."""
+    if checks.in_every_respect(found):
+        end = accept_effects(search, found, checks.measurement)
+        if end is not search.start:
+            end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
+            return end, form_tests(kinds(), end)
+        if found is search.start:
+            return end, []
+    return accept_forms(search, kinds(), found)
 
 
 class _Completeness:

@@ -7,7 +7,9 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field
 
 from estimation.design.next_experiment import NextExperiment
+from estimation.diagnosis.forms import Form
 from estimation.estimate import ParameterEstimate
+from estimation.kinds import Kind
 
 
 class Verdict(StrEnum):
@@ -52,6 +54,7 @@ class Accepted(_Entry):
     """An effect found missing."""
 
     effect: str  # its name
+    form: Form = Form.EXACT  # how well its form is known
     parameters: Parameters  # its own, by name
     rmse_before: float  # error in held-out runs without it
     rmse_after: float  # error with it
@@ -61,6 +64,27 @@ class Accepted(_Entry):
     physics: str  # one line of what happens
     equation: str  # its term
     signature: str  # what one sees in the data
+
+
+class BudgetShare(_Entry):
+    """What one kind of effect accounts for, as shares of the base model's squared error in held-out runs."""
+
+    kind: Kind  # see `estimation.kinds`
+    share: float  # Shapley value among the kinds that are listed
+    interval: tuple[float, float]  # 95 %, over runs
+    necessary: float  # lost when the kind is left out of all
+    sufficient: float  # explained by the kind alone
+    form: Form  # how well the form of its effects is known
+    effects: list[str]  # accepted ones; of an unknown form the closest ones
+    replaceable_by: list[Kind]  # kinds that explain about as much in its place
+    experiment: str  # what separates it from the first of these; empty where there is none
+
+
+class Rest(_Entry):
+    """What no kind accounts for, as shares of the base model's squared error in held-out runs."""
+
+    noise: float  # the noise level's share; at most that, where the level is an upper bound
+    unexplained: float  # the remainder
 
 
 class Ranked(_Entry):
@@ -96,6 +120,8 @@ class ChannelDiagnosis(_Entry):
     effort_unit: str  # unit of all errors
     noise_floor: float | None = None  # error that a complete model would leave
     floor: Floor | None = None  # what that rests on
+    budget: list[BudgetShare] = Field(default_factory=list)  # of the base model's error, largest share first
+    rest: Rest | None = None  # of the same error
     baseline: Fitted | None = None  # the base model
     accepted: list[Accepted] = Field(default_factory=list)  # effects found missing, in order
     # The most promising candidates alone beside the base model.

@@ -24,7 +24,7 @@ from estimation.diagnosis.candidates import (
     screen_effects,
 )
 from estimation.effect import Effect, Inner, SensorEffect
-from estimation.fit.blocks import BlockedData, decimate
+from estimation.fit.blocks import BlockedData, decimate, merge_blocks
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import Solution, solve_gains
 from estimation.fit.fit_result import FitResult, fit_model
@@ -39,7 +39,6 @@ LEVEL = 0.01  # of false alarms, over all candidates of a step
 MOST_EFFECTS = 4  # with more, almost anything can be imitated
 FITTED = 4  # candidates of a step of which all parameters are fitted together
 FITTED_IN_FULL = 2  # the same where a sketch has chosen before
-FIRSTS = 5  # first effects that are tried where the best one leads to no complete model
 LOOKED_AT = 12  # candidates among which those are chosen
 _PAIR = 2
 BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
@@ -52,6 +51,7 @@ NEAR = 1.5  # times the squared error that is left, from which another effect ma
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 _ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a sketch
+_MOST_BLOCKS = 4000  # of a sketch, before runs are chosen
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
@@ -338,7 +338,7 @@ def prepare_search(  # noqa: PLR0917
 ) -> Search:
     """A search of a channel, with a sketch of it where blocks are longer than samples."""
     whole = Search(data, model, good, effects, rng, progress)
-    blocked = whole.start.problem.blocked
+    blocked = merge_blocks(whole.start.problem.blocked, _MOST_BLOCKS)
     chosen = _some_runs(blocked)
     if blocked.rows.shape[1] == 1 and chosen.all():
         return whole
@@ -357,16 +357,21 @@ def _some_runs(blocked: BlockedData) -> BoolArray:
 
 
 def select_effects(
-    whole: Search, is_complete: Callable[[FitResult], bool], sufficient: Callable[[FitResult], FitResult]
+    whole: Search,
+    is_complete: Callable[[FitResult], bool],
+    sufficient: Callable[[FitResult], FitResult],
+    forms: Callable[[], FitResult],
 ) -> FitResult:
     """The model that explains most, each of its effects needed beside the others.
 
-    Many effects imitate almost anything: where more than two are needed, pairs are tried as well.
+    Many effects imitate almost anything: where more than two are needed, pairs are tried as well. Where the
+    best effects one by one leave something, the best forms of all kinds together are tried.
 
     Args:
         whole: the channel.
         is_complete: whether a model leaves no more than draws from it do.
         sufficient: the part of a model from which draws gain as much by the whole.
+        forms: the model, on the coarse copy, with the best form of each kind that accounts for the error.
     """
     coarse = whole.coarse or whole
     on_all = partial(_refined, whole)
@@ -375,15 +380,17 @@ def select_effects(
         needs_nothing = not whole.added_effects(found) or found.rmse <= (1.0 + SMALL) * found.floor()
         return (needs_nothing or found.explainable_share() < _LITTLE) and is_complete(found)
 
-    best = on_all(_forward_selection(coarse, coarse.start))
+    rough = _forward_selection(coarse, coarse.start)
+    if rough.explainable_share() > SMALL:
+        rough = coarse.ordered([rough, _forward_selection(coarse, backward_step(coarse, forms()))])[0]
+    best = on_all(rough)
     enough = is_enough(best)
     if enough and len(whole.added_effects(best)) > _PAIR:
         best = backward_step(whole, sufficient(best))
         enough = is_enough(best)
-    if enough and len(whole.added_effects(best)) <= _PAIR:
+    if not enough or len(whole.added_effects(best)) <= _PAIR:
         return best
-    firsts = [] if enough else coarse.extensions(coarse.start, FIRSTS)
-    for first in (*firsts, *_pairs(coarse)):
+    for first in _pairs(coarse):
         if set(coarse.added_effects(first)) <= set(whole.added_effects(best)):
             continue
         rough = _forward_selection(coarse, first)
@@ -412,8 +419,10 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
 
 def _refined(whole: Search, rough: FitResult) -> FitResult:
     """What was found on a coarse copy, on the channel itself."""
-    found = whole.fitted(rough.solution.model, rough.solution.parameters)
-    return _forward_selection(whole, backward_step(whole, whole.refined(found)))
+    found = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
+    if found.explainable_share() > _LITTLE:  # no effect that only the full rate shows makes up for that
+        return found
+    return _forward_selection(whole, backward_step(whole, found))
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:

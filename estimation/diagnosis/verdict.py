@@ -5,20 +5,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.budget.budget import error_budget
 from estimation.channel import ChannelData
 from estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
-from estimation.diagnosis.acceptance import indistinguishable_models, models_by_importance
+from estimation.diagnosis.acceptance import indistinguishable_models, models_by_importance, similar_forms
 from estimation.diagnosis.bootstrap import SMALL, encoder_step_error
+from estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
 from estimation.diagnosis.random_effects import run_standard_deviation
 from estimation.diagnosis.residual_checks import ResidualFinding, free_air_noise, periodic_component
 from estimation.diagnosis.result import (
     Accepted,
+    BudgetShare,
     ChannelDiagnosis,
     Fitted,
     Floor,
     ParameterValue,
     Ranked,
     Remaining,
+    Rest,
     Verdict,
 )
 from estimation.diagnosis.search import Search
@@ -26,6 +30,7 @@ from estimation.effects.run_variation import RunVariation
 from estimation.fit.fit_result import FitResult
 from estimation.fit.intervals import estimate_parameters, final_solution
 from estimation.fit.measurement_model import MeasurementModel
+from estimation.kinds import Kind, separating_experiment
 
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
@@ -40,6 +45,8 @@ class Evidence:
     end: FitResult  # the base model with the effects that are established
     complete: bool  # whether it leaves no more than noise
     objection: ResidualFinding | None  # what no signal of the data shows, and speaks against completeness
+    tests: Sequence[FormTest] = ()  # of the effects' forms, where the model is not complete
+    partial: PartiallyLinear | None = None  # the kinds that account for the error, where it is not complete
 
     @property
     def floor(self) -> float:
@@ -48,6 +55,11 @@ class Evidence:
             return self.end.rmse
         known = self.objection.floor if self.objection else np.inf
         return min(self.end.floor(), self.end.rmse, known)
+
+    def form(self, effect: str) -> Form:
+        """How well the form of an accepted effect is known."""
+        is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
+        return Form.EXACT if self.complete and is_closed else Form.APPROXIMATE
 
     @property
     def signals(self) -> list[str]:
@@ -72,10 +84,11 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
     """The entry for one channel."""
     search, end = found.search, found.end
     path = models_by_importance(search, end)
-    others = {
-        name: indistinguishable_models(search, end, name, found.measurement)
-        for name in search.added_effects(end)
-    }
+    names = search.added_effects(end)
+    if found.complete:
+        others = {name: indistinguishable_models(search, end, name, found.measurement) for name in names}
+    else:
+        others = {name: similar_forms(search, end, name) for name in names}
     accepted = _accepted(found, path, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
     floor = found.floor
@@ -87,6 +100,8 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor,
         floor=Floor(value=floor, free_air=free_air_noise(search.data), share_left=end.explainable_share()),
+        budget=_budget(found),
+        rest=_rest(found, floor),
         baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
         accepted=accepted,
         ranking=_ranking(search),
@@ -96,6 +111,53 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         depends_on=found.signals,
         next_experiment=_next(found, accepted, others),
     )
+
+
+def _budget(found: Evidence) -> list[BudgetShare]:
+    """Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count."""
+    search, end = found.search, found.end
+    named: dict[Kind, list[str]] = {}
+    for effect in end.solution.model.effects:
+        if effect.name in search.added_effects(end):
+            named.setdefault(effect.kind, []).append(effect.name)
+    if found.partial is None:
+        if not named:
+            return []
+        budget = error_budget(NamedError(search, end), np.random.default_rng(0), frozenset(named))
+    else:
+        kinds = found.partial.kinds | frozenset(named)
+        budget = error_budget(found.partial.error, np.random.default_rng(0), kinds)
+    shares = []
+    for entry in budget.entries:
+        effects = named.get(entry.kind, [])
+        form = max(map(found.form, effects), key=list(Form).index, default=Form.UNKNOWN)
+        if not effects and found.partial is not None:
+            effects = closest_forms(found.partial, entry.kind)
+        replaceable = list(entry.replaceable_by)
+        shares.append(
+            BudgetShare(
+                kind=entry.kind,
+                share=entry.share,
+                interval=entry.interval,
+                necessary=entry.necessary,
+                sufficient=entry.sufficient,
+                form=form,
+                effects=effects,
+                replaceable_by=replaceable,
+                experiment=separating_experiment(entry.kind, replaceable[0]) if replaceable else "",
+            )
+        )
+    return shares
+
+
+def _rest(found: Evidence, floor: float) -> Rest:
+    """Shares of noise and of what nothing explains."""
+    base = found.search.start.rmse
+    if not base > 0.0:
+        return Rest(noise=0.0, unexplained=0.0)
+    left = (found.end.rmse / base) ** 2 if found.partial is None else found.partial.budget.left
+    noise = min((floor / base) ** 2, left)
+    return Rest(noise=noise, unexplained=max(left - noise, 0.0))
 
 
 def _parameters(fit: FitResult) -> dict[str, ParameterValue]:
@@ -115,6 +177,7 @@ def _accepted(found: Evidence, path: Sequence[FitResult], others: _Rivals) -> li
         accepted.append(
             Accepted(
                 effect=name,
+                form=found.form(name),
                 parameters=own,
                 rmse_before=before.rmse,
                 rmse_after=after.rmse,

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.runwise import running_max
 from robot_io.types import FloatArray
 
@@ -12,6 +13,7 @@ class Adhesion(AdditiveEffect):
     """F = -f while in contact, fading as exp(x / reach) where the tool has left the surface again (x < 0)."""
 
     name = "adhesion"
+    kind = Kind.CONTACT_GEOMETRY
     physics = "Once touched, the object pulls the tool back, and lets go only beyond the surface."
     equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
     source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"

@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -9,6 +10,7 @@ class Armature(AdditiveEffect):
     """effort = Ja a of the joint itself."""
 
     name = "armature"
+    kind = Kind.INERTIA
     physics = "The motor's rotor must be accelerated too, by the square of the gear ratio."
     equation = "effort = Ja a"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"

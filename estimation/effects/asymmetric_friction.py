@@ -5,6 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import Inner, Parameter
 from estimation.effects.coulomb_friction import CoulombFriction
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -12,6 +13,7 @@ class AsymmetricFriction(CoulombFriction):
     """effort = f+ for v > 0, -f- for v < 0, plus viscous parts d+ v and d- v of their own."""
 
     name = "asymmetric_friction"
+    kind = Kind.FRICTION
     physics = "Gears and seals rub differently forwards and backwards."
     equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.runwise import play
 from estimation.signals.shifted_motion import shifted_motion
 
@@ -15,6 +16,7 @@ class Backlash(MotionEffect):
     """
 
     name = "backlash"
+    kind = Kind.FRICTION
     physics = "Teeth, couplings and keys have a gap that must be crossed at each reversal."
     equation = "q_true = play(q, gap/2); it rests inside the gap, the motor's inertia and friction do not"
     source = "M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002)"

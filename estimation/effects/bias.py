@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Bias(AdditiveEffect):
     """reading = effort + b."""
 
     name = "bias"
+    kind = Kind.SENSOR_STATICS
     physics = "The sensor shows something when nothing acts."
     equation = "reading = effort + b"
     source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.blocks import stretches
 from estimation.signals.bouc_wen import bouc_wen
 from estimation.signals.runwise import steadied
@@ -20,6 +21,7 @@ class BoucWenHysteresis(AdditiveEffect):
     """
 
     name = "bouc_wen_hysteresis"
+    kind = Kind.FRICTION
     physics = "Inner friction of rubber, wire rope or structure makes a spring that yields."
     equation = (
         "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on its return"

@@ -6,12 +6,14 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 
 
 class ContactOffset(MotionEffect):
     """The true depth is x - offset: positive where the surface lies deeper than assumed."""
 
     name = "contact_offset"
+    kind = Kind.CONTACT_GEOMETRY
     physics = "The object's surface lies deeper or higher than assumed."
     equation = "x_true = x - offset"
     source = "geometry of the probe and the object"

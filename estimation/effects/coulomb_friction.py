@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -13,6 +14,7 @@ class CoulombFriction(AdditiveEffect):
     """effort = f tanh(v / transition): a constant against the motion."""
 
     name = "coulomb_friction"
+    kind = Kind.FRICTION
     physics = "Dry surfaces rub with a constant force against the motion."
     equation = "effort = f tanh(v/transition)"
     source = (

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class CubicStiffness(AdditiveEffect):
     """F = k3 x^3; in a contact only while pressed."""
 
     name = "cubic_stiffness"
+    kind = Kind.ELASTIC_SHAPE
     physics = "The spring gets stiffer (or softer) the further it is displaced."
     equation = "F = k3 x^3"
     source = "G. Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"

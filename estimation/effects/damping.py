@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Damping(AdditiveEffect):
     """F = c v; in a contact the damper acts only while the object is pressed (x > 0)."""
 
     name = "damping"
+    kind = Kind.RATE_DEPENDENCE
     physics = "A dashpot resists in proportion to speed."
     equation = "F = c v"
     source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Deadband(SensorEffect):
     """reading = effort - width * sat(effort / width)."""
 
     name = "deadband"
+    kind = Kind.SENSOR_STATICS
     physics = "Friction or a threshold in the sensor swallows the first part of any effort."
     equation = "reading = effort - clip(effort, -width, width)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"

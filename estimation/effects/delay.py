@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Errors, Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from estimation.signals.runwise import sample_time, shift
 from robot_io.types import FloatArray
 
@@ -17,6 +18,7 @@ class Delay(SensorEffect):
     """
 
     name = "delay"
+    kind = Kind.SENSOR_DYNAMICS
     physics = "Conversion, bus and buffers hold every reading back by the same time."
     equation = "reading(t) = effort(t - T)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Drift(AdditiveEffect):
     """reading = effort + d (t - t0), t over the whole session."""
 
     name = "drift"
+    kind = Kind.DRIFT
     physics = "Warming up or creep of the sensor moves its zero steadily."
     equation = "reading = effort + d (t - t0)"
     source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.blocks import stretches
 from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
@@ -18,6 +19,7 @@ class DryFriction(AdditiveEffect):
     """
 
     name = "dry_friction"
+    kind = Kind.FRICTION
     physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
     equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
     source = (

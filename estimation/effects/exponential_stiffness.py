@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _STEEPEST = 50.0  # b |x| beyond which nothing is computed
@@ -17,6 +18,7 @@ class ExponentialStiffness(AdditiveEffect):
     """
 
     name = "exponential_stiffness"
+    kind = Kind.ELASTIC_SHAPE
     physics = "Fibres straighten one after the other, so that stiffness grows with the force itself."
     equation = "F = a (exp(b |x|) - 1 - b |x|) sign(x)"
     source = "Y. C. Fung, Am. J. Physiology 213 (1967): elasticity of soft tissues in simple elongation"

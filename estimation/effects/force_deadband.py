@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -12,6 +13,7 @@ class ForceDeadband(AdditiveEffect):
     """
 
     name = "force_deadband"
+    kind = Kind.SENSOR_STATICS
     physics = "The force sensor swallows the first part of any force; the joints carry it all the same."
     equation = "effort = w J^T p while touching"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"

@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -13,6 +14,7 @@ class ForceSensorError(AdditiveEffect):
     """
 
     name = "force_sensor_error"
+    kind = Kind.SENSOR_STATICS
     physics = "The force sensor is off; all joints carry the true force."
     equation = "effort = share J^T p e, e by the other joints"
     source = "J. J. Craig, Introduction to Robotics (2005), ch. 5.10: forces at the tip and torques of joints"

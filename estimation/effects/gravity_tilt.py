@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
@@ -21,6 +22,7 @@ class GravityTilt(AdditiveEffect):
     """
 
     name = "gravity_tilt"
+    kind = Kind.GRAVITY_LOAD
     physics = "Gravity pulls from another direction than the model assumes."
     equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"

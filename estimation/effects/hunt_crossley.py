@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -13,6 +14,8 @@ class HuntCrossley(AdditiveEffect):
     """F = k x^n + b x^n v for x > 0: spring and damper both grow with depth, so that touch brings no jump."""
 
     name = "hunt_crossley"
+    kind = Kind.RATE_DEPENDENCE
+    also = frozenset({Kind.ELASTIC_SHAPE})
     physics = "Contact grows with depth, and spring and damping grow with the contact."
     equation = "F = k x^n + b x^n v"
     source = (

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from estimation.signals.blocks import places
 from estimation.signals.runwise import play
 from robot_io.types import FloatArray
@@ -19,6 +20,7 @@ class Hysteresis(SensorEffect):
     """
 
     name = "hysteresis"
+    kind = Kind.SENSOR_STATICS
     physics = "Inner friction of the sensor holds its reading back at each reversal of the effort."
     equation = "reading = play(effort, width)"
     source = "M. A. Krasnoselskii, A. V. Pokrovskii, Systems with Hysteresis (1989): play operator"

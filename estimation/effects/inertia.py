@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -9,6 +10,7 @@ class Inertia(AdditiveEffect):
     """effort = m a."""
 
     name = "inertia"
+    kind = Kind.INERTIA
     physics = "Mass resists acceleration."
     equation = "effort = m a"
     source = "I. Newton, Principia (1687)"

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _FELT = 0.2  # of the joint's own speed, that its neighbour must add
@@ -24,6 +25,7 @@ class JointCoupling(AdditiveEffect):
     """
 
     name = "joint_coupling"
+    kind = Kind.INERTIA
     physics = "The motor of this joint also turns when its neighbour moves, as in the wrists of many arms."
     equation = "effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j)/transition), j beside i"
     source = (

@@ -7,6 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.cache_by_array import cache_by_array
 from estimation.signals.shifted_motion import shifted_motion
 
@@ -15,6 +16,7 @@ class JointElasticity(MotionEffect):
     """q_true = q - load / k: the link stands behind the motor that the encoder reads."""
 
     name = "joint_elasticity"
+    kind = Kind.ELASTIC_SHAPE
     physics = "Gears, shafts and belts twist under the load, so that the link lags the motor."
     equation = "q_true = q - c load, with its derivatives"
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"

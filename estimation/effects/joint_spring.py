@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class JointSpring(AdditiveEffect):
     """effort = k q + p: a spring at rest where q = -p / k."""
 
     name = "joint_spring"
+    kind = Kind.ELASTIC_SHAPE
     physics = "A balancing spring, or a cable that is bent with the joint, pulls it towards one place."
     equation = "effort = k q + p, at rest where q = -p/k"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"

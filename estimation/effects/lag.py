@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from estimation.signals.exponential_memory import low_pass
 from estimation.signals.runwise import sample_time
 from robot_io.types import FloatArray
@@ -13,6 +14,7 @@ class Lag(SensorEffect):
     """reading' = (effort - reading) / tau."""
 
     name = "lag"
+    kind = Kind.SENSOR_DYNAMICS
     physics = "A filter in the sensor smooths and delays."
     equation = "reading' = (effort - reading)/tau"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _CLEARLY = 2.0  # standard errors
@@ -17,6 +18,7 @@ class LayeredStiffness(AdditiveEffect):
     """F = k2 max(x - d, 0): a second spring from depth d on."""
 
     name = "layered_stiffness"
+    kind = Kind.ELASTIC_SHAPE
     physics = "Below a certain depth a second, stiffer (or softer) layer begins to carry load."
     equation = "F = k2 max(x - d, 0)"
     source = (

@@ -5,6 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import Inner, Parameter
 from estimation.effects.coulomb_friction import CoulombFriction
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
@@ -19,6 +20,7 @@ class LoadDependentFriction(CoulombFriction):
     """
 
     name = "load_dependent_friction"
+    kind = Kind.FRICTION
     physics = "Gear teeth and bearings rub in proportion to the load they carry."
     equation = "effort = mu |load| tanh(v/transition); of a pendulum, load = weight + link_share J a"
     source = (

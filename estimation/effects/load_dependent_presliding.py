@@ -5,6 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import Inner, Parameter
 from estimation.effects.presliding_friction import PreslidingFriction
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -12,6 +13,7 @@ class LoadDependentPresliding(PreslidingFriction):
     """effort = mu |load| s; s as in `presliding_friction`."""
 
     name = "load_dependent_presliding"
+    kind = Kind.FRICTION
     physics = "Cables over pulleys and loaded teeth rub as much as they carry, and stay stretched at rest."
     equation = "effort = mu |load| s, ds/dq = (1 - s sign(v))/presliding"
     source = (

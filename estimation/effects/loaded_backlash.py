@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.runwise import play
 from estimation.signals.shifted_motion import shifted_motion
 
@@ -17,6 +18,7 @@ class LoadedBacklash(MotionEffect):
     """
 
     name = "loaded_backlash"
+    kind = Kind.FRICTION
     physics = "Within the play of a gear the load pulls the link to one flank or to the other."
     equation = "q_true = q - gap/2 s, s = clip(2 play(load, threshold)/threshold, -1, 1)"
     source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"

@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -9,6 +10,7 @@ class Payload(AdditiveEffect):
     """effort = m * (effort per kilogram at the tip), from the arm's kinematics."""
 
     name = "payload"
+    kind = Kind.GRAVITY_LOAD
     physics = "The arm carries something: its weight and inertia load every joint."
     equation = "effort_i = m J_i^T (a_tip - g)"
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Pendulum(AdditiveEffect):
     """torque = J a + g1 sin(q), q = 0 hanging straight down."""
 
     name = "pendulum"
+    kind = Kind.GRAVITY_LOAD
     physics = "A body turns about a horizontal axis."
     equation = "torque = J a + g1 sin(q)"
     source = "C. Huygens, Horologium Oscillatorium (1673)"

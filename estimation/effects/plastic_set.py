@@ -7,6 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.blocks import in_order_of_time
 from robot_io.types import FloatArray
 
@@ -21,6 +22,7 @@ class PlasticSet(MotionEffect):
     """
 
     name = "plastic_set"
+    kind = Kind.CONTACT_GEOMETRY
     physics = "Part of the indentation stays: on the way out the object is met later than on the way in."
     equation = (
         "x_true = x - dent, v_true = x_true', dent = share max_t(x); of it, kept is left for the next run"

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -17,6 +18,7 @@ class PositionDependentFriction(AdditiveEffect):
     """
 
     name = "position_dependent_friction"
+    kind = Kind.FRICTION
     physics = "Eccentric gears, bent guides and worn tracks rub more at some places than at others."
     equation = "effort = (level + sine sin(n q) + cosine cos(n q)) tanh(v/transition)"
     source = "B. Armstrong-Hélouvry, Control of Machines with Friction (1991), ch. 5: friction by position"

@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.exponential_memory import springpot
 from robot_io.types import FloatArray
 
@@ -17,6 +18,7 @@ class PowerLawRelaxation(MemoryEffect):
     """
 
     name = "power_law_relaxation"
+    kind = Kind.TIME_MEMORY
     physics = "Elastic force flows away on all scales of time alike, as in muscle, cells and gels."
     equation = "F = integral (1 - share + share ((t - s)/1 s)^-alpha) dE(s), E elastic"
     source = (

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -14,6 +15,7 @@ class PowerLawStiffness(AdditiveEffect):
     """
 
     name = "power_law_stiffness"
+    kind = Kind.ELASTIC_SHAPE
     physics = "The more it is pressed the more of the object carries, so that it stiffens with depth."
     equation = "F = k |x|^n sign(x)"
     source = (

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.runwise import direction, steadied
 from robot_io.types import FloatArray
 
@@ -17,6 +18,7 @@ class PreslidingFriction(AdditiveEffect):
     """effort = f s; s goes to the sign of motion over the path `presliding`, and keeps its value at rest."""
 
     name = "presliding_friction"
+    kind = Kind.FRICTION
     physics = "Asperities and cables stretch like springs before they slide, and stay stretched at rest."
     equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"

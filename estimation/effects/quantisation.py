@@ -5,6 +5,7 @@ from scipy.special import ndtr
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
@@ -22,6 +23,7 @@ class Quantisation(SensorEffect):
     """
 
     name = "quantisation"
+    kind = Kind.SENSOR_STATICS
     physics = "The converter knows only whole steps."
     equation = "reading = step round((effort + noise)/step), expected"
     source = "B. Widrow, I. Kollár, Quantization Noise (2008)"

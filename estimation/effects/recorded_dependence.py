@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -19,6 +20,7 @@ class RecordedDependence(SensorEffect):
     """
 
     name = "recorded_dependence"
+    kind = Kind.RECORDED_CONTEXT
     physics = "Stiffness, friction or the sensor change with temperature, place or what else was recorded."
     equation = "reading = (1 + sum_j c_j (r_j - mean r_j)/sd r_j) effort"
     source = "D. C. Montgomery, Design and Analysis of Experiments (2012), ch. 15: covariates"

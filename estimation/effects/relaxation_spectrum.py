@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.exponential_memory import faded
 from estimation.signals.runwise import finest_step
 from robot_io.types import FloatArray
@@ -21,6 +22,7 @@ class RelaxationSpectrum(MemoryEffect):
     """
 
     name = "relaxation_spectrum"
+    kind = Kind.TIME_MEMORY
     physics = "Parts of the elastic force flow away, some at once and some slowly, as in tissue and rubber."
     equation = "F = (1 - fast - slow) E + fast Z_fast + slow Z_slow, Z_i' = E' - Z_i/tau_i, E elastic"
     source = "Y. C. Fung, Biomechanics (1993), ch. 7.6: quasi-linear viscoelasticity; Prony series"

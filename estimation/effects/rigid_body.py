@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class RigidBody(AdditiveEffect):
     """torque = ID(q, v, a) of the URDF as it is, the signal `rigid_body_torque`; and J^T F of the tip."""
 
     name = "rigid_body"
+    kind = Kind.GRAVITY_LOAD
     physics = "Inertia, Coriolis forces and weight of the links load the joint."
     equation = "tau = M(q) a + C(q, v) v + g(q), row of the joint"
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5: RNEA"

@@ -5,6 +5,7 @@ import numpy as np
 from estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -21,6 +22,7 @@ class RigidBodyFitted(AdditiveEffect):
     """
 
     name = "rigid_body_fitted"
+    kind = Kind.GRAVITY_LOAD
     physics = "Inertia, Coriolis forces and weight of the links load the joint, by as much as the data say."
     equation = "tau = Y(q, v, a) pi, row of the joint, pi the base parameters of the arm"
     source = (

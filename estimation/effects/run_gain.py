@@ -5,6 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import Inner
 from estimation.effects.run_variation import RunVariation
+from estimation.kinds import Kind
 from estimation.signals.blocks import places
 from robot_io.types import BoolArray, FloatArray
 
@@ -18,6 +19,7 @@ class RunGain(RunVariation):
     """
 
     name = "run_gain"
+    kind = Kind.RUN_DIFFERENCES
     physics = "Specimens, spots or battery voltages differ: all of the effort is larger in one run."
     equation = "reading = (1 + b_r) effort, b_r ~ N(0, spread^2)"
     source = "N. M. Laird, J. H. Ware, Biometrics 38 (1982): random-effects models for longitudinal data"

@@ -5,6 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData
 from estimation.effect import Inner
 from estimation.effects.run_variation import RunVariation
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -12,6 +13,7 @@ class RunOffset(RunVariation):
     """reading = effort + b_r in run r, b_r Gaussian about zero; the run's first part tells it."""
 
     name = "run_offset"
+    kind = Kind.RUN_DIFFERENCES
     physics = "The sensor was tared, mounted or charged anew before each run, each time a little differently."
     equation = "reading = effort + b_r, b_r ~ N(0, spread^2)"
     source = "C. R. Henderson, Biometrics 31 (1975): best linear unbiased prediction in mixed models"

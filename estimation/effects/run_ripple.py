@@ -6,6 +6,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner
 from estimation.effects.run_variation import RunVariation
 from estimation.effects.torque_ripple import TorqueRipple
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -13,6 +14,7 @@ class RunRipple(RunVariation):
     """reading = effort + s_r sin(n q) + c_r cos(n q) in run r; the run's first part tells s_r and c_r."""
 
     name = "run_ripple"
+    kind = Kind.RUN_DIFFERENCES
     physics = "Magnets and teeth make effort ripple, and the encoder counts from where it was switched on."
     equation = "reading = effort + s_r sin(n q) + c_r cos(n q), s_r and c_r of each run"
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"

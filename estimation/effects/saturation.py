@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Errors, Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 _NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
@@ -15,6 +16,7 @@ class Saturation(SensorEffect):
     """reading = clip(effort, -limit, limit)."""
 
     name = "saturation"
+    kind = Kind.SENSOR_STATICS
     physics = "Beyond its range the sensor shows the end of the range."
     equation = "reading = clip(effort, -limit, limit)"
     source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class Stiffness(AdditiveEffect):
     """F = k x; in a contact the spring pushes only while it is pressed (x > 0)."""
 
     name = "stiffness"
+    kind = Kind.ELASTIC_SHAPE
     physics = "A spring pushes back in proportion to how far it is displaced."
     equation = "F = k x"
     source = "R. Hooke, De Potentia Restitutiva (1678); the elastic half of the Kelvin-Voigt body"

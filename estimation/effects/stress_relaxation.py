@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.exponential_memory import relax
 from robot_io.types import FloatArray
 
@@ -15,6 +16,7 @@ class StressRelaxation(AdditiveEffect):
     """
 
     name = "stress_relaxation"
+    kind = Kind.TIME_MEMORY
     physics = "Part of the elastic force flows away with time, as in flesh, rubber and foam."
     equation = "F = k1 z, z' = x' - z/tau, x only while pressed"
     source = (

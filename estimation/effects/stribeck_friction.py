@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 # Of the rise, that friction must really exceed its level at speed by. By the equation that takes a speed of
@@ -17,6 +18,7 @@ class StribeckFriction(AdditiveEffect):
     """effort = (fc + (fs - fc) exp(-(v/vs)^2)) tanh(v / transition); gains: fc and the rise fs - fc."""
 
     name = "stribeck_friction"
+    kind = Kind.FRICTION
     physics = "At low speed the lubricant film breaks down and friction rises."
     equation = "effort = (fc + rise exp(-(v/vs)^2)) tanh(v/transition)"
     source = (

@@ -7,6 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
 from estimation.signals.blocks import stretches
 from estimation.signals.cache_by_array import cache_by_array
 
@@ -15,6 +16,7 @@ class ToolCompliance(MotionEffect):
     """x_true = x - c F: the tip goes less deep than the encoders say."""
 
     name = "tool_compliance"
+    kind = Kind.ELASTIC_SHAPE
     physics = "Tool, sensor and links bend, so that the object sees less than the encoders report."
     equation = "x_true = x - c F, v_true = v - c dF/dt"
     source = "two springs in series; A. Albu-Schäffer et al., Int. J. Robotics Research 26 (2007)"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -11,6 +12,7 @@ class TorqueGain(SensorEffect):
     """reading = gain * effort."""
 
     name = "torque_gain"
+    kind = Kind.SENSOR_STATICS
     physics = "The torque constant or the gear ratio in use is not the real one."
     equation = "reading = gain effort"
     source = (

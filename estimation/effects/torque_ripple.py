@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from estimation.signals.harmonics import harmonics
 from robot_io.types import FloatArray
 
@@ -24,6 +25,7 @@ class TorqueRipple(AdditiveEffect):
     """
 
     name = "torque_ripple"
+    kind = Kind.PERIODIC
     physics = "Magnets, teeth and gear errors make effort rise and fall n times a turn."
     equation = "effort = sum_m s_m sin(m n q) + c_m cos(m n q)"
     source = (
@@ -71,5 +73,5 @@ class TorqueRipple(AdditiveEffect):
         span = float(np.ptp(data.position)) or 1.0
         off = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
         found = [] if self._cycles is None else [self._cycles + part * off for part in (-0.5, 0.0, 0.5)]
-        waves = np.arange(2.0, 40.0, 0.4) if len(self._multiples) == 1 else ()
+        waves = np.arange(2.0, 40.0, 0.4) if self._multiples.tolist() == [1.0] else ()
         return tuple({"cycles": float(n)} for n in (*found, *(2.0 * np.pi / span * count for count in waves)))

@@ -2,6 +2,7 @@
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -9,6 +10,7 @@ class ViscousFriction(AdditiveEffect):
     """effort = d v."""
 
     name = "viscous_friction"
+    kind = Kind.RATE_DEPENDENCE
     physics = "Oil and bearings resist in proportion to speed."
     equation = "effort = d v"
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
 
@@ -14,6 +15,7 @@ class Weight(AdditiveEffect):
     """
 
     name = "weight"
+    kind = Kind.GRAVITY_LOAD
     physics = "The joint's axis is not upright, and what it carries has its centre off the axis."
     equation = "torque = g1 sin(q) + g2 cos(q)"
     source = "C. Huygens, Horologium Oscillatorium (1673)"

@@ -150,6 +150,26 @@ def block_average(
     return exclude_boundaries(blocked, data)
 
 
+def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
+    """Join neighbouring blocks of a run until at most so many are left, or the effort swings within them."""
+    factor = -(-len(blocked) // most)
+    while factor > 1 and _swings_within(blocked.effort, factor):
+        factor //= 2
+    if factor <= 1:
+        return blocked
+    runs = [of_run[: len(of_run) // factor * factor] for of_run in rows_of_runs(blocked.run)]
+    joined = np.concatenate(runs).reshape(-1, factor)
+    return replace(
+        blocked,
+        rows=blocked.rows[joined].reshape(len(joined), -1),
+        run=blocked.run[joined[:, 0]],
+        fold=blocked.fold[joined[:, 0]],
+        trusted=np.asarray(blocked.trusted[joined].all(axis=1)),
+        cache=FitCache(),
+        load_cache=FitCache(),
+    )
+
+
 def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
     """The frame without trust in blocks where a contact begins or ends by a motion, measured or another."""
     return replace(blocked, trusted=blocked.trusted & ~_mixed(moved, blocked))

@@ -13,11 +13,13 @@ from estimation.fit.ar_noise import WHITE, ArNoise
 from estimation.fit.blocks import BlockedData
 from estimation.fit.linearised_parts import is_linear_on_blocks
 from estimation.fit.normal_equations import LinearFit, NormalEquations, gram_matrices, solve_normal_equations
+from estimation.fit.nuisance import Nuisance
 from estimation.information import Information
 from estimation.model import Model, Parts, own
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOT_HELD: Mapping[str, float] = MappingProxyType({})
+NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_ROUNDS = 7
 _LOST = 1e6  # times the largest effort
 
@@ -29,6 +31,7 @@ class FitProblem:
     blocked: BlockedData
     noise_model: ArNoise
     weights: FloatArray | None = None
+    nuisance: Nuisance | None = None  # flexible laws beside which models are compared
 
     @cached_property
     def used(self) -> BoolArray:
@@ -49,7 +52,8 @@ class FitProblem:
 
     def _white(self, blocks: FloatArray) -> FloatArray:
         white = self.noise_model.whiten(blocks)
-        return white if self.weights is None else (white.T * self.weights).T
+        white = white if self.weights is None else (white.T * self.weights).T
+        return white if self.nuisance is None else self.nuisance.remove(white)
 
     def solve(
         self,
@@ -57,16 +61,45 @@ class FitProblem:
         target: FloatArray,
         names: Sequence[str] = (),
         held: Mapping[str, float] = NOT_HELD,
+        bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
     ) -> LinearFit:
-        """Fit columns (m, q) to a target (m,) by least squares, with the gains in `held` fixed."""
-        free = [i for i, name in enumerate(names) if name not in held] if held else []
-        if not held or len(free) == len(names):
-            return solve_normal_equations(
-                self.normal_equations(columns, target, names), dof=len(self._by_fold[0])
-            )
+        """Fit columns (m, q) to a target (m,) by bounded least squares.
+
+        Gains beyond their bounds are set to the bound, the worst first, and the others are fitted again.
+
+        Args:
+            columns: shape (m, q).
+            target: shape (m,).
+            names: of the first gains.
+            held: gains that are fixed, by name.
+            bounds: of gains, by name.
+        """
         gains = np.array([held.get(name, 0.0) for name in names])
-        left = self.normal_equations(columns[:, free], target - columns @ gains, [names[i] for i in free])
-        return solve_normal_equations(left, dof=len(self._by_fold[0])).beside(gains, free)
+        free = np.ones(columns.shape[1], dtype=np.bool_)
+        free[: len(gains)] = [name not in held for name in names]
+        left = target if not held else target - columns[:, : len(gains)] @ gains
+        equations = self.normal_equations(columns[:, free], left, [n for n in names if n not in held])
+        lower, upper = np.array([bounds.get(name, (-np.inf, np.inf)) for name in names]).reshape(-1, 2).T
+        while True:
+            fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
+            if not free.all():
+                fit = fit.beside(
+                    np.append(gains, np.zeros(len(free) - len(gains))), np.flatnonzero(free).tolist()
+                )
+            own = fit.gains[: len(gains)]
+            beyond = np.abs(own - np.clip(own, lower, upper)) / np.maximum(fit.scale[: len(gains)], 1e-300)
+            beyond[~free[: len(gains)]] = 0.0
+            if not beyond.any():
+                return fit
+            worst = int(np.argmax(beyond))
+            bound = float(np.clip(own[worst], lower[worst], upper[worst]))
+            if bound == 0.0:
+                equations = equations.only(np.arange(int(free.sum())) != int(free[:worst].sum()))
+                free[worst] = False
+            else:  # the target changes with what is fixed
+                return self.solve(
+                    columns, target, names, {**_at_zero(names, free, held), names[worst]: bound}, bounds
+                )
 
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
@@ -113,6 +146,12 @@ class Solution:
         return dict(zip(self.model.gains, self.linear_fit.standard_errors.tolist(), strict=True))
 
     @property
+    def fixed(self) -> frozenset[str]:
+        """Parameters without an error of their own: held by the model, or gains at a physical bound."""
+        at_bound = {name for name, ends in self.model.gain_bounds.items() if self.parameters[name] in ends}
+        return frozenset(self.model.held) | at_bound
+
+    @property
     def sse(self) -> float:
         """Sum of squared whitened residuals."""
         return float(self.linear_fit.sse.sum())
@@ -142,6 +181,12 @@ class Solution:
     def without_blocks(self) -> "Solution":
         """The same with no columns and no target: enough to be compared, and of long data far smaller."""
         return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())
+
+
+def _at_zero(names: Sequence[str], free: BoolArray, held: Mapping[str, float]) -> dict[str, float]:
+    """Gains that are fixed: as they are held, and else at zero."""
+    fixed = [name for name, is_free in zip(names, free, strict=False) if not is_free]
+    return {name: held.get(name, 0.0) for name in fixed}
 
 
 def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
@@ -203,7 +248,7 @@ def solve_gains(
         target, columns = wanted, by_gain
         if number >= least and _energy(problem, target - columns @ gains) <= arrived * expected:
             break
-        linear_fit = problem.solve(columns, target, names, model.held)
+        linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         expected = float(linear_fit.sse.sum())
         now.update(zip(names, linear_fit.gains.tolist(), strict=True))
     return Solution(model, now, columns, target, linear_fit)
@@ -225,7 +270,7 @@ def _sum(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> 
         sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
     target = blocked.effort - known
-    linear_fit = problem.solve(columns, target, list(model.gains), model.held)
+    linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
     gains = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
     return Solution(model, {**gains, **inner}, columns, target, linear_fit)
 

@@ -39,9 +39,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
     would turn the parameters by is added to their variance. One that is held has no error.
     """
-    names = [
-        name for name in (*solution.model.gains, *solution.model.inner) if name not in solution.model.held
-    ]
+    names = [name for name in (*solution.model.gains, *solution.model.inner) if name not in solution.fixed]
     slopes = problem.whiten(_free_slopes(problem, solution))
     residual = problem.whiten(solution.residual)
     errors = _errors(slopes, residual, problem.blocked.run[problem.used])
@@ -77,7 +75,7 @@ def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
     """Slopes (m, q) of the prediction by all parameters that are not held."""
     slopes = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
     names = (*solution.model.gains, *solution.model.inner)
-    return slopes[:, [name not in solution.model.held for name in names]] if solution.model.held else slopes
+    return slopes[:, [name not in solution.fixed for name in names]] if solution.fixed else slopes
 
 
 def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:

@@ -32,20 +32,20 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     x, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
     v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
-    coarse_x, coarse_e = _hats(x, even=0), _hats(effort, even=0)
+    coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
     found = {
         "offset": np.ones((len(x), 1)),
         "time": _ageing(time_s, run, v, effort, turn),
         "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
-        "velocity": np.column_stack([_curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
+        "velocity": np.column_stack([curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
-        "acceleration": np.column_stack([_hats(a), a[:, None] * coarse_x]),
+        "acceleration": np.column_stack([hats(a), a[:, None] * coarse_x]),
         "past motion": blocked.cache.get_or_compute("past motion", lambda: _past(blocked)),
-        "effort": np.hstack([p for e in efforts for p in (_curves(e), _past_effort(e, time_s, run))]),
+        "effort": np.hstack([p for e in efforts for p in (curves(e), _past_effort(e, time_s, run))]),
     }
     for name in sorted(_CONTEXT & data.context.keys()):
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
-        found[name.replace("_", " ")] = np.hstack([_hats(column) for column in columns.T])
+        found[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
     for name in sorted(data.recorded):
         found[f"recorded {name}" if name in found else name] = _beside(
             blocked.reduce(data.context[name]), x, v, effort
@@ -74,7 +74,7 @@ def _position(blocked: BlockedData) -> FloatArray:
     """Curves over the present position, over the furthest so far, and waves."""
     x = blocked.reduce(blocked.data.position)
     touching = blocked.reduce(blocked.data.engaged.astype(np.float64))
-    return np.hstack([_curves(x), touching[:, None], _hats(running_max(x, blocked.run)), *_waves(blocked, x)])
+    return np.hstack([curves(x), touching[:, None], hats(running_max(x, blocked.run)), *_waves(blocked, x)])
 
 
 def _past(blocked: BlockedData) -> FloatArray:
@@ -88,7 +88,7 @@ def _past(blocked: BlockedData) -> FloatArray:
         fading = [relax(pressed, time_s, run, tau) for tau in _MEMORIES_S]
     else:
         fading = [pressed - low_pass(pressed, time_s, run, tau) for tau in _MEMORIES_S]
-    turns = [_memory(pressed, run, share) for share in _TURNS]
+    turns = [reversal_memory(pressed, run, share) for share in _TURNS]
     bent = [f * np.abs(f) for f in fading]
     bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
     past = np.column_stack([*fading, *bent, *turns, *bent_back])
@@ -107,7 +107,7 @@ def _after(blocked: BlockedData, x: FloatArray) -> FloatArray:
 def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
     """What a signal that no model knows may add, and how it may scale what is there."""
     unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
-    return np.column_stack([_hats(unit), *(unit * other for other in others)])
+    return np.column_stack([hats(unit), *(unit * other for other in others)])
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
@@ -115,22 +115,22 @@ def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> Float
     slope, step = rate(effort, time_s, run), sample_time(time_s, run)
     late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
     late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
-    turns = [_memory(effort, run, share) for share in _TURNS]
+    turns = [reversal_memory(effort, run, share) for share in _TURNS]
     return np.column_stack([slope, *late, np.tanh(slope / (0.1 * _rms(slope))), *turns])
 
 
-def _memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
+def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
     """Direction of the last reversal of a signal, over a path that is a share of its range and its unit."""
     return signal - play(signal, run, share * float(np.ptp(signal)))
 
 
-def _curves(signal: FloatArray) -> FloatArray:
+def curves(signal: FloatArray) -> FloatArray:
     """Bumps, and powers that go on where another run went further."""
     unit = signal / _rms(signal)
-    return np.column_stack([_hats(signal), unit, unit * np.abs(unit), unit**3])
+    return np.column_stack([hats(signal), unit, unit * np.abs(unit), unit**3])
 
 
-def _hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
+def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
     """Piecewise linear bumps without the one at zero: a constant is not theirs.
 
     Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.

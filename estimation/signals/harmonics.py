@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData
+from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.blocks import places
 from estimation.signals.cache_by_array import cache_by_array
 from robot_io.types import FloatArray
@@ -17,6 +17,7 @@ _PER_BIN = 4  # bins that the shortest wave must have
 _APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
 _FINER = 8  # of the spacing of independent waves
 _NEARLY_ALL = 0.98  # of the energy of all waves, that those of one pattern have
+_WHOLE_TURN = 0.75  # of a turn: an axis that covers more shows waves that repeat each turn
 _LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
 
 
@@ -30,12 +31,16 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     accelerates the joint. Which waves a channel has is chosen on all its runs; how large they are is for the
     fit.
 
+    On an axis that covers about a turn, any whole number of waves a turn counts: magnets, teeth and
+    bearings each have a number of their own.
+
     Returns:
-        n, and multiples in ascending order; (0, ()) where nothing ripples.
+        n, and multiples in ascending order; no multiples where nothing ripples.
     """
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
+    whole_turn = data.kind is ChannelKind.REVOLUTE and span > _WHOLE_TURN * 2.0 * np.pi
     data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
     motion = _motion(data)
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
@@ -48,7 +53,14 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
         if _is_in_both_halves(data, left, tried[-1]):
             waves.append(tried[-1])
             left, sizes = after, found
+    if whole_turn:
+        return 1.0, tuple(sorted({round(wave) for wave in waves if _is_whole(wave, span)}))
     return _common(np.array(waves), sizes, 2.0 * np.pi / span)
+
+
+def _is_whole(wave: float, span: float) -> bool:
+    """Whether a wave [1/rad] is a whole number a turn, as exactly as a range of motion [rad] can tell."""
+    return round(wave) > 0 and abs(wave - round(wave)) * span < np.pi
 
 
 def _motion(data: ChannelData) -> FloatArray:

@@ -1,0 +1,171 @@
+"""Held-out error of a base model beside the flexible laws of any set of kinds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from estimation.budget.laws import Law
+from estimation.fit.blocks import BlockedData
+from estimation.kinds import Kind
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_RIDGES = (1e-6, 1e-4, 1e-2)  # of the mean square of a column
+_COLLINEAR = 1e-9  # the same for the base model, which is not shrunken
+_MOST_BLOCKS = 6000  # more are thinned out evenly
+_ROUNDS = 6  # of dropping coefficients of the wrong sign
+_PIECES = 6  # of a run; every second one tells the run's own gain and zero for the others
+_SINGULAR = 1e-9
+
+Kinds = frozenset[Kind]
+
+
+@dataclass(frozen=True)
+class BaseColumns:
+    """Columns of the base model, which every regression has."""
+
+    columns: FloatArray  # shape (m, q)
+    lower: FloatArray  # smallest coefficient that makes physical sense, shape (q,)
+
+
+@dataclass
+class HeldOutError:
+    """Squared errors in held-out runs, by run, for sets of kinds; each set is fitted once.
+
+    Coefficients come from ridge regression on all other folds. Those whose sign physics fixes are dropped
+    where they come out wrong (non-negative least squares by active sets). Differences between runs are no
+    columns: a run that is held out tells its own gain and zero in every second piece, and the other pieces
+    judge them.
+    """
+
+    base: BaseColumns
+    laws: Sequence[Law]
+    target: FloatArray  # effort that the columns explain, shape (m,)
+    blocked: BlockedData
+    used: BoolArray  # blocks that count, shape (m,)
+    _predictions: dict[Kinds, FloatArray] = field(default_factory=dict)
+    _errors: dict[Kinds, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Put all columns side by side, of unit size, and prepare the products by fold."""
+        rows = np.flatnonzero(self.used)
+        rows = rows[:: -(-len(rows) // _MOST_BLOCKS)]
+        parts = [self.base.columns, *(law.columns for law in self.laws)]
+        columns = np.hstack(parts)[rows]
+        size = np.sqrt(np.mean(columns**2, axis=0))
+        self._columns: FloatArray = columns / np.where(size > 0.0, size, 1.0)
+        self._target: FloatArray = self.target[rows]
+        needs: list[Kinds] = [frozenset()] * self.base.columns.shape[1]
+        for law in self.laws:
+            needs += [law.kinds] * law.columns.shape[1]
+        self._needs = needs
+        signs = [self.base.lower >= 0.0, *(law.nonnegative for law in self.laws)]
+        self._nonnegative: BoolArray = np.concatenate(signs)
+        self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
+        self._half: IntArray = _alternating_pieces(self._run)
+        fold = self.blocked.fold[rows]
+        self._folds = [np.flatnonzero(fold == number) for number in np.unique(fold)]
+        self._grams = np.stack([self._columns[part].T @ self._columns[part] for part in self._folds])
+        self._moments = np.stack([self._columns[part].T @ self._target[part] for part in self._folds])
+
+    @property
+    def kinds(self) -> list[Kind]:
+        """Kinds that have a law of their own, and differences between runs where there are several."""
+        own = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
+        return [*own, Kind.RUN_DIFFERENCES] if self.runs > 1 else own
+
+    @property
+    def runs(self) -> int:
+        """Number of runs r."""
+        return int(self._run.max()) + 1
+
+    @property
+    def counts(self) -> FloatArray:
+        """Blocks of each run, shape (r,)."""
+        return np.bincount(self._run).astype(np.float64)
+
+    def by_run(self, kinds: Kinds) -> FloatArray:
+        """Return the sum of squared held-out errors of each run, shape (r,) [effort^2]."""
+        if kinds not in self._errors:
+            predicted = self._predicted(kinds - {Kind.RUN_DIFFERENCES})
+            error = self._target - predicted
+            if Kind.RUN_DIFFERENCES in kinds:
+                adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
+                error = min((error, *adjusted), key=lambda left: float(left @ left))
+            self._errors[kinds] = np.asarray(np.bincount(self._run, weights=error**2), dtype=np.float64)
+        return self._errors[kinds]
+
+    def mean_square(self, kinds: Kinds = frozenset()) -> float:
+        """Return the mean squared error in held-out runs [effort^2]."""
+        return float(self.by_run(kinds).sum()) / len(self._target)
+
+    def _predicted(self, kinds: Kinds) -> FloatArray:
+        if kinds not in self._predictions:
+            chosen = np.flatnonzero([need <= kinds for need in self._needs])
+            ridges = _RIDGES if kinds else (_COLLINEAR,)
+            trials = [self._predict(chosen, ridge) for ridge in ridges]
+            self._predictions[kinds] = min(trials, key=lambda fit: float(np.sum((self._target - fit) ** 2)))
+        return self._predictions[kinds]
+
+    def _predict(self, chosen: IntArray, ridge: float) -> FloatArray:
+        """Predict each fold from the others with these columns, shape (n,)."""
+        is_base = chosen < self.base.columns.shape[1]
+        penalty = np.where(is_base, _COLLINEAR, ridge) * len(self._target)
+        whole, moments = self._grams.sum(axis=0), self._moments.sum(axis=0)
+        predicted = np.empty(len(self._target))
+        for rows, gram, moment in zip(self._folds, self._grams, self._moments, strict=True):
+            system = (whole - gram)[np.ix_(chosen, chosen)] + np.diag(penalty)
+            coefficients = _nonnegative_solution(
+                system, (moments - moment)[chosen], self._nonnegative[chosen]
+            )
+            predicted[rows] = self._columns[np.ix_(rows, chosen)] @ coefficients
+        return predicted
+
+
+def _nonnegative_solution(system: FloatArray, moment: FloatArray, nonnegative: BoolArray) -> FloatArray:
+    """Solve a definite system (q, q), coefficients of the wrong sign dropped until none is left."""
+    free = np.ones(len(moment), dtype=np.bool_)
+    solution = np.zeros(len(moment))
+    for _ in range(_ROUNDS):
+        solution[:] = 0.0
+        if free.any():
+            solution[free] = cho_solve(cho_factor(system[np.ix_(free, free)]), moment[free])
+        wrong = nonnegative & (solution < 0.0)
+        if not wrong.any():
+            break
+        free &= ~wrong
+    return solution
+
+
+def _alternating_pieces(run: IntArray) -> IntArray:
+    """Number the pieces of each run 0, 1, 0, 1 ..., shape (n,)."""
+    count = np.bincount(run)
+    order = np.argsort(run, kind="stable")
+    place = np.empty(len(run), dtype=np.int64)
+    place[order] = np.arange(len(run)) - np.repeat(np.cumsum(count) - count, count)
+    return np.asarray((place * _PIECES // count[run]) % 2)
+
+
+def _adjusted_to_runs(
+    target: FloatArray, predicted: FloatArray, run: IntArray, half: IntArray
+) -> list[FloatArray]:
+    """Return the errors left by a gain, a zero, or both of each run, found in its other pieces, each (n,)."""
+    gain_only, zero_only, both = (np.empty(len(target)) for _ in range(3))
+    for side in (0, 1):
+        there, here = half != side, half == side
+        count, p, y, pp, py = (
+            np.bincount(run[there], weights=signal[there], minlength=int(run.max()) + 1)
+            for signal in (np.ones(len(run)), predicted, target, predicted**2, predicted * target)
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = np.nan_to_num(py / pp, nan=1.0, posinf=1.0, neginf=1.0)
+            zero = np.nan_to_num((y - p) / count, nan=0.0)
+            spread = count * pp - p**2
+            slope = np.where(spread > _SINGULAR * count * pp, (count * py - p * y) / spread, 1.0)
+            offset = np.nan_to_num((y - slope * p) / count, nan=0.0)
+        at, fit, left = run[here], predicted[here], target[here]
+        gain_only[here] = left - gain[at] * fit
+        zero_only[here] = left - fit - zero[at]
+        both[here] = left - slope[at] * fit - offset[at]
+    return [gain_only, zero_only, both]

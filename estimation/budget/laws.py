@@ -1,0 +1,198 @@
+"""Narrow flexible laws, one for each kind of effect.
+
+A law is additive, single-valued in the kind's own signals, and has few parameters. Wide laws stand in for
+each other, so that no kind would be necessary. Columns whose physics fixes a sign are marked: friction,
+relaxation and inertia take up effort, they never give it back.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.fit.blocks import BlockedData
+from estimation.fit.smooth_features import curves, hats, reversal_memory
+from estimation.kinds import Kind
+from estimation.signals.blocks import rows_of_runs
+from estimation.signals.exponential_memory import low_pass, relax
+from estimation.signals.runwise import rate, running_max, sample_time
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
+_DIRECTIONS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
+_TIMES = 8  # relaxation times, from a few samples to twice the longest run
+_SHORTEST_S = 0.01
+_REACHES = (0.02, 0.06, 0.2)  # of the deepest contact, over which adhesion fades
+_FULL_SCALE = 0.95  # of the largest reading, above which a sensor may saturate
+_DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
+_WAVES = 10  # of a periodic law
+_WAVE_SHARE = 0.02  # of what is left, that one more wave must take away
+_BINS = 8192  # over the range or the turn
+_WHOLE_TURN = 0.75  # of a turn: with a wider range, waves are whole numbers a turn
+_LEAST_WAVES = 3  # within a range that is no turn: fewer are any smooth law
+_GRAVITY_RANGE = 0.3  # [rad], above which gravity differs from a constant and a spring
+
+
+@dataclass(frozen=True)
+class Law:
+    """Columns of one kind, or of the interaction of two, on m blocks."""
+
+    kinds: frozenset[Kind]  # kinds that must all be in a model for the columns to count
+    columns: FloatArray  # shape (m, k)
+    nonnegative: BoolArray  # shape (k,), whether physics fixes the sign of a column's coefficient
+
+
+def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray) -> list[Law]:
+    """Build the laws of all kinds that can occur in a channel, and of the interactions between kinds.
+
+    Args:
+        blocked: the channel on its blocks.
+        effort: what the model predicts on blocks, shape (m,) [N or N m].
+        residual: what the model leaves on blocks, shape (m,); it chooses the waves of the periodic law.
+
+    Returns:
+        At most one law for each kind or pair of kinds. Differences between runs have no columns, see
+        `estimation.budget.held_out`.
+    """
+    data, run = blocked.data, blocked.run
+    is_contact = data.kind is ChannelKind.CONTACT
+    position, time_s = blocked.reduce(data.position), blocked.reduce(data.time_s)
+    touching = blocked.reduce(data.engaged.astype(np.float64))
+    velocity, acceleration = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
+    depth = blocked.reduce(data.position * data.engaged) if is_contact else position
+    unit_depth, unit_speed = _unit(depth), _unit(velocity)
+
+    fade = _fading(time_s, run, touching, is_contact=is_contact)
+    laws = [
+        _law(Kind.ELASTIC_SHAPE, curves(depth)),
+        _law(Kind.RATE_DEPENDENCE, unit_speed, unit_speed * np.abs(unit_speed), unit_speed**3),
+        _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
+        _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
+        _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
+        _law(Kind.INERTIA, acceleration, nonnegative=True),
+        _law(Kind.SENSOR_DYNAMICS, rate(effort, time_s, run)),
+        _sensor_statics(effort, blocked.effort),
+        _law(Kind.DRIFT, *_clock(time_s)),
+    ]
+    if is_contact:
+        laws.append(_contact_geometry(position, depth, touching, run))
+        products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
+        laws.append(_law((Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE), *products))
+    else:
+        waves = periodic_columns(position, residual, is_angle=data.kind is ChannelKind.REVOLUTE)
+        laws.append(_law(Kind.PERIODIC, waves))
+        load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
+        if data.kind is ChannelKind.REVOLUTE and np.ptp(position) > _GRAVITY_RANGE:
+            load += [np.sin(position), np.cos(position)]
+        laws.append(_law(Kind.GRAVITY_LOAD, *load))
+    context = [hats(blocked.reduce(data.context[name])) for name in sorted(data.recorded)]
+    laws.append(_law(Kind.RECORDED_CONTEXT, *context))
+    return [law for law in laws if law.columns.size]
+
+
+def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:
+    stacked = np.column_stack(columns) if columns else np.empty((0, 0))
+    kinds = frozenset({kind} if isinstance(kind, Kind) else kind)
+    return Law(kinds, stacked, np.full(stacked.shape[1], nonnegative))
+
+
+def _unit(signal: FloatArray) -> FloatArray:
+    """The signal over its root mean square."""
+    return np.asarray(signal / (float(np.sqrt(np.mean(signal**2))) or 1.0))
+
+
+def _clock(time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    clock = (time_s - time_s.min()) / (float(np.ptp(time_s)) or 1.0)
+    return clock, clock**2
+
+
+def _fading(
+    time_s: FloatArray, run: IntArray, touching: FloatArray, *, is_contact: bool
+) -> Callable[[FloatArray], list[FloatArray]]:
+    """Return a function that lets a strain (m,) relax at several rates."""
+    step = sample_time(time_s, run)
+    longest = max(float(np.ptp(time_s[rows])) for rows in rows_of_runs(run))
+    taus = np.geomspace(max(4.0 * step, _SHORTEST_S), max(2.0 * longest, 40.0 * step), _TIMES)
+
+    def fade(strain: FloatArray) -> list[FloatArray]:
+        if is_contact:
+            return [relax(strain, time_s, run, tau) * touching for tau in taus]
+        return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
+
+    return fade
+
+
+def _friction(
+    blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, touching: FloatArray
+) -> list[FloatArray]:
+    directions = [np.tanh(unit_speed / share) for share in _DIRECTIONS]
+    columns = [*directions, *(reversal_memory(depth, blocked.run, share) * touching for share in _TURNS)]
+    if "load" in blocked.data.context:
+        columns.append(directions[-1] * np.abs(blocked.reduce(blocked.data.context["load"])))
+    return columns
+
+
+def _contact_geometry(position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray) -> Law:
+    """A step at the surface, a set that grows with the deepest indentation so far, and adhesion."""
+    deepest = _unit(running_max(depth, run)) * touching
+    touched = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
+    reaches = np.max(position, initial=1e-9) * np.array(_REACHES)
+    adhesion = touched[:, None] * np.exp(np.minimum(position, 0.0)[:, None] / reaches)
+    columns = np.column_stack([touching, -deepest, -(deepest**2), -adhesion])
+    return Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
+
+
+def _sensor_statics(predicted: FloatArray, measured: FloatArray) -> Law:
+    """A bias of any sign, what a sensor cuts off near its largest readings, and what it hides about zero."""
+    low, high = np.quantile(measured, [0.001, 0.999])
+    cut = [
+        -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
+        -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
+    ]
+    widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
+    columns = np.column_stack([np.ones(len(predicted)), *cut, *(-np.clip(predicted, -w, w) for w in widths)])
+    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) > 0)
+
+
+def periodic_columns(position: FloatArray, residual: FloatArray, *, is_angle: bool) -> FloatArray:
+    """Choose sines and cosines over the position that a residual is made of.
+
+    On an axis that covers about a turn, any whole number of waves a turn; else whole numbers over the
+    range. One wave is chosen after the other, all fitted together (orthogonal matching pursuit, Pati et al.
+    1993).
+
+    Args:
+        position: shape (m,) [rad or m].
+        residual: shape (m,) [effort].
+        is_angle: whether the axis is revolute.
+
+    Returns:
+        Shape (m, 2 waves); no columns where the position takes too few values.
+    """
+    span = float(np.ptp(position))
+    if span == 0.0:
+        return np.empty((len(position), 0))
+    turns = is_angle and span > _WHOLE_TURN * 2.0 * np.pi
+    unit, least = (1.0, 2) if turns else (2.0 * np.pi / span, _LEAST_WAVES)
+    place = position * unit / (2.0 * np.pi)
+    place = place % 1.0 if turns else place - place.min()
+    bins = np.minimum((place * _BINS).astype(np.int64), _BINS - 1)
+    most = min(len(np.unique(bins)) // 3, _BINS // 4)
+    smooth = np.column_stack([np.ones(len(position)), position - position.mean()])
+    columns, chosen = list[FloatArray](), list[int]()
+    left = residual - residual.mean()
+    while len(chosen) < _WAVES and most > least:
+        power = np.abs(np.fft.rfft(np.bincount(bins, weights=left, minlength=_BINS))[:most]) ** 2
+        power[:least] = 0.0
+        power[chosen] = 0.0
+        wave = int(np.argmax(power))
+        angle = position * unit * wave
+        trial = np.column_stack([smooth, *columns, np.sin(angle), np.cos(angle)])
+        after = residual - trial @ np.linalg.lstsq(trial, residual, rcond=None)[0]
+        if after @ after > (1.0 - _WAVE_SHARE) * (left @ left):
+            break
+        chosen.append(wave)
+        columns += [np.sin(angle), np.cos(angle)]
+        left = after
+    return np.column_stack(columns) if columns else np.empty((len(position), 0))

@@ -1,0 +1,322 @@
+"""Forms of effects within a kind, beside flexible laws of the other kinds.
+
+What is missing is first told by kind (`estimation.budget`). Then each kind's forms are compared with the
+kind's own flexible law, on what flexible laws of the other kinds cannot explain (partially linear model, P.
+M. Robinson, Econometrica 56 (1988)). So a form need not wait until all other effects have a name, and it
+need not be exact.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from estimation.budget.budget import ErrorBudget, error_budget
+from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds
+from estimation.budget.laws import Law, flexible_laws
+from estimation.diagnosis.bootstrap import SMALL
+from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
+from estimation.diagnosis.search import Search
+from estimation.effect import Effect
+from estimation.effects.run_variation import RunVariation
+from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.fit_result import FitResult
+from estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
+from estimation.fit.normal_equations import held_out_sse, solve_normal_equations
+from estimation.fit.nuisance import nuisance_of
+from estimation.kinds import Kind
+from robot_io.types import FloatArray
+
+_RIDGES = (1e-6, 1e-4, 1e-2)
+_COLLINEAR = 1e-9
+MOST_OF_LAW = 0.8  # of what a kind's flexible law takes, that a form must take to bear its name
+_HALF = 0.5  # of that, which a form must take to be tried in a model with all forms together
+_NEAR = 0.95  # of what a form takes, from which another one draws the same curve
+_EXACT = 0.01  # of what a form takes, that its kind's law may add
+_NEEDED = 0.05  # of the base model's squared error: a form that takes less changes nothing
+_ROUNDS = 2  # of seeking each kind's form beside the others'
+
+
+class Form(StrEnum):
+    """How well the form of an effect is known."""
+
+    EXACT = "exact"  # the model leaves no more than noise, and a flexible law of the kind adds nothing
+    APPROXIMATE = "approximate"  # it takes most of what a flexible law of its kind takes
+    UNKNOWN = "unknown"  # the kind is known, and no form takes most of it
+
+
+@dataclass(frozen=True)
+class FormTest:
+    """How one effect of a model compares with its kind's flexible law, beside laws of the other kinds."""
+
+    effect: str  # its name
+    kind: Kind
+    taken: float  # mean square that it takes away [effort^2]
+    by_law: float  # mean square that the kind's law takes away in its place, at least what the effect does
+    added: float  # mean square that the law takes away beside it
+    left: float  # mean square that is left beside it
+
+    @property
+    def share(self) -> float:
+        """Share of what the kind's law takes."""
+        return self.taken / self.by_law if self.by_law > 0.0 else 0.0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the effect takes most of what its kind's law takes."""
+        return self.share >= MOST_OF_LAW
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the kind's law adds nothing that counts beside the effect."""
+        return self.added < max(_EXACT * self.taken, SMALL * self.left)
+
+
+@dataclass(frozen=True)
+class PartiallyLinear:
+    """A channel's base model with the flexible laws of the kinds that account for its error."""
+
+    search: Search  # the channel, or a coarse copy of it
+    laws: tuple[Law, ...]
+    budget: ErrorBudget
+    error: HeldOutError
+
+    @property
+    def kinds(self) -> Kinds:
+        """Kinds that account for the error."""
+        return frozenset(self.budget.kinds)
+
+    def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
+        """Project a problem on what laws of the kinds other than an effect's own cannot explain."""
+        others = kinds - own
+        blocked = problem.blocked
+        columns = [law.columns for law in self.laws if law.kinds <= others]
+        empty = np.empty((len(blocked), 0))
+        by_run = empty
+        if Kind.RUN_DIFFERENCES in others:
+            by_run = np.column_stack([np.ones(len(blocked)), blocked.effort - base.residual])
+        stacked = np.hstack([empty, *columns])
+        return replace(problem, nuisance=nuisance_of(stacked, by_run, blocked.run, problem.used))
+
+    def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
+        """Columns of the laws of some kinds and of their interactions with the others, shape (m, k)."""
+        laws = [law.columns for law in self.laws if own & law.kinds and law.kinds <= kinds | own]
+        return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
+
+
+def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
+    """Find the kinds that account for the base model's error in held-out runs.
+
+    Args:
+        search: of the channel.
+        only: kinds that are known to be all; None to find them.
+    """
+    start = search.start
+    blocked, solution = start.problem.blocked, start.solution
+    laws = flexible_laws(blocked, blocked.effort - solution.residual, solution.residual)
+    error = HeldOutError(_base_columns(start), laws, solution.target, blocked, start.problem.used)
+    budget = error_budget(error, np.random.default_rng(0), only)
+    return PartiallyLinear(search, tuple(laws), budget, error)
+
+
+def _base_columns(start: FitResult) -> BaseColumns:
+    """The base model's columns, and what filters took off its derived motion where that is plausible."""
+    solution, problem = start.solution, start.problem
+    lower = np.array([parameter.lower for parameter in solution.model.gains.values()])
+    bias = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, start.filters)
+    if bias.shape[1]:
+        both = np.hstack([solution.columns, bias])
+        fit = solve_normal_equations(
+            problem.normal_equations(both, solution.target, list(solution.model.gains))
+        )
+        better = fit.held_out.sum() < solution.held_out
+        if better and is_plausible_bias(bias, fit.gains[-bias.shape[1] :]):
+            return BaseColumns(both, np.append(lower, np.full(bias.shape[1], -np.inf)))
+    return BaseColumns(solution.columns, lower)
+
+
+def named_forms(partial: PartiallyLinear) -> FitResult:
+    """The base model with the best form of each kind that has one, all parameters fitted together.
+
+    Each kind's forms are sought beside those of the others and flexible laws of the others (backfitting).
+    """
+    search = partial.search
+    chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
+    for _ in range(_ROUNDS):
+        before = {kind: effect.name for kind, (effect, _) in chosen.items()}
+        for kind in partial.budget.kinds:
+            if kind in {Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT}:
+                continue
+            others = [pair for other, pair in chosen.items() if other is not kind]
+            found = _best_form(partial, kind, others)
+            chosen.pop(kind, None)
+            if found is not None:
+                chosen[kind] = found
+        if before == {kind: effect.name for kind, (effect, _) in chosen.items()}:
+            break
+    model, parameters = search.model, dict(search.start.solution.parameters)
+    for effect, inner in chosen.values():
+        model, parameters = model.with_effect(effect), {**parameters, **inner}
+    fit = search.fitted(model, parameters) if chosen else search.start
+    return _with_run_differences(partial, fit)
+
+
+def _with_run_differences(partial: PartiallyLinear, fit: FitResult) -> FitResult:
+    if Kind.RUN_DIFFERENCES not in partial.kinds:
+        return fit
+    search, tried = partial.search, [fit]
+    for effect in search.effects:
+        if isinstance(effect, RunVariation) and effect.name != "run_ripple" and effect.applies_to(fit.data):
+            start = {f"{effect.name}.{n}": v for n, v in effect.starts(fit.data)[-1].items()}
+            model = fit.solution.model.with_effect(effect)
+            tried.append(search.fitted(model, {**fit.solution.parameters, **start}))
+    best = min(tried, key=lambda one: one.solution.held_out)
+    return best if best.rmse < (1.0 - SMALL) * fit.rmse else fit
+
+
+def _best_form(
+    partial: PartiallyLinear, kind: Kind, others: Sequence[tuple[Effect, dict[str, float]]]
+) -> tuple[Effect, dict[str, float]] | None:
+    """The simplest of the forms that take nearly as much as the best, and its inner parameters."""
+    start = partial.search.start
+    model, parameters = start.solution.model, dict(start.solution.parameters)
+    for effect, inner in others:
+        model, parameters = model.with_effect(effect), {**parameters, **inner}
+    problem = partial.beside(frozenset({kind}), partial.kinds, start.problem, start.solution)
+    none = solve_gains(problem, model, parameters, rounds=2)
+    effects = [
+        one for one in applicable_effects(start.data, model, partial.search.effects) if one.kind is kind
+    ]
+    if not effects:
+        return None
+    tried = [one for one in screen_effects(FitResult(start.data, problem, none), effects) if one.possible]
+    taken = none.held_out - _with_law(problem, none, partial.law_columns(frozenset({kind}), partial.kinds))
+    most = max((none.held_out - one.held_out for one in tried), default=0.0)
+    if most <= _HALF * taken or most <= 0.0:
+        return None
+    near = [one for one in tried if none.held_out - one.held_out >= _NEAR * most]
+    best = min(near, key=lambda one: (parameter_count(one.effect), one.held_out))
+    solution = best.search.best
+    effect = next(one for one in solution.model.effects if one.name == best.effect.name)
+    return effect, {
+        f"{effect.name}.{p.name}": solution.parameters[f"{effect.name}.{p.name}"] for p in effect.inner
+    }
+
+
+def closest_forms(partial: PartiallyLinear, kind: Kind, count: int = 2) -> list[str]:
+    """Names of a kind's effects that take most beside laws of the other kinds, the best first."""
+    start = partial.search.start
+    problem = partial.beside(frozenset({kind}), partial.kinds, start.problem, start.solution)
+    none = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
+    library = applicable_effects(start.data, start.solution.model, partial.search.effects)
+    effects = [effect for effect in library if effect.kind is kind]
+    tried = screen_effects(FitResult(start.data, problem, none), effects, refined=0) if effects else []
+    telling = [one for one in tried if one.possible and one.held_out < (1.0 - SMALL) * none.held_out]
+    return [candidate.effect.name for candidate in telling[:count]]
+
+
+def _with_law(problem: FitProblem, solution: Solution, columns: FloatArray) -> float:
+    """Squared held-out error with a flexible law beside a model."""
+    if columns.shape[1] == 0:
+        return solution.held_out
+    equations = problem.normal_equations(np.hstack([solution.columns, columns]), solution.target)
+    own = solution.columns.shape[1]
+    ridges = np.array([[_COLLINEAR] * own + [ridge] * columns.shape[1] for ridge in _RIDGES])
+    return min(float(held_out_sse(equations, ridges).sum(axis=1).min()), solution.held_out)
+
+
+def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozenset()) -> list[FormTest]:
+    """Compare each effect of a model with its kind's flexible law, beside the others and laws of their kinds.
+
+    Args:
+        partial: the kinds that account for the base model's error, on the same blocks.
+        end: base model and effects.
+        kinds: further kinds whose laws stand beside each effect.
+    """
+    model, known = end.solution.model, end.solution.parameters
+    base = {effect.name for effect in partial.search.model.effects}
+    added = [effect for effect in model.effects if effect.name not in base]
+    own = [effect for effect in added if not isinstance(effect, RunVariation)]
+    kinds = partial.kinds | kinds | {effect.kind for effect in own}
+    if len(own) < len(added):
+        kinds -= {Kind.RUN_DIFFERENCES}  # the model has an effect for them
+    count = max(int(end.problem.used.sum()), 1)
+    tests = []
+    for effect in own:
+        kinds_of_it = effect.also | {effect.kind}
+        problem = partial.beside(kinds_of_it, kinds, end.problem, end.solution)
+        with_it = solve_gains(problem, model, known, rounds=2)
+        without = solve_gains(problem, model.without(effect.name), known, rounds=2)
+        columns = partial.law_columns(kinds_of_it, kinds)
+        law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
+        taken = without.held_out - with_it.held_out
+        tests.append(
+            FormTest(
+                effect.name,
+                effect.kind,
+                taken / count,
+                max(without.held_out - law, without.held_out - both, taken) / count,
+                (with_it.held_out - both) / count,
+                with_it.held_out / count,
+            )
+        )
+    tests += [_run_test(partial, end, effect.name) for effect in added if isinstance(effect, RunVariation)]
+    return tests
+
+
+def _run_test(partial: PartiallyLinear, end: FitResult, name: str) -> FormTest:
+    """Compare an effect that differs between runs with a gain and a zero of each run."""
+    model = end.solution.model
+    without = solve_gains(end.problem, model.without(name), end.solution.parameters, rounds=2)
+    count = max(int(end.problem.used.sum()), 1)
+    kinds = partial.kinds - {Kind.RUN_DIFFERENCES}
+    error = partial.error
+    by_law = error.mean_square(kinds) - error.mean_square(kinds | {Kind.RUN_DIFFERENCES})
+    taken = (without.held_out - end.solution.held_out) / count
+    return FormTest(name, Kind.RUN_DIFFERENCES, taken, max(by_law, taken), 0.0, end.solution.held_out / count)
+
+
+@dataclass
+class NamedError:
+    """Squared errors in held-out runs of a model reduced to the effects of some kinds; see `HeldOutError`."""
+
+    search: Search
+    end: FitResult
+
+    def __post_init__(self) -> None:
+        """Number the runs of the blocks that count."""
+        base = {effect.name for effect in self.search.model.effects}
+        self._added = [effect for effect in self.end.solution.model.effects if effect.name not in base]
+        self._run = np.unique(self.end.problem.blocked.run[self.end.problem.used], return_inverse=True)[1]
+        self._errors: dict[Kinds, FloatArray] = {}
+
+    @property
+    def kinds(self) -> list[Kind]:
+        """Kinds of the effects."""
+        return sorted({effect.kind for effect in self._added})
+
+    @property
+    def runs(self) -> int:
+        """Number of runs r."""
+        return int(self._run.max()) + 1
+
+    @property
+    def counts(self) -> FloatArray:
+        """Blocks of each run, shape (r,)."""
+        return np.bincount(self._run).astype(np.float64)
+
+    def by_run(self, kinds: Kinds) -> FloatArray:
+        """Return the sum of squared held-out errors of each run, shape (r,) [effort^2]."""
+        if kinds not in self._errors:
+            problem, model = self.end.problem, self.end.solution.model
+            without = [effect.name for effect in self._added if effect.kind not in kinds]
+            solution = solve_gains(problem, model.without(*without), self.end.solution.parameters, rounds=2)
+            gains = solution.linear_fit.fold_gains[problem.blocked.fold]
+            left = (solution.target - np.sum(solution.columns * gains, axis=1))[problem.used]
+            self._errors[kinds] = np.asarray(np.bincount(self._run, weights=left**2), dtype=np.float64)
+        return self._errors[kinds]
+
+    def mean_square(self, kinds: Kinds = frozenset()) -> float:
+        """Return the mean squared error in held-out runs [effort^2]."""
+        return float(self.by_run(kinds).sum() / self.counts.sum())
