@@ -59,7 +59,7 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     estimates = {}
     for name, error in found.items():
         value, half = float(solution.parameters[name]), SIGMAS_95 * error
-        at_bound = solution.model.at_bound(name, value)
+        at_bound = solution.model.at_bound(name, value) or name in solution.fixed - solution.model.held.keys()
         estimates[name] = ParameterEstimate(
             name, units[name], value, error, (value - half, value + half), at_bound
         )
