@@ -5,9 +5,26 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from robot_io.driver import DriverContext
-from robot_io.files.file_model import FileModel
+from robot_io.files.file_model import FileModel, input_error
 from robot_io.interfaces import Bus, JointEncoder, JointTorque
 from robot_io.types import FloatArray, Reading
+
+
+def check_one_per_joint(context: DriverContext, count: int, devices: str) -> None:
+    """Check that a bus has as many drives as the arm has joints.
+
+    Args:
+        context: What the bus was given.
+        count: Number of its drives.
+        devices: What to call them, such as "motors".
+
+    Raises:
+        InputError: There are more or fewer.
+    """
+    joint_count = context.robot_file.joint_count
+    if count != joint_count:
+        problem = f"has {count} {devices}, home_rad has {joint_count}: one per joint"
+        raise input_error(context.robot_file.document, context.section, problem)
 
 
 class JointBus(Bus):

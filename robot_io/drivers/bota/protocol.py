@@ -90,7 +90,7 @@ class _Frames(PacketStream[Sample]):
     header = bytes((_HEADER,))
     head = 1
 
-    def _size(self, head: bytes) -> int:
+    def _size(self, buffer: bytes, start: int) -> int:
         return FRAME_SIZE
 
     def _decode(self, packet: bytes) -> Sample:

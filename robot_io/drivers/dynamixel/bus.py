@@ -6,12 +6,11 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.bus_devices import BusTorque
-from robot_io.drivers.dynamixel import protocol
-from robot_io.drivers.dynamixel.examination import examine_servos
+from robot_io.drivers.dynamixel.examination import examine_servo
 from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem
 from robot_io.drivers.dynamixel.servos import DynamixelLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
-from robot_io.drivers.dynamixel.tables import GOAL_CURRENT, POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
+from robot_io.drivers.dynamixel.tables import POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder
 from robot_io.drivers.servo.feedback import FeedbackReader
@@ -20,7 +19,7 @@ from robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """What one count of position [rad], velocity [rad/s] and current [N m] is at the joints, shape (3, m)."""
+    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m)."""
     direction = np.array([servo.direction for servo in servos])
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]
     current_a = [servo.servo_model.current_step_a for servo in servos]
@@ -32,17 +31,20 @@ class DynamixelBus(ServoBus):
     """Servos of the X series in current control, Protocol 2.0."""
 
     name = "dynamixel_bus"
+    _settings: DynamixelSettings
+    _line: DynamixelLine
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
-        self._settings = own = context.settings_as(DynamixelSettings, settings)
+        own = context.settings_as(DynamixelSettings, settings)
         super().__init__(own, count_steps(own.turning), context)
+        self._line = DynamixelLine(own, self._port, context.clock)
         self._torque_steps_nm: list[float] = self._joints.steps[2].tolist()
-        self._line: DynamixelLine = DynamixelLine(own, self._port, context.clock)
         self._largest_current = [servo.servo_model.largest_current for servo in own.turning]
+        self._watchdog = own.watchdog
+        self._servos = {servo.id: servo for servo in own.turning}
 
-    def _examine_servos(self) -> list[Finding]:
-        """Also finds servos under other ids and at another baud rate."""
-        return examine_servos(self._settings, self._port, self._clock)
+    def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
+        return list(examine_servo(self._line.registers, self._servos[servo_id], label))
 
     def tick_wire_s(self) -> float | None:
         """See `Examinable.tick_wire_s`; the servos wait before they answer."""
@@ -52,31 +54,27 @@ class DynamixelBus(ServoBus):
     def _prepare_feedback(self) -> FeedbackReader[Feedback]:
         self._line.identify()
         self._line.prepare_feedback()
-        limits = np.array(self._line.current_limits)
         steps_nm = np.abs(self._joints.steps[2])
-        self._largest_current = (self._pairs.weaker(limits * steps_nm) / steps_nm + 1e-9).astype(int).tolist()
+        limits_nm: list[float] = (np.array(self._line.current_limits) * steps_nm).tolist()
+        self._largest_current = (self._pairs.weaker(limits_nm) / steps_nm + 1e-9).astype(int).tolist()
         return self._line.feedback_reader()
 
     def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
-        _, _, _, current, velocity, position, _ = zip(*feedback, strict=True)
+        _, _, _, _, current, velocity, position = zip(*feedback, strict=True)
         return position, velocity, current
 
-    def _problem(self, feedback: Sequence[Feedback]) -> str | None:
-        return feedback_problem(feedback, self._labels, self._settings.watchdog, powered=self._powered)
+    def _is_well(self, feedback: Sequence[Feedback]) -> bool:
+        told = (0, int(self._powered), 0, self._watchdog)
+        return all(servo[:4] == told for servo in feedback)
 
-    def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
-        counts = [
-            min(max(round(torque / step), -most), most)
-            for torque, step, most in zip(
-                self._pairs.shares(torque_nm).tolist(),
-                self._torque_steps_nm,
-                self._largest_current,
-                strict=True,
-            )
-        ]
-        goals = zip(self._ids, map(GOAL_CURRENT.encode, counts), strict=True)
-        sent_nm = self._pairs.summed(counts * self._joints.steps[2])
-        return protocol.sync_write(GOAL_CURRENT.address, dict(goals)), sent_nm
+    def _problem(self, feedback: Sequence[Feedback]) -> str | None:
+        return feedback_problem(feedback, self._labels, self._watchdog, powered=self._powered)
+
+    def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
+        wanted = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)
+        counts = [min(max(round(torque / step), -most), most) for torque, step, most in wanted]
+        sent_nm = [count * step for count, step in zip(counts, self._torque_steps_nm, strict=True)]
+        return counts, np.array(self._pairs.summed(sent_nm))
 
 
 class DynamixelEncoder(ServoEncoder):

@@ -8,6 +8,7 @@ indirect addresses and shows zeros, so its watchdog differs from the one that wa
 import struct
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from math import inf
 from typing import Final, NamedTuple
 
 from robot_io.clock import Clock
@@ -23,7 +24,6 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_FIRED,
     hardware_error_names,
 )
-from robot_io.drivers.servo.dialect import Packet
 from robot_io.drivers.servo.feedback import FeedbackReader, Request
 from robot_io.errors import ProtocolError
 from robot_io.serial_port import SerialPort
@@ -47,23 +47,23 @@ _LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # byt
 class Feedback(NamedTuple):
     """One servo's state, in its own units."""
 
+    error: int  # error byte of its answer: 0, or the alert
     torque_on: int
     hardware_error: int
     watchdog: int  # -1 when it has fired
     current: int
     velocity: int
     position: int  # over several turns
-    alert: bool  # whether its answer carried the alert bit
 
     @property
     def complaint(self) -> str:
         """Its hardware errors by name, or nothing."""
-        is_well = not (self.alert or self.hardware_error)
+        is_well = not (self.error or self.hardware_error)
         return "" if is_well else f"hardware error: {hardware_error_names(self.hardware_error)}"
 
 
 def block_addresses() -> tuple[int, ...]:
-    """The addresses that the indirect data must stand for, in order.
+    """List the addresses that the indirect data must stand for, in order.
 
     Some padding comes first: a request can start at any of its bytes, so that answers to different requests
     differ in length and a late one is told from a new one.
@@ -72,20 +72,31 @@ def block_addresses() -> tuple[int, ...]:
     return (*[TORQUE_ENABLE.address] * PADDING, *block)
 
 
-def decode_feedback(packet: Packet) -> Feedback:
-    """The block at the end of an answer, as long as was asked for. ProtocolError: the servo refused."""
+def decode_feedback(packet: StatusPacket) -> Feedback:
+    """Decode the block at the end of an answer.
+
+    Args:
+        packet: An answer of at least `FEEDBACK_SIZE` bytes.
+
+    Raises:
+        ProtocolError: The servo refused to be read.
+    """
     if packet.refusal:
         raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
-    values: tuple[int, int, int, int, int, int] = _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
-    return Feedback(*values, packet.alert)
+    return Feedback(packet.error, *_FORMAT.unpack(packet.data[-FEEDBACK_SIZE:]))
 
 
 def feedback_reader(
     port: SerialPort, clock: Clock, servo_ids: Sequence[int], indirect_data: int, *, fast: bool
 ) -> FeedbackReader[Feedback]:
-    """What reads the block of all servos.
+    """Make the reader of the block of all servos.
 
-    The padding starts at the address `indirect_data`; `fast` is whether the servos know the fast sync read.
+    Args:
+        port: An open port.
+        clock: Clock of the deadlines.
+        servo_ids: Servos that are asked, in this order.
+        indirect_data: Address where the padding starts.
+        fast: Whether the servos know the fast sync read.
     """
     ids = tuple(servo_ids)
     ask = protocol.fast_sync_read if fast else protocol.sync_read
@@ -136,7 +147,7 @@ class _FastReader(FeedbackReader[Feedback]):
                     self._problem = str(error)
                     damaged = self._oldest_open()  # its length may be what was damaged
                     if damaged is not None:
-                        damaged.asked_at_s = None
+                        damaged.asked_at_s = -inf
                 continue
             yield request, packets
             place, incomplete = end, -1
@@ -152,17 +163,21 @@ class _FastReader(FeedbackReader[Feedback]):
 def feedback_problem(
     feedback: Sequence[Feedback], labels: Sequence[str], watchdog: int, *, powered: bool
 ) -> str | None:
-    """Why some of the feedback of all servos cannot be trusted, or None.
+    """Say why some of the feedback cannot be trusted, or None.
 
-    `watchdog` is what the bus watchdog was set to, and `powered` whether the torque was switched on.
+    Args:
+        feedback: Feedback of all servos.
+        labels: What to call them, in the same order.
+        watchdog: What the bus watchdog was set to.
+        powered: Whether the torque was switched on.
     """
-    for where, servo in zip(labels, feedback, strict=True):
-        fired = servo.watchdog == WATCHDOG_FIRED
-        if powered and fired:
-            return f"{where}: its bus watchdog has fired, its torque is off"
-        if servo.watchdog != watchdog and not fired:
-            return f"{where}: has lost its settings; it has restarted"
+    for label, servo in zip(labels, feedback, strict=True):
+        has_fired = servo.watchdog == WATCHDOG_FIRED
+        if powered and has_fired:
+            return f"{label}: its bus watchdog has fired, its torque is off"
+        if servo.watchdog != watchdog and not has_fired:
+            return f"{label}: has lost its settings; it has restarted"
         if powered and not servo.torque_on:
             names = hardware_error_names(servo.hardware_error)
-            return f"{where}: has switched its torque off (hardware error: {names})"
+            return f"{label}: has switched its torque off (hardware error: {names})"
     return None

@@ -7,6 +7,7 @@ packet has the instruction 55 and an error byte before its parameters. Source: R
 Protocol 2.0" and "CRC Calculation".
 """
 
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -24,13 +25,23 @@ def _table_entry(byte: int) -> int:
 
 
 _TABLE = tuple(_table_entry(byte) for byte in range(256))
+_TABLE_BEFORE = tuple((entry << 8) & 0xFF00 ^ _TABLE[entry >> 8] for entry in _TABLE)  # one byte earlier
+_BIG_ENDIAN_WORD = struct.Struct(">H")
 
 
 def crc16(data: bytes, start: int = 0) -> int:
-    """The checksum of `data`; `start` is the checksum of what came before it."""
-    crc, table = start, _TABLE
-    for byte in data:
-        crc = ((crc << 8) & 0xFF00) ^ table[(crc >> 8) ^ byte]
+    """Compute the checksum of `data`, two bytes at a time.
+
+    Args:
+        data: Bytes that it covers.
+        start: Checksum of what came before `data`.
+    """
+    crc, even = start, len(data) & ~1
+    for (word,) in _BIG_ENDIAN_WORD.iter_unpack(data[:even]):
+        crc ^= word
+        crc = _TABLE_BEFORE[crc >> 8] ^ _TABLE[crc & 0xFF]
+    for byte in data[even:]:
+        crc = (crc << 8) & 0xFF00 ^ _TABLE[crc >> 8 ^ byte]
     return crc
 
 
@@ -67,7 +78,7 @@ class StatusPacket(NamedTuple):
     @property
     def alert(self) -> bool:
         """Whether the servo has a hardware error."""
-        return bool(self.error & _ALERT)
+        return self.error >= _ALERT
 
     @property
     def refusal(self) -> str | None:
@@ -77,9 +88,15 @@ class StatusPacket(NamedTuple):
 
 
 def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """The instruction packet for a servo, or for all with `BROADCAST_ID`.
+    """Encode an instruction packet.
 
-    ProtocolError: no servo can have this id, or the packet would be too long.
+    Args:
+        servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
+        instruction: Code of the instruction.
+        parameters: Its parameters, not stuffed.
+
+    Raises:
+        ProtocolError: No servo can have this id, or the packet would be too long.
     """
     if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
         raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
@@ -93,9 +110,13 @@ def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> b
 
 
 def decode_status(packet: bytes) -> StatusPacket:
-    """The status packet that `packet` is, no more and no less.
+    """Decode a status packet.
 
-    ProtocolError: it is not one, or its checksum is wrong.
+    Args:
+        packet: The whole packet and nothing else.
+
+    Raises:
+        ProtocolError: It is no status packet, or its checksum is wrong.
     """
     if len(packet) < _HEAD + _LEAST_STATUS_LENGTH or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
@@ -119,15 +140,15 @@ class StatusReader(PacketStream[StatusPacket]):
     def __init__(self, largest: int = LARGEST_PACKET) -> None:
         super().__init__(largest)
 
-    def _size(self, head: bytes) -> int:
-        return _HEAD + (head[5] | head[6] << 8)
+    def _size(self, buffer: bytes, start: int) -> int:
+        return _HEAD + (buffer[start + 5] | buffer[start + 6] << 8)
 
     def _decode(self, packet: bytes) -> StatusPacket:
         return decode_status(packet)
 
 
 def packet_reader(request: bytes) -> StatusReader:
-    """What finds the answers to a request; its echo is no status packet."""
+    """Make what finds the answers to a request; its echo is no status packet."""
     return StatusReader()
 
 
@@ -139,12 +160,17 @@ PING_SIZE: Final = 3
 
 
 def ping(servo_id: int) -> bytes:
-    """Who are you? The answer is model number (2 bytes) and firmware version (1 byte)."""
+    """Ask who a servo is: it answers with model number (2 bytes) and firmware version (1 byte)."""
     return encode_packet(servo_id, _PING)
 
 
+def ping_all() -> bytes:
+    """Ask who is on the line; each servo answers as to `ping`."""
+    return ping(BROADCAST_ID)
+
+
 def reboot(servo_id: int) -> bytes:
-    """Restart; the only way out of a hardware error."""
+    """Restart a servo, which is the only way out of a hardware error."""
     return encode_packet(servo_id, _REBOOT)
 
 
@@ -164,17 +190,32 @@ def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
 
 
 def fast_sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos, which make one packet together; see `fast_reply`."""
+    """Read the same bytes of several servos, which make one packet together; see `FastReply`."""
     return encode_packet(BROADCAST_ID, _FAST_SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     """Write at the same address of several servos, each its own bytes; nobody answers.
 
-    ProtocolError: the bytes are not of equal number.
+    Args:
+        address: Of the first byte.
+        data: Bytes by servo id.
+
+    Raises:
+        ProtocolError: The bytes are not of equal number.
     """
-    size, parts = equal_parts(data)
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + parts)
+    return sync_write_block(address, *equal_parts(data))
+
+
+def sync_write_block(address: int, size: int, block: bytes) -> bytes:
+    """Write at the same address of several servos; nobody answers.
+
+    Args:
+        address: Of the first byte.
+        size: Number of bytes for each servo.
+        block: For each servo its id and its bytes.
+    """
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + block)
 
 
 def _word(value: int) -> bytes:
@@ -187,39 +228,51 @@ _AROUND_DATA = 4  # error, id and checksum of a part
 
 
 class FastReply:
-    """How the answer to one fast sync read of so many bytes of each servo must look, in the order of the ids.
+    """How the answer to one fast sync read must look.
+
+    Args:
+        servo_ids: Servos that were asked, in this order.
+        data_size: Number of bytes that each was asked for.
 
     Attributes:
-        size: bytes of the whole answer.
-        length: its length field.
+        size: Bytes of the whole answer.
+        length: Its length field.
     """
 
     def __init__(self, servo_ids: Sequence[int], data_size: int) -> None:
-        self._ids = tuple(servo_ids)
+        self._ids = bytes(servo_ids)
         self._part = data_size + _AROUND_DATA
         self.size = _FAST_HEAD + len(self._ids) * self._part
         self.length = _word(self.size - _HEAD)
         self._head = FAST_HEADER + self.length + bytes((_STATUS,))
+        starts = range(_FAST_HEAD, self.size, self._part)
+        self._data = [slice(start + 2, start + self._part - _CRC) for start in starts]
 
     def answered(self, data: bytes) -> int:
-        """How many servos have added their part to an answer that is not complete."""
+        """Count the servos that have added their part to an answer that is not complete."""
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 
     def decode(self, packet: bytes) -> list[StatusPacket]:
-        """Each servo's part of a whole answer.
+        """Split a whole answer.
 
-        ProtocolError: it is not such an answer, a checksum is wrong, or a part is another servo's.
+        Args:
+            packet: The whole packet and nothing else.
+
+        Returns:
+            Each servo's part, in the order in which they were asked.
+
+        Raises:
+            ProtocolError: It is not such an answer, a checksum is wrong, or a part is another servo's.
         """
         if len(packet) != self.size or not packet.startswith(self._head):
             raise ProtocolError(f"not the answer to a fast sync read: {packet[:16].hex(' ')}")
-        if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+        if crc16(packet[:-_CRC]) != packet[-2] | packet[-1] << 8:
             raise ProtocolError(f"CRC mismatch in {self._damaged_part(packet)} part of a fast sync read")
-        parts = []
-        for servo_id, start in zip(self._ids, range(_FAST_HEAD, self.size, self._part), strict=True):
-            if packet[start + 1] != servo_id:
-                raise ProtocolError(f"servo {packet[start + 1]} answered in place of servo {servo_id}")
-            parts.append(StatusPacket(servo_id, packet[start], packet[start + 2 : start + self._part - 2]))
-        return parts
+        errors, ids = packet[_FAST_HEAD :: self._part], packet[_FAST_HEAD + 1 :: self._part]
+        if ids != self._ids:
+            answered, asked = next(pair for pair in zip(ids, self._ids, strict=True) if pair[0] != pair[1])
+            raise ProtocolError(f"servo {answered} answered in place of servo {asked}")
+        return list(map(StatusPacket, ids, errors, map(packet.__getitem__, self._data)))
 
     def _damaged_part(self, packet: bytes) -> str:
         """Whose part has the first CRC mismatch; the last one covers all, and is enough to accept."""

@@ -28,12 +28,22 @@ class DynamixelAccess(RegisterAccess):
         super().__init__(protocol, port, clock)
 
     def who(self, servo_id: int) -> tuple[int, int]:
-        """Model number and firmware version. DeviceError: as `ping`."""
+        """Read model number and firmware version of a servo. DeviceError: as `ping`."""
         data = self.ping(servo_id, protocol.PING_SIZE)
         return data[0] | data[1] << 8, data[2]
 
     def setup_troubles(self, servo: ServoSettings) -> Iterator[tuple[str, str]]:
-        """What is set in a servo that must not be, and what to do. DeviceError: as `read`."""
+        """Find what is set in a servo that must not be.
+
+        Args:
+            servo: What the robot file says of it.
+
+        Yields:
+            What is wrong, and what to do.
+
+        Raises:
+            DeviceError: As `read`.
+        """
         mode = tables.drive_mode_trouble(self.read(servo.id, tables.DRIVE_MODE))
         if mode:
             yield f"drive mode: {mode}", "set its drive mode to 0"
@@ -63,11 +73,12 @@ class DynamixelLine(ServoLine):
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_CURRENT
     ping_size = protocol.PING_SIZE
+    ping_all_s = 0.3
     registers: DynamixelAccess
+    _settings: DynamixelSettings
 
     def __init__(self, settings: DynamixelSettings, port: SerialPort, clock: Clock) -> None:
-        super().__init__(port, DynamixelAccess(port, clock), settings.ids)
-        self._settings, self._clock = settings, clock
+        super().__init__(settings, DynamixelAccess(port, clock), port, clock)
         self.current_limits: list[int] = []
         self._fast = False  # whether all servos know the fast sync read, and may use it
 
@@ -76,7 +87,7 @@ class DynamixelLine(ServoLine):
 
         DeviceError: a servo is missing, is another model, is too old, or does not fit as it is set up.
         """
-        self._check_all_there(self._settings.baud_rate)
+        self._check_all_there()
         servos = [(servo, servo.servo_model) for servo in self._settings.turning]
         know_fast = [self._identify(servo) >= model.fast_sync_read_firmware for servo, model in servos]
         self._fast = self._settings.fast_sync_read and all(know_fast)
@@ -103,7 +114,7 @@ class DynamixelLine(ServoLine):
     def feedback_reader(self) -> FeedbackReader[Feedback]:
         """What reads the servos in each tick, by the fastest way that all of them know."""
         indirect_data = self._settings.servos[0].servo_model.indirect_data
-        return feedback_reader(self._port, self._clock, self._ids, indirect_data, fast=self._fast)
+        return feedback_reader(self.port, self.clock, self.ids, indirect_data, fast=self._fast)
 
     def prepare_feedback(self) -> None:
         """Gather what is read in each tick, set return delay and watchdog; the torque is off from here on.
@@ -111,7 +122,7 @@ class DynamixelLine(ServoLine):
         DeviceError: a servo did not do what it was told.
         """
         addresses = b"".join(address.to_bytes(2, "little") for address in block_addresses())
-        for servo_id in self._ids:
+        for servo_id in self.ids:
             settle = self.registers.settle
             settle(servo_id, tables.TORQUE_ENABLE, 0)
             settle(servo_id, tables.RETURN_DELAY_TIME, self._settings.return_delay, keeps=True)
@@ -123,15 +134,15 @@ class DynamixelLine(ServoLine):
     def prepare(self) -> None:
         """See `ServoLine.prepare`; current control as well."""
         self.prepare_feedback()
-        for servo_id in self._ids:
+        for servo_id in self.ids:
             mode = tables.CURRENT_CONTROL
             self.registers.settle(servo_id, tables.OPERATING_MODE, mode, keeps=True)
 
     def switch_on(self) -> None:
         """Torque on, at zero. DeviceError: a servo refused, with its hardware error if it has one."""
-        for servo_id in self._ids:
+        for servo_id in self.ids:
             self.registers.settle(servo_id, tables.GOAL_CURRENT, 0)
-        for servo_id in self._ids:
+        for servo_id in self.ids:
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
 
     @property

@@ -23,6 +23,7 @@ DRIVE_MODE: Final = Register("drive mode", 10, 1)
 OPERATING_MODE: Final = Register("operating mode", 11, 1)
 SECONDARY_ID: Final = Register("secondary id", 12, 1)
 HOMING_OFFSET: Final = Register("homing offset", 20, 4, signed=True)  # added to the position it shows
+TEMPERATURE_LIMIT: Final = Register("temperature limit", 31, 1)  # degrees Celsius
 MAX_VOLTAGE_LIMIT: Final = Register("max voltage limit", 32, 2)  # 0.1 V
 MIN_VOLTAGE_LIMIT: Final = Register("min voltage limit", 34, 2)  # 0.1 V
 CURRENT_LIMIT: Final = Register("current limit", 38, 2)

@@ -14,7 +14,13 @@ from typing import Final, NamedTuple
 from robot_io.clock import Clock
 from robot_io.drivers.feetech import protocol
 from robot_io.drivers.feetech.protocol import StatusReader, error_names
-from robot_io.drivers.feetech.tables import PRESENT_LOAD, PRESENT_POSITION, PRESENT_SPEED, TORQUE_ENABLE
+from robot_io.drivers.feetech.tables import (
+    POSITION_STEP_RAD,
+    PRESENT_LOAD,
+    PRESENT_POSITION,
+    PRESENT_SPEED,
+    TORQUE_ENABLE,
+)
 from robot_io.drivers.servo.dialect import Packet
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.errors import ProtocolError
@@ -38,6 +44,7 @@ class Feedback(NamedTuple):
     """One servo's state, in its own units."""
 
     torque_on: int
+    errors: int  # bits, see `error_names`
     settings: Settings
     goal: int
     position: int
@@ -45,7 +52,6 @@ class Feedback(NamedTuple):
     load: int
     voltage: int
     temperature: int
-    errors: int  # bits, see `error_names`
 
     @property
     def complaint(self) -> str:
@@ -54,39 +60,34 @@ class Feedback(NamedTuple):
 
 
 def decode_feedback(packet: Packet) -> Feedback:
-    """The block at the end of an answer, as long as was asked for."""
-    (
-        on,
-        acceleration,
-        goal,
-        time,
-        fastest,
-        limit,
-        lock,
-        position,
-        speed,
-        load,
-        voltage,
-        temperature,
-        errors,
-    ) = _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
+    """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes."""
+    on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
+        _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
+    )
     return Feedback(
         on,
+        errors,
         (acceleration, time, fastest, limit, lock),
         goal,
         PRESENT_POSITION.signed_value(position),
         PRESENT_SPEED.signed_value(speed),
         PRESENT_LOAD.signed_value(load),
-        voltage,
-        temperature,
-        errors,
+        volts,
+        celsius,
     )
 
 
 def feedback_reader(
     port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], Feedback]
 ) -> FeedbackReader[Feedback]:
-    """What reads the block of these servos, in this order."""
+    """Make the reader of the block of all servos.
+
+    Args:
+        port: An open port.
+        clock: Clock of the deadlines.
+        servo_ids: Servos that are asked, in this order.
+        decode: Makes feedback of an answer; ProtocolError: it is not to be believed.
+    """
     sizes = range(FEEDBACK_SIZE, FEEDBACK_SIZE + PADDING + 1)
     end = TORQUE_ENABLE.address + FEEDBACK_SIZE
     return FeedbackReader(
@@ -103,8 +104,10 @@ def feedback_reader(
 class Plausibility:
     """Refuses feedback that cannot be what a servo of this bus says now.
 
-    `settings` are what each servo was told, as in `Feedback.settings`, by its id; no joint is faster than
-    `fastest_counts_s` [counts/s].
+    Args:
+        clock: The robot's clock.
+        settings: What each servo was told, as in `Feedback.settings`, by its id.
+        fastest_counts_s: No joint is faster [counts/s].
     """
 
     def __init__(self, clock: Clock, settings: Mapping[int, Settings], fastest_counts_s: float) -> None:
@@ -119,37 +122,52 @@ class Plausibility:
         self._last.clear()
 
     def sent(self, goals: Mapping[int, int]) -> None:
-        """Goals are on their way, by servo id."""
+        """Remember goals that are on their way, by servo id."""
         for servo_id, goal in goals.items():
-            self._goals[servo_id].append(goal)
+            self._goals[servo_id].appendleft(goal)
 
     def decode(self, packet: Packet) -> Feedback:
-        """The feedback in an answer. ProtocolError: it is not to be believed."""
-        feedback, who = decode_feedback(packet), f"servo {packet.servo_id}"
-        for name, found, told in zip(
-            _SETTINGS, feedback.settings, self._settings[packet.servo_id], strict=True
-        ):
-            if found != told:
-                raise ProtocolError(
-                    f"{who}: {name} is {found} in place of {told}: damaged, or it has restarted"
-                )
-        goals = self._goals[packet.servo_id]
-        if goals and feedback.torque_on and feedback.goal not in goals:
+        """Decode the feedback in an answer. ProtocolError: it is not to be believed."""
+        feedback, servo_id = decode_feedback(packet), packet.servo_id
+        if feedback.settings != self._settings[servo_id]:
+            raise ProtocolError(f"servo {servo_id}: {self._changed_setting(servo_id, feedback)}")
+        goals = self._goals[servo_id]
+        if feedback.torque_on and goals and feedback.goal not in goals:
             raise ProtocolError(
-                f"{who}: goal position is {feedback.goal} in place of {goals[-1]}: its answer is damaged"
+                f"servo {servo_id}: goal position is {feedback.goal} in place of {goals[0]}: "
+                "its answer is damaged"
             )
         now_s = self._clock.now_s()
-        before_s, before = self._last.get(packet.servo_id, (-inf, 0))
+        before_s, before = self._last.get(servo_id, (-inf, 0))
         if abs(feedback.position - before) > _NEAR_COUNTS + self._fastest_counts_s * (now_s - before_s):
-            raise ProtocolError(f"{who} jumped from {before} to {feedback.position}: its answer is damaged")
-        self._last[packet.servo_id] = now_s, feedback.position
+            raise ProtocolError(
+                f"servo {servo_id} jumped from {before} to {feedback.position}: its answer is damaged"
+            )
+        self._last[servo_id] = now_s, feedback.position
         return feedback
 
+    def _changed_setting(self, servo_id: int, feedback: Feedback) -> str:
+        settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
+        name, shown, told = next(setting for setting in settings if setting[1] != setting[2])
+        return f"{name} is {shown} in place of {told}: damaged, or it has restarted"
 
-def feedback_problem(feedback: Sequence[Feedback], labels: Sequence[str], *, powered: bool) -> str | None:
-    """Which servo has let go although it was `powered`, or None."""
+
+def feedback_problem(
+    feedback: Sequence[Feedback], labels: Sequence[str], fastest_counts_s: float, *, powered: bool
+) -> str | None:
+    """Say why some of the feedback cannot be trusted, or None.
+
+    Args:
+        feedback: Feedback of all servos.
+        labels: What to call them, in the same order.
+        fastest_counts_s: No joint is faster [counts/s].
+        powered: Whether the torque was switched on.
+    """
     for label, servo in zip(labels, feedback, strict=True):
         if powered and not servo.torque_on:
             why = error_names(servo.errors) if servo.errors else "none; has it restarted?"
             return f"{label}: has switched its torque off (error: {why})"
+        if abs(servo.speed) > fastest_counts_s:
+            speed_rad_s, fastest_rad_s = (c * POSITION_STEP_RAD for c in (servo.speed, fastest_counts_s))
+            return f"{label}: shows {speed_rad_s:.3g} rad/s, more than it can do ({fastest_rad_s:.3g} rad/s)"
     return None

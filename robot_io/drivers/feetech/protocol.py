@@ -17,7 +17,7 @@ LARGEST_ID: Final = 0xFC
 BROADCAST_ID: Final = 0xFE
 AROUND: Final = 6  # bytes of an answer around its data
 
-_READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x02, 0x03, 0x82, 0x83
+_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 _ID_ADDRESS = 5
 ID_SIZE: Final = 1  # bytes of the answer to `ping`
 _LARGEST_LENGTH = 0xFA
@@ -32,12 +32,12 @@ ERROR_NAMES: Final = {
 
 
 def error_names(value: int) -> str:
-    """The errors in an error byte, by name."""
+    """Name the errors in an error byte."""
     return bit_names(value, ERROR_NAMES)
 
 
 def checksum(content: bytes) -> int:
-    """The checksum of everything between header and itself."""
+    """Compute the checksum of everything between header and itself."""
     return ~sum(content) & 0xFF
 
 
@@ -60,9 +60,15 @@ class StatusPacket(NamedTuple):
 
 
 def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """The instruction packet for a servo, or for all with `BROADCAST_ID`.
+    """Encode an instruction packet.
 
-    ProtocolError: no servo can have this id, or the packet would be too long.
+    Args:
+        servo_id: Servo that is addressed, or `BROADCAST_ID` for all.
+        instruction: Code of the instruction.
+        parameters: Its parameters.
+
+    Raises:
+        ProtocolError: No servo can have this id, or the packet would be too long.
     """
     if not (0 <= servo_id <= LARGEST_ID or servo_id == BROADCAST_ID):
         raise ProtocolError(f"{servo_id} is no servo id: 0 to {LARGEST_ID}, or {BROADCAST_ID} for all")
@@ -74,9 +80,13 @@ def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> b
 
 
 def decode_status(packet: bytes) -> StatusPacket:
-    """The status packet that `packet` is, no more and no less.
+    """Decode a status packet.
 
-    ProtocolError: it is not one, or its checksum is wrong.
+    Args:
+        packet: The whole packet and nothing else.
+
+    Raises:
+        ProtocolError: It is no status packet, or its checksum is wrong.
     """
     if len(packet) < AROUND or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
@@ -93,7 +103,9 @@ def decode_status(packet: bytes) -> StatusPacket:
 class StatusReader(PacketStream[StatusPacket]):
     """Finds status packets in a stream; see `PacketStream`.
 
-    `echo` is an instruction that may come back on the one wire, and is no answer.
+    Args:
+        echo: An instruction that may come back on the one wire, and is no answer.
+        largest: Size of the largest expected packet [bytes].
     """
 
     header = HEADER
@@ -103,8 +115,8 @@ class StatusReader(PacketStream[StatusPacket]):
         super().__init__(largest)
         self._echo = echo
 
-    def _size(self, head: bytes) -> int:
-        return 4 + head[3]
+    def _size(self, buffer: bytes, start: int) -> int:
+        return 4 + buffer[start + 3]
 
     def _decode(self, packet: bytes) -> StatusPacket | None:
         status = decode_status(packet)
@@ -118,13 +130,18 @@ class StatusReader(PacketStream[StatusPacket]):
 
 
 def packet_reader(request: bytes) -> StatusReader:
-    """What finds the answers to a request, and not its echo."""
+    """Make what finds the answers to a request, and not its echo."""
     return StatusReader(request)
 
 
 def ping(servo_id: int) -> bytes:
-    """Are you there? Reads the id: with a voltage error the answer to a true ping is like its echo."""
+    """Ask a servo for its id: with a voltage error the answer to a true ping is like its echo."""
     return read(servo_id, _ID_ADDRESS, ID_SIZE)
+
+
+def ping_all() -> bytes:
+    """Ask who is on the line; each servo answers with an empty packet, after those with smaller ids."""
+    return encode_packet(BROADCAST_ID, _PING)
 
 
 def read(servo_id: int, address: int, size: int) -> bytes:
@@ -145,7 +162,22 @@ def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     """Write at the same address of several servos, each its own bytes; nobody answers.
 
-    ProtocolError: the bytes are not of equal number.
+    Args:
+        address: Of the first byte.
+        data: Bytes by servo id.
+
+    Raises:
+        ProtocolError: The bytes are not of equal number.
     """
-    size, parts = equal_parts(data)
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + parts)
+    return sync_write_block(address, *equal_parts(data))
+
+
+def sync_write_block(address: int, size: int, block: bytes) -> bytes:
+    """Write at the same address of several servos; nobody answers.
+
+    Args:
+        address: Of the first byte.
+        size: Number of bytes for each servo.
+        block: For each servo its id and its bytes.
+    """
+    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + block)

@@ -42,15 +42,19 @@ class ServoIdentity:
     firmware: str  # version
     voltage_v: float  # input voltage [V]
     voltage_limits_v: tuple[float, float]  # lowest and highest that it takes [V]
-    temperature_c: float  # inside it [degrees Celsius]
+    temperature_c: int  # inside it [degrees Celsius]
+    temperature_limit_c: int  # from which on it protects itself [degrees Celsius]
     homing_offset: int  # what is taken off its position [counts]
 
 
 class FeetechLine(ServoLine):
     """See `ServoLine`.
 
-    Attributes:
-        torque_limits: largest duty cycle of each servo, in its unit, by id.
+    Args:
+        settings: What the robot file says.
+        torque_limits: Largest duty cycle of each servo, in its unit, by id.
+        port: Port of the line; it may be opened later.
+        clock: Clock of the deadlines.
     """
 
     dialect: ClassVar[Dialect] = protocol
@@ -58,40 +62,48 @@ class FeetechLine(ServoLine):
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_POSITION
     ping_size = protocol.ID_SIZE
+    ping_all_s = 0.8  # 3 ms for each id: huggingface/lerobot, which finds servos in this way
+    _settings: FeetechSettings
     last_resort = "it has no watchdog and holds its last goal: switch its supply off"
 
     def __init__(
         self, settings: FeetechSettings, torque_limits: Mapping[int, int], port: SerialPort, clock: Clock
     ) -> None:
-        super().__init__(port, RegisterAccess(protocol, port, clock), settings.ids)
-        self._settings, self.torque_limits = settings, torque_limits
+        super().__init__(settings, RegisterAccess(protocol, port, clock), port, clock)
+        self.torque_limits = torque_limits
 
     def identify(self) -> None:
         """Look who is there, and compare with the settings.
 
         DeviceError: a servo is missing, is another model, or does not fit as it is set up.
         """
-        self._check_all_there(self._settings.baud_rate)
-        for servo_id in self._settings.ids:
+        self._check_all_there()
+        for servo_id in self.ids:
             self.registers.settle_unanswered(servo_id, tables.LOCK, 1)
             self.registers.settle_unanswered(servo_id, tables.RESPONSE_LEVEL, tables.ANSWER_EVERYTHING)
             self.registers.settle(servo_id, tables.TORQUE_ENABLE, 0)
-        looked_at = [(servo, self.identify_one(servo)) for servo in self._settings.turning]
-        for servo, found in looked_at:
-            trouble = identity_trouble(servo, found)
-            if trouble:
+        identities = [(servo, self.identify_servo(servo)) for servo in self._settings.turning]
+        for servo, identity in identities:
+            if trouble := identity_trouble(servo, identity):
                 raise DeviceError(f"servo {servo.id}: {trouble}")
 
-    def identify_one(self, servo: FeetechServo) -> ServoIdentity:
-        """What a servo says of itself. DeviceError: it is another model, or counts over several turns."""
+    def identify_servo(self, servo: FeetechServo) -> ServoIdentity:
+        """Ask a servo for its identity.
+
+        Args:
+            servo: What the robot file says of it.
+
+        Raises:
+            DeviceError: It is another model, or counts otherwise than is needed here.
+        """
         read, servo_id = self.registers.read, servo.id
         number = read(servo_id, tables.MODEL_NUMBER)
         if number != servo.servo_model.number:
             raise DeviceError(
                 f"servo {servo_id} is a {model_name(number)}, the robot file says {servo.model}"
             )
-        if read(servo_id, tables.PHASE) & tables.SEVERAL_TURNS:
-            raise DeviceError(f"servo {servo_id} counts over several turns: clear bit 4 of its phase (18)")
+        if trouble := tables.phase_trouble(read(servo_id, tables.PHASE)):
+            raise DeviceError(f"servo {servo_id} {trouble}")
         firmware = read(servo_id, tables.FIRMWARE)
         limits_v = (read(servo_id, tables.MIN_VOLTAGE), read(servo_id, tables.MAX_VOLTAGE))
         return ServoIdentity(
@@ -99,16 +111,17 @@ class FeetechLine(ServoLine):
             firmware=f"{firmware & 0xFF}.{firmware >> 8}",
             voltage_v=0.1 * read(servo_id, tables.PRESENT_VOLTAGE),
             voltage_limits_v=(0.1 * limits_v[0], 0.1 * limits_v[1]),
-            temperature_c=float(read(servo_id, tables.PRESENT_TEMPERATURE)),
+            temperature_c=read(servo_id, tables.PRESENT_TEMPERATURE),
+            temperature_limit_c=read(servo_id, tables.MAX_TEMPERATURE),
             homing_offset=read(servo_id, tables.HOMING_OFFSET),
         )
 
     def prepare(self) -> None:
         """See `ServoLine.prepare`; every servo is to follow its goal by the plain law."""
-        settle, own = self.registers.settle, self._settings
-        for servo_id in own.ids:
+        settle = self.registers.settle
+        for servo_id in self.ids:
             settle(servo_id, tables.TORQUE_ENABLE, 0)
-            for register, value in (*_PLAIN_LAW, (tables.P_GAIN, own.p_gain)):
+            for register, value in (*_PLAIN_LAW, (tables.P_GAIN, self._settings.p_gain)):
                 settle(servo_id, register, value)
             settle(servo_id, tables.TORQUE_LIMIT, self.torque_limits[servo_id])
 
@@ -118,20 +131,27 @@ class FeetechLine(ServoLine):
         DeviceError: a servo refused, or has an error.
         """
         registers, goals = self.registers, {}
-        for servo_id in self._settings.ids:
+        for servo_id in self.ids:
             goals[servo_id] = registers.read(servo_id, tables.PRESENT_POSITION)
             registers.settle(servo_id, tables.GOAL_POSITION, goals[servo_id])
-        for servo_id in self._settings.ids:
+        for servo_id in self.ids:
             registers.settle(servo_id, tables.TORQUE_ENABLE, 1)
         return goals
 
 
-def identity_trouble(servo: FeetechServo, found: ServoIdentity) -> str | None:
-    """Why a servo does not fit the robot file, or None."""
-    nominal_v = servo.servo_model.voltage_v
-    low_v, high_v = found.voltage_limits_v
-    if not max(low_v, (1 - _VOLTAGE_SHARE) * nominal_v) <= found.voltage_v <= high_v or (
-        found.voltage_v > (1 + _VOLTAGE_SHARE) * nominal_v
-    ):
-        return f"is supplied with {found.voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
-    return servo.homing_trouble(found.homing_offset)
+def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None:
+    """Say why a servo does not fit the robot file, or None.
+
+    Args:
+        servo: What the robot file says of it.
+        identity: What it says of itself.
+    """
+    nominal_v, voltage_v = servo.servo_model.voltage_v, identity.voltage_v
+    low_v, high_v = identity.voltage_limits_v
+    low_v, high_v = (
+        max(low_v, (1 - _VOLTAGE_SHARE) * nominal_v),
+        min(high_v, (1 + _VOLTAGE_SHARE) * nominal_v),
+    )
+    if not low_v <= voltage_v <= high_v:
+        return f"is supplied with {voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
+    return servo.homing_trouble(identity.homing_offset)

@@ -5,9 +5,9 @@ position error e, with P the register "P coefficient":
 
     duty = 0.166 P e [1/rad],    torque = stall (duty - speed / no-load speed)
 
-Sources: Feetech, memory table of the SMS/STS series (addresses, units, sign bits) and data sheets of STS3215
-(stall torque, no-load speed); the gain of the position error was measured by Rhoban ("BAM", feetech actuator,
-with an oscilloscope).
+Sources: Feetech, memory table of the SMS/STS series (addresses, units, sign bits, bits of the phase) and data
+sheets of STS3215 (stall torque, no-load speed); the gain of the position error was measured by Rhoban ("BAM",
+feetech actuator, with an oscilloscope).
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,10 @@ RETURN_DELAY: Final = Register("return delay time", 7, 1)  # 2 us
 RESPONSE_LEVEL: Final = Register("response status level", 8, 1)  # 1: answers everything
 MIN_POSITION: Final = Register("min position limit", 9, 2)
 MAX_POSITION: Final = Register("max position limit", 11, 2)
+MAX_TEMPERATURE: Final = Register("max temperature limit", 13, 1)  # degrees Celsius
 MAX_VOLTAGE: Final = Register("max voltage limit", 14, 1)  # 0.1 V
 MIN_VOLTAGE: Final = Register("min voltage limit", 15, 1)  # 0.1 V
-PHASE: Final = Register("phase", 18, 1)  # bit 4: the position counts over several turns
+PHASE: Final = Register("phase", 18, 1)  # bits that say how it counts; 12 as delivered
 P_GAIN: Final = Register("P coefficient", 21, 1)
 D_GAIN: Final = Register("D coefficient", 22, 1)
 I_GAIN: Final = Register("I coefficient", 23, 1)
@@ -52,13 +53,28 @@ STATUS: Final = Register("status", 65, 1)  # error bits, as in the error byte of
 
 POSITION_CONTROL: Final = 0  # operating mode
 ANSWER_EVERYTHING: Final = 1
-SEVERAL_TURNS: Final = 0x10  # of the phase
-LARGEST_LIMIT: Final = 1000  # torque limit
+# Torque limit: a servo that restarts sets it to 1000, as delivered, so that the restart shows.
+LARGEST_LIMIT: Final = 999
+
+# Bits of the phase, what each must be, and what it does otherwise.
+_PHASE_BITS = (
+    (2, 1, "shows speeds in steps of 50 counts/s"),
+    (3, 1, "stands still at a goal speed of 0, which is to mean any speed"),
+    (4, 0, "counts over several turns"),
+)
 
 COUNTS_PER_REVOLUTION: Final = 4096
 POSITION_STEP_RAD: Final = 2.0 * pi / COUNTS_PER_REVOLUTION
 DUTY_PER_LOAD: Final = 1e-3
 DUTY_PER_RAD: Final = 0.166  # times the P coefficient
+
+
+def phase_trouble(value: int) -> str | None:
+    """Say why a servo with this phase cannot be used, or None if it can."""
+    for bit, needed, trouble in _PHASE_BITS:
+        if value >> bit & 1 != needed:
+            return f"{trouble}: {'set' if needed else 'clear'} bit {bit} of its phase (18)"
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +100,6 @@ MODELS: Final = {
 
 
 def model_name(number: int) -> str:
-    """What a model number means, for messages."""
+    """Say what a model number means, for messages."""
     names = [model.name for model in MODELS.values() if model.number == number]
     return " or ".join(names) or f"model number {number}"

@@ -7,29 +7,74 @@ from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.serial_port import SerialPort
 
 _PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
+_SECOND_S = 3e-3  # after an answer: a second servo with the same id has answered too by then
 _PACKET = 12  # bytes of a packet around its data, at most
 
 
 class RegisterAccess:
-    """Reads and writes registers, by any servo protocol."""
+    """Reads and writes registers, by any servo protocol.
+
+    Args:
+        dialect: The protocol.
+        port: Port of the line; it may be opened later.
+        clock: Clock of the deadlines.
+    """
 
     def __init__(self, dialect: Dialect, port: SerialPort, clock: Clock) -> None:
         self._dialect, self._port, self._clock = dialect, port, clock
         self._alert = False  # of the last value that was read
 
     def ping(self, servo_id: int, size: int = 0) -> bytes:
-        """What a servo says to a ping, `size` bytes.
+        """Ask a servo who it is.
 
-        DeviceTimeoutError: nobody answers; DeviceError: the port failed, or the servo refused.
+        Args:
+            servo_id: Which servo.
+            size: Number of bytes of its answer.
+
+        Raises:
+            DeviceTimeoutError: Nobody answers.
+            DeviceError: The port failed, or the servo refused.
         """
         packet = self._ask(servo_id, self._dialect.ping(servo_id), size)
         self._check(packet, "ping")
         return packet.data
 
-    def read(self, servo_id: int, register: Register) -> int:
-        """The value of a register.
+    def count_answers(self, servo_id: int, size: int = 0) -> tuple[int, int]:
+        """Count the answers to one ping, which are two where two servos have the same id.
 
-        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused.
+        Args:
+            servo_id: Which servo.
+            size: Number of bytes of an answer.
+
+        Returns:
+            Number of answers, and of damaged ones: two servos that answer at once spoil each other's.
+
+        Raises:
+            DeviceError: The port failed.
+        """
+        request, answers = self._dialect.ping(servo_id), 0
+        self._port.read_all()
+        reader = self._dialect.packet_reader(request)
+        self._port.write(request)
+        deadline_s = self._deadline_s(request, size)
+        while self._clock.now_s() < deadline_s:
+            packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
+            new = sum(packet.servo_id == servo_id and len(packet.data) == size for packet in packets)
+            if new and not answers:
+                deadline_s = min(deadline_s, self._clock.now_s() + _SECOND_S)
+            answers += new
+        return answers, reader.rejected
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """Read a register.
+
+        Args:
+            servo_id: Which servo.
+            register: Which of its registers.
+
+        Raises:
+            DeviceTimeoutError: No answer.
+            DeviceError: The port failed, or the servo refused.
         """
         packet = self._read(servo_id, register)
         self._check(packet, f"reading {register.name}")
@@ -37,46 +82,57 @@ class RegisterAccess:
         return register.decode(packet.data)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register; the servo says that it has.
+        """Set a register, and wait until the servo says that it has.
 
-        DeviceTimeoutError: no answer; DeviceError: the port failed, or the servo refused, with its hardware
-        error if it has one.
+        Args:
+            servo_id: Which servo.
+            register: Which of its registers.
+            value: New value, in the servo's unit.
+
+        Raises:
+            DeviceTimeoutError: No answer.
+            DeviceError: The port failed, or the servo refused, with its hardware error if it has one.
         """
         self.write_bytes(servo_id, register.address, register.encode(value), f"setting {register.name}")
 
     def write_bytes(self, servo_id: int, address: int, data: bytes, what: str) -> None:
-        """Set bytes in a row; `what` is for the error. DeviceError: as `write`."""
+        """Set bytes from `address` on; `what` is for the error. DeviceError: as `write`."""
         packet = self._ask(servo_id, self._dialect.write(servo_id, address, data), 0)
         self._check(packet, what)
 
     def settle(self, servo_id: int, register: Register, value: int, *, keeps: bool = False) -> None:
-        """Set a register and read it back; one that keeps its value without power is only set if it differs.
+        """Set a register, and read it back.
 
-        DeviceError: as `write`, or it has another value afterwards.
+        Args:
+            servo_id: Which servo.
+            register: Which of its registers.
+            value: New value, in the servo's unit.
+            keeps: Whether it keeps its value without power, in a memory that wears out with each writing; it
+                is then only set if it differs.
+
+        Raises:
+            DeviceError: As `write`, or it has another value afterwards.
         """
         if keeps and self.read(servo_id, register) == value:
-            return  # its memory wears out with each writing
+            return
         self.write(servo_id, register, value)
         self._confirm(servo_id, register, value)
 
     def settle_unanswered(self, servo_id: int, register: Register, value: int) -> None:
-        """Set a register of a servo that may not answer to writing, and read it back.
-
-        DeviceError: as `settle`.
-        """
+        """Set a register of a servo that may not answer to writing, and read it back; see `settle`."""
         self._port.write(self._dialect.write(servo_id, register.address, register.encode(value)))
         self._confirm(servo_id, register, value)
 
     def why_alert(self, servo_id: int) -> str:
-        """What is behind the alert bit of a servo's answers; for the end of a message."""
+        """Say what is behind the alert bit of a servo's answers; for the end of a message."""
         return ""
 
     def _confirm(self, servo_id: int, register: Register, value: int) -> None:
-        found = self.read(servo_id, register)
-        if found != value:
+        shown = self.read(servo_id, register)
+        if shown != value:
             why = self.why_alert(servo_id) if self._alert else ""
             raise DeviceError(
-                f"servo {servo_id}: {register.name} is {found} after it was set to {value}{why}"
+                f"servo {servo_id}: {register.name} is {shown} after it was set to {value}{why}"
             )
 
     def _read(self, servo_id: int, register: Register) -> Packet:
@@ -87,8 +143,7 @@ class RegisterAccess:
         self._port.read_all()
         reader = self._dialect.packet_reader(request)
         self._port.write(request)
-        wire_s = self._port.duration_s(len(request) + _PACKET + size)
-        deadline_s = self._clock.now_s() + wire_s + _PATIENCE_S
+        deadline_s = self._deadline_s(request, size)
         while True:
             packets: list[Packet] = reader.feed(self._port.wait(deadline_s))
             for packet in packets:
@@ -97,6 +152,9 @@ class RegisterAccess:
             if self._clock.now_s() >= deadline_s:
                 damaged = f" ({reader.rejected} damaged answers)" if reader.rejected else ""
                 raise DeviceTimeoutError(f"servo {servo_id}: no answer{damaged}")
+
+    def _deadline_s(self, request: bytes, size: int) -> float:
+        return self._clock.now_s() + self._port.duration_s(len(request) + _PACKET + size) + _PATIENCE_S
 
     def _check(self, packet: Packet, what: str) -> None:
         if not packet.refusal:

@@ -1,15 +1,19 @@
 """A bus of servos: one sync read and one sync write in each tick; counts become SI units here."""
 
+import struct
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
+from math import isnan
 from typing import Any
 
 import numpy as np
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import JointBus
+from robot_io.drivers.bus_devices import JointBus, check_one_per_joint
+from robot_io.drivers.servo.examination import examine_line
 from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.joints import ServoJoints, ServoSample, middle_of
+from robot_io.drivers.servo.joints import ServoJoints, ServoSample
 from robot_io.drivers.servo.line import ServoLine
 from robot_io.drivers.servo.pairs import ServoPairs
 from robot_io.drivers.servo.settings import ServoBusSettings
@@ -22,16 +26,25 @@ from robot_io.types import FloatArray, Reading, Status
 class ServoBus(JointBus, Examinable):
     """Servos on one half-duplex line, one or two per joint; a maker's bus adds what is its own.
 
+    Args:
+        settings: What the robot file says.
+        steps: What one count of each of the m servos that turn joints is along the joint axes, shape (3, m):
+            position [rad], velocity [rad/s] and torque [N m].
+        context: What a driver is given.
+
     Attributes:
-        sample: what the last sync read brought that was answered by all, or None before the first.
+        sample: What the last sync read brought that was answered by all, or None before the first.
     """
 
     def __init__(self, settings: ServoBusSettings[Any], steps: FloatArray, context: DriverContext) -> None:
+        check_one_per_joint(context, len(settings.servos), "servos")
         limits = context.robot_file.limits
+        self._settings = settings
         self._port = SerialPort(settings.port, settings.baud_rate, context.clock)
         self._ids, self._labels = [servo.id for servo in settings.turning], settings.labels
         self._pairs = ServoPairs(settings, limits)
-        middle_rad = middle_of(limits.position_min_rad, limits.position_max_rad, len(settings.servos))
+        ends_rad = zip(limits.position_min_rad, limits.position_max_rad, strict=True)
+        middle_rad = [0.5 * (low + high) for low, high in ends_rad]
         self._joints = ServoJoints(settings.turning, self._pairs, middle_rad, steps)
         self._clock = context.clock
         self._reader: FeedbackReader[Any] | None = None
@@ -42,14 +55,15 @@ class ServoBus(JointBus, Examinable):
         self.sample: ServoSample | None = None
         unknown = Reading(np.full(self.joint_count, np.nan), -np.inf, Status.STALE)
         self.position = self.velocity = self.torque = unknown
+        self._goal_fields = [field for servo_id in self._ids for field in (servo_id, 0)]
 
     # What a maker adds.
 
     _line: ServoLine
 
     @abstractmethod
-    def _examine_servos(self) -> list[Finding]:
-        """What each servo says of itself. DeviceError: the port failed."""
+    def _examine_servo(self, servo_id: int, label: str) -> list[Finding]:
+        """What a servo that answers says of itself. DeviceError: it answers no more, or the port failed."""
 
     @abstractmethod
     def _prepare_feedback(self) -> FeedbackReader[Any]:
@@ -60,12 +74,16 @@ class ServoBus(JointBus, Examinable):
         """Position, velocity and torque of all servos that turn joints, shape (3, m)."""
 
     @abstractmethod
+    def _is_well(self, feedback: Sequence[Any]) -> bool:
+        """Whether all servos are as they were told to be, and without errors; decides in most ticks."""
+
+    @abstractmethod
     def _problem(self, feedback: Sequence[Any]) -> str | None:
         """Why some of the feedback cannot be trusted at all, or None."""
 
     @abstractmethod
-    def _goals(self, torque_nm: FloatArray) -> tuple[bytes, FloatArray]:
-        """The sync write for joint torques (n) [N m], and what they become (n) [N m]."""
+    def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
+        """Goals of the servos that turn joints (m) for joint torques (n) [N m], and what these become."""
 
     # What is common.
 
@@ -91,7 +109,8 @@ class ServoBus(JointBus, Examinable):
 
     def examine(self) -> tuple[Finding, ...]:
         """See `Examinable.examine`; also how far the two servos of a joint stand apart."""
-        return (*self._examine_servos(), *self._examine_pairs())
+        findings = examine_line(self._settings, self._line, self._examine_servo)
+        return (*findings, *self._examine_pairs())
 
     def _examine_pairs(self) -> list[Finding]:
         try:
@@ -107,8 +126,7 @@ class ServoBus(JointBus, Examinable):
         """See `Examinable.tick_wire_s`: one sync read with its answers, and one sync write."""
         if self._reader is None:
             return None
-        goal = self._line.goal
-        goals = self._line.dialect.sync_write(goal.address, dict.fromkeys(self._ids, bytes(goal.size)))
+        goals = self._sync_write([0] * len(self._ids))
         return self._port.duration_s(self._reader.byte_count + len(goals))
 
     def poll(self, deadline_s: float) -> None:
@@ -120,27 +138,29 @@ class ServoBus(JointBus, Examinable):
         if self._reader is None:
             raise LifecycleError("the servos can be read from configure to close")
         feedback, asked_at_s = self._reader.read(deadline_s)
-        problem = self._problem(feedback)
-        if problem:
-            raise DeviceError(problem)
+        complaint = "" if self._is_well(feedback) else self._complaints(feedback)
         motion = self._motion(feedback)
-        problem = self._pairs.disagreement(motion[0])
-        if problem:
-            raise DeviceError(problem)
-        strife = self._pairs.strife(motion[2], asked_at_s)
-        hardware = self._hardware_problem(feedback) or strife
+        position_rad, velocity_rad_s, torque_nm = motion
+        if disagreement := self._pairs.disagreement(position_rad):
+            raise DeviceError(disagreement)
+        complaint = complaint or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
         position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
         self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
         self.position = Reading(position_rad, asked_at_s)
         self.velocity = Reading(velocity_rad_s, asked_at_s)
-        self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if hardware else Status.OK)
-        if hardware:
-            raise DeviceError(hardware)
+        self.torque = Reading(torque_nm, asked_at_s, Status.FAULT if complaint else Status.OK)
+        if complaint:
+            raise DeviceError(complaint)
 
-    def _hardware_problem(self, feedback: Sequence[Any]) -> str:
-        """Which servos say that something is wrong with them, or nothing; their positions are sound."""
-        said = zip(self._labels, feedback, strict=True)
-        return "; ".join(f"{label}: {servo.complaint}" for label, servo in said if servo.complaint)
+    def _complaints(self, feedback: Sequence[Any]) -> str:
+        """Which servos say that something is wrong with them; their positions are sound.
+
+        DeviceError: the feedback cannot be trusted at all.
+        """
+        if problem := self._problem(feedback):
+            raise DeviceError(problem)
+        servos = zip(self._labels, feedback, strict=True)
+        return "; ".join(f"{label}: {servo.complaint}" for label, servo in servos if servo.complaint)
 
     def _motion(self, feedback: Sequence[Any]) -> FloatArray:
         """Positions [rad], velocities [rad/s] and torques [N m] of the servos along the joint axes (3, m)."""
@@ -154,10 +174,23 @@ class ServoBus(JointBus, Examinable):
         """See `JointBus.stage`. InputError: a torque is not a number."""
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
-        if np.isnan(torque_nm).any():
+        wanted_nm = np.asarray(torque_nm, dtype=np.float64).tolist()
+        if any(map(isnan, wanted_nm)):
             raise InputError("a motor command is not a number")
-        self._staged, torque_nm = self._goals(np.asarray(torque_nm, dtype=np.float64))
-        return torque_nm
+        goals, sent_nm = self._goals(wanted_nm)
+        self._staged = self._sync_write(goals)
+        return sent_nm
+
+    @cached_property
+    def _goal_layout(self) -> struct.Struct:
+        return struct.Struct("<" + len(self._ids) * ("Bh" if self._line.goal.signed else "BH"))
+
+    def _sync_write(self, goals: list[int]) -> bytes:
+        """The packet that sends a goal to each servo that turns a joint (m)."""
+        goal = self._line.goal
+        self._goal_fields[1::2] = goals
+        block = self._goal_layout.pack(*self._goal_fields)
+        return self._line.dialect.sync_write_block(goal.address, goal.size, block)
 
     def flush(self, deadline_s: float) -> None:
         """See `Bus.flush`; nobody answers, but the next poll shows whether the servos still obey."""

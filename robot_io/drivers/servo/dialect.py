@@ -30,16 +30,22 @@ class Dialect(Protocol):
     """Instructions as bytes, and what finds the answers to them."""
 
     def ping(self, servo_id: int) -> bytes:
-        """Who are you?"""
+        """Ask one servo who it is."""
+
+    def ping_all(self) -> bytes:
+        """Ask who is on the line; each servo answers after those with smaller ids."""
 
     def read(self, servo_id: int, address: int, size: int) -> bytes:
-        """Read bytes in a row."""
+        """Read `size` bytes from `address` on."""
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        """Write bytes in a row."""
+        """Write bytes from `address` on."""
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
-        """Write at the same address of several servos; nobody answers."""
+        """Write at the same address of several servos, each its own bytes; nobody answers."""
+
+    def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
+        """Do the same with a block of servo ids, each followed by the `size` bytes for that servo."""
 
     def packet_reader(self, request: bytes) -> PacketStream[Any]:
-        """What finds the answers to a request, and not its echo."""
+        """Make what finds the answers to a request, and not its echo."""

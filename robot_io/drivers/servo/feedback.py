@@ -16,13 +16,13 @@ FeedbackType = TypeVar("FeedbackType")
 _LATEST_S = 0.1  # no answer comes later than this after its request: USB adapters hold bytes for 16 ms
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Request:
-    """A way to ask. `asked_at_s` is when it was sent, None once it is answered [s]."""
+    """A way to ask all servos. `asked_at_s` is when it was sent [s], minus infinity once it is answered."""
 
     packet: bytes  # what is sent
     size: int  # bytes asked of each servo
-    asked_at_s: float | None = None
+    asked_at_s: float = -inf
     answers: dict[int, Packet] = field(default_factory=dict)  # by servo id
 
 
@@ -35,13 +35,13 @@ class FeedbackReader(Generic[FeedbackType]):
     asked until an answer comes or the oldest request is 0.1 s old.
 
     Args:
-        port: an open port.
-        clock: what deadlines are on.
-        servo_ids: who is asked, in this order.
-        asking: what is sent for each number of bytes that can be asked of each servo, the least one first.
-        packets: finds packets in what comes.
-        decode: makes feedback of one; ProtocolError: it cannot be read.
-        around: bytes of an answer around its data.
+        port: An open port.
+        clock: Clock of the deadlines.
+        servo_ids: Servos that are asked, in this order.
+        asking: What is sent for each number of bytes that can be asked of each servo, the least one first.
+        packets: Finds packets in the received bytes.
+        decode: Makes feedback of one packet; ProtocolError: it cannot be read.
+        around: Number of bytes of an answer around its data.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class FeedbackReader(Generic[FeedbackType]):
         *,
         asking: Mapping[int, bytes],
         packets: PacketStream[Any],
-        decode: Callable[[Packet], FeedbackType],
+        decode: Callable[[Any], FeedbackType],
         around: int,
     ) -> None:
         self._port, self._clock, self._ids = port, clock, tuple(servo_ids)
@@ -64,60 +64,72 @@ class FeedbackReader(Generic[FeedbackType]):
 
     @property
     def byte_count(self) -> int:
-        """Bytes of one request and its answers, nothing stuffed."""
+        """Number of bytes of one request and its answers, nothing stuffed."""
         least = next(iter(self._requests.values()))
         return len(least.packet) + self._answer_size(least.size)
 
     def _answer_size(self, size: int) -> int:
-        """Bytes of all answers to a request for `size` bytes."""
+        """Number of bytes of all answers to a request for `size` bytes."""
         return len(self._ids) * (self._around + size)
 
     def read(self, deadline_s: float) -> tuple[list[FeedbackType], float]:
-        """The newest feedback of all servos in their order, and when they were asked for it [s].
+        """Ask all servos, and wait for their answers.
 
-        They sample when the request has reached them, so the time is a little too early, never too late.
+        Args:
+            deadline_s: When to give up on the robot's clock [s].
 
-        DeviceTimeoutError: no complete answer came before `deadline_s`, with the silent servo's id;
-        DeviceError: the port failed.
+        Returns:
+            The newest feedback of all servos in their order, and when they were asked for it [s]. They sample
+            when the request has reached them, so the time is a little too early, never too late.
+
+        Raises:
+            DeviceTimeoutError: No complete answer came before the deadline; names the silent servo's id.
+            DeviceError: The port failed.
         """
-        if self._clock.now_s() >= deadline_s:
+        now_s = self._clock.now_s()
+        if now_s >= deadline_s:
             raise DeviceTimeoutError("no time left to ask the servos")
-        self._problem = ""
+        newest = None
         came = self._port.read_all()
-        newest = self._newest(came)
         if came:  # unasked, or late: what is asked now must differ from it
+            newest = self._newest(came)
             self._in_turn.append(self._in_turn.pop(0))
-        asked = self._ask()
-        self._asked = asked or self._asked
-        asked_at_s = -inf if asked is None or asked.asked_at_s is None else asked.asked_at_s
-        while newest is None or newest[1] < asked_at_s:
+        self._problem = ""
+        asked_at_s = self._ask(now_s)
+        is_waiting = newest is None or newest[1] < asked_at_s
+        while is_waiting:
             newest = self._newest(self._port.wait(deadline_s)) or newest
-            if self._problem or self._clock.now_s() >= deadline_s:
+            is_waiting = newest is None or newest[1] < asked_at_s
+            if self._problem or (is_waiting and self._clock.now_s() >= deadline_s):
                 break
-        if asked is not None and asked.asked_at_s is not None:
-            self._in_turn.append(self._in_turn.pop(self._in_turn.index(asked)))
+        if (
+            self._asked.asked_at_s > -inf
+        ):  # its answer may still come: its length is the last to be used again
+            self._in_turn.remove(self._asked)
+            self._in_turn.append(self._asked)
         if newest is None:
             raise DeviceTimeoutError(self._problem or self._silence(self._asked))
         return newest
 
-    def _ask(self) -> Request | None:
-        """Send the next request whose length no unanswered one has."""
-        now_s = self._clock.now_s()
+    def _ask(self, now_s: float) -> float:
+        """Send the next request whose length no unanswered one has; when it was sent, or minus infinity."""
         for request in self._in_turn:
-            if request.asked_at_s is None or now_s - request.asked_at_s > _LATEST_S:
-                request.asked_at_s, request.answers = now_s, {}
+            if now_s - request.asked_at_s > _LATEST_S:
+                request.asked_at_s = now_s
+                request.answers.clear()
                 self._port.write(request.packet)
-                return request
-        return None
+                self._asked = request
+                return now_s
+        return -inf
 
     def _newest(self, data: bytes) -> tuple[list[FeedbackType], float] | None:
         """The last complete answer that ends in `data`, and when it was asked for [s]."""
         newest = None
         for request, packets in self._answers(data):
-            if request.asked_at_s is None:
+            if request.asked_at_s == -inf:
                 continue  # a second answer
             try:
-                newest = [self._decode(packet) for packet in packets], request.asked_at_s
+                newest = list(map(self._decode, packets)), request.asked_at_s
             except ProtocolError as error:
                 self._problem = str(error)
             self._forget_up_to(request.asked_at_s)
@@ -126,8 +138,8 @@ class FeedbackReader(Generic[FeedbackType]):
     def _forget_up_to(self, asked_at_s: float) -> None:
         """Answers come in the order of the requests: those to this one and to earlier ones are over."""
         for request in self._in_turn:
-            if request.asked_at_s is not None and request.asked_at_s <= asked_at_s:
-                request.asked_at_s = None
+            if request.asked_at_s <= asked_at_s:
+                request.asked_at_s = -inf
 
     def _oldest_open(self, servo_id: int | None = None) -> Request | None:
         """The first request that is not answered, by this servo if one is given.
@@ -137,7 +149,7 @@ class FeedbackReader(Generic[FeedbackType]):
         still_open = [
             (request.asked_at_s, size)
             for size, request in self._requests.items()
-            if request.asked_at_s is not None and servo_id not in request.answers
+            if request.asked_at_s > -inf and servo_id not in request.answers
         ]
         return self._requests[min(still_open)[1]] if still_open else None
 

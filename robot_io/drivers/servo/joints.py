@@ -28,20 +28,25 @@ class ServoJoints:
 
     A servo may count over several turns, but starts within one after power-up. `choose_turns` settles which
     turn of the joint that is; from then on the angle is continuous. Positions more than half a turn away from
-    the middle of a joint's range, `middle_rad` (n) [rad], are not told apart.
+    the middle of a joint's range are not told apart.
 
-    `steps` is what one count of all servos that turn joints is along the joint axes, shape (3, m): position
-    [rad], velocity [rad/s] and torque [N m].
+    Args:
+        mountings: How the servos that turn joints sit on them (m).
+        pairs: Which of them turn a joint together.
+        middle_rad: Middle of each joint's range (n) [rad].
+        steps: What one count of each servo is along the joint axes, shape (3, m): position [rad], velocity
+            [rad/s] and torque [N m].
     """
 
     def __init__(
         self,
         mountings: Sequence[ServoMounting],
         pairs: ServoPairs,
-        middle_rad: FloatArray,
+        middle_rad: Sequence[float],
         steps: FloatArray,
     ) -> None:
-        self._pairs, self._middle_rad, self.steps = pairs, pairs.of_servos(middle_rad), steps
+        self._pairs, self.steps = pairs, steps
+        self._middle_rad = np.array(pairs.of_servos(middle_rad))
         self._zero_rad = np.array([servo.zero_rad for servo in mountings])
         self._offsets = np.zeros_like(steps)
 
@@ -49,17 +54,24 @@ class ServoJoints:
         """Take the servos to be in the turn nearest to the middle of their joints' range.
 
         The second servo of a joint is in the turn that is nearest to the first.
+
+        Args:
+            counts: Counts of position, velocity and torque, shape (3, m).
         """
         self._offsets[0] = self._zero_rad
         shown_rad = self.motion(counts)[0]
         turned_rad = shown_rad + _whole_turns(self._middle_rad - shown_rad)
-        first_rad = self._pairs.of_servos(turned_rad[: self._pairs.joint_count])
+        first_rad = np.array(self._pairs.of_servos(turned_rad[: self._pairs.joint_count]))
         self._offsets[0] += _whole_turns(first_rad - shown_rad)
 
     def motion(self, counts: Sequence[Sequence[int]]) -> FloatArray:
-        """Positions [rad], velocities [rad/s] and torques [N m] of counts; shape (3, m), both.
+        """Convert counts; all at once, as this runs in every tick.
 
-        Converted at once, as this runs in every tick.
+        Args:
+            counts: Counts of position, velocity and torque, shape (3, m).
+
+        Returns:
+            Positions [rad], velocities [rad/s] and torques [N m] along the joint axes, shape (3, m).
         """
         values: FloatArray = np.array(counts, dtype=np.float64)
         values *= self.steps
@@ -77,8 +89,3 @@ def _whole_turns(angle_rad: FloatArray) -> FloatArray:
     """The whole turns nearest to angles [rad]."""
     turns: FloatArray = _TURN_RAD * np.round(angle_rad / _TURN_RAD)
     return turns
-
-
-def middle_of(low_rad: Sequence[float], high_rad: Sequence[float], count: int) -> FloatArray:
-    """The middle of joint ranges, for `count` servos [rad]."""
-    return np.resize(0.5 * (np.array(low_rad) + np.array(high_rad)), count)

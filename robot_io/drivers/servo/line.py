@@ -1,29 +1,56 @@
 """The servos of one line as a whole: who is there, and torque on and off."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any, ClassVar, NamedTuple
 
+from robot_io.clock import Clock
 from robot_io.drivers.servo.access import RegisterAccess
 from robot_io.drivers.servo.dialect import Dialect
 from robot_io.drivers.servo.register import Register
-from robot_io.errors import DeviceError, DeviceTimeoutError
+from robot_io.drivers.servo.settings import ServoBusSettings
+from robot_io.errors import DeviceError
 from robot_io.serial_port import SerialPort
 
 _SWITCH_OFF_ATTEMPTS = 3
+TWO_SERVOS = "two servos have this id: connect one of them alone, and give it another"
+
+
+class Survey(NamedTuple):
+    """Who answers on a line."""
+
+    answers: Counter[int]  # number of answers by id; more than one where several servos have it
+    damaged: tuple[int, ...]  # ids from which nothing but damaged answers came
+
+
+def listed(ids: Iterable[int]) -> str:
+    """Join ids for a message."""
+    return ", ".join(map(str, ids))
 
 
 class ServoLine(ABC):
-    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own."""
+    """Sets servos up and switches them, which may take milliseconds. A maker's adds what is its own.
+
+    Args:
+        settings: What the robot file says.
+        registers: Access to single servos on `port`.
+        port: Port of the line; it may be opened later.
+        clock: Clock of the deadlines.
+    """
 
     dialect: ClassVar[Dialect]
     torque_enable: ClassVar[Register]  # 0 is off
     present_position: ClassVar[Register]
     goal: ClassVar[Register]  # what is written in each tick
     ping_size: ClassVar[int]  # bytes of what a servo says to a ping
+    ping_all_s: ClassVar[float]  # until all ids have answered to a ping of all [s]
 
-    def __init__(self, port: SerialPort, registers: RegisterAccess, servo_ids: Sequence[int]) -> None:
-        self._port, self.registers, self._ids = port, registers, servo_ids
+    def __init__(
+        self, settings: ServoBusSettings[Any], registers: RegisterAccess, port: SerialPort, clock: Clock
+    ) -> None:
+        self._settings, self.registers, self.port, self.clock = settings, registers, port, clock
+        self.ids = settings.ids
 
     @property
     @abstractmethod
@@ -43,11 +70,11 @@ class ServoLine(ABC):
 
     def switch_off(self) -> None:
         """Torque off, asked of every servo until it says so. DeviceError: some did not say so, by id."""
-        still_on, problem = list(self._ids), ""
+        still_on, problem = list(self.ids), ""
         off = self.torque_enable.encode(0)
         for _ in range(_SWITCH_OFF_ATTEMPTS):
             told = dict.fromkeys(still_on, off)
-            self._port.write(self.dialect.sync_write(self.torque_enable.address, told))
+            self.port.write(self.dialect.sync_write(self.torque_enable.address, told))
             failures = [(servo_id, self._why_still_on(servo_id)) for servo_id in still_on]
             still_on = [servo_id for servo_id, failure in failures if failure]
             problem = "; ".join(failure for _, failure in failures if failure)
@@ -55,28 +82,41 @@ class ServoLine(ABC):
                 return
         raise DeviceError(f"torque not known to be off: {problem}; {self.last_resort}")
 
-    def _check_all_there(self, baud_rate: int) -> None:
-        """Ping everybody. DeviceError: somebody does not answer; with all who do not, and all who do."""
-        missing = [servo_id for servo_id in self._ids if not self._is_there(servo_id)]
-        if missing:
-            there = ", ".join(str(servo_id) for servo_id in self._ids if servo_id not in missing) or "none"
-            raise DeviceError(
-                f"no answer from servo {', '.join(map(str, missing))} at {baud_rate} bit/s "
-                f"(answering: {there}): check power, cable, id and baud rate"
-            )
+    def survey(self, registers: RegisterAccess) -> Survey:
+        """Ping each servo of the settings by itself.
 
-    def _is_there(self, servo_id: int) -> bool:
-        try:
-            self.registers.ping(servo_id, self.ping_size)
-        except DeviceTimeoutError:
-            return False
-        return True
+        Args:
+            registers: Access to the line, perhaps at another baud rate than that of the settings.
+
+        Raises:
+            DeviceError: The port failed.
+        """
+        counts = {servo_id: registers.count_answers(servo_id, self.ping_size) for servo_id in self.ids}
+        damaged = tuple(servo_id for servo_id, (answers, bad) in counts.items() if bad and not answers)
+        return Survey(Counter({servo_id: answers for servo_id, (answers, _) in counts.items()}), damaged)
+
+    def _check_all_there(self) -> None:
+        """Ping everybody. DeviceError: somebody does not answer, or answers twice; with all who do not."""
+        answers, damaged = self.survey(self.registers)
+        missing = [servo_id for servo_id in self.ids if not answers[servo_id]]
+        if missing:
+            there = listed(+answers) or "none"
+            why = "check power, cable, id and baud rate"
+            if damaged:
+                why = f"damaged answers from servo {listed(damaged)}: do two servos have this id?"
+            raise DeviceError(
+                f"no answer from servo {listed(missing)} at {self._settings.baud_rate} bit/s "
+                f"(answering: {there}): {why}"
+            )
+        for servo_id in self.ids:
+            if answers[servo_id] > 1:
+                raise DeviceError(f"servo {servo_id} answers twice: {TWO_SERVOS}")
 
     def _why_still_on(self, servo_id: int) -> str | None:
         try:
             on = self.registers.read(servo_id, self.torque_enable)
         except DeviceError as error:
-            if not self._port.is_open:
+            if not self.port.is_open:
                 raise
             return str(error)
         return f"servo {servo_id}: says that it is on" if on else None

@@ -6,6 +6,7 @@ differs for as long as a deaf drive is borne, one of them has lost its torque or
 their sum would not always tell.
 """
 
+from collections.abc import Sequence
 from math import inf
 from typing import Any
 
@@ -22,7 +23,11 @@ _SAMPLES = 5  # in a row before it counts, however slowly they come
 
 
 class ServoPairs:
-    """Makes joints of servos, and servos of joints; servos are in the order of `ServoBusSettings.turning`."""
+    """Makes joints of servos, and servos of joints.
+
+    Servos are in the order of `ServoBusSettings.turning`: n joints have m servos, of which the last m - n are
+    the second ones.
+    """
 
     def __init__(self, settings: ServoBusSettings[Any], limits: Limits) -> None:
         self.joint_count = len(settings.servos)
@@ -33,9 +38,9 @@ class ServoPairs:
         ]
         self._tolerance_rad = settings.pair_tolerance_rad
         self._second_zeros_rad = [servo.zero_rad for servo in settings.turning[self.joint_count :]]
-        self._share = np.ones(self.joint_count + len(self._joints))
-        self._share[self._joints] = self._share[self.joint_count :] = 0.5
-        self._floor_nm = _FLOOR_SHARE * np.resize(limits.torque_nm, self.joint_count)[self._joints]
+        in_pair = [0.5 if joint in self._joints else 1.0 for joint in range(self.joint_count)]
+        self._share = self.of_servos(in_pair)
+        self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self._joints]
         self._time_s = limits.deaf_drive_s
         self.restart()
 
@@ -43,37 +48,42 @@ class ServoPairs:
         """Forget since when torques differ."""
         self._alike_at_s, self._count = [inf] * len(self._joints), [0] * len(self._joints)
 
-    def of_servos(self, of_joints: FloatArray) -> FloatArray:
-        """A value of each joint (n), such as a limit, for each servo (m)."""
-        return np.concatenate((of_joints, of_joints[self._joints])) if self._joints else of_joints
+    def of_servos(self, of_joints: Sequence[float]) -> list[float]:
+        """Repeat a value of each joint (n), such as a limit, for each servo (m)."""
+        return [*of_joints, *(of_joints[joint] for joint in self._joints)]
 
-    def shares(self, torque_nm: FloatArray) -> FloatArray:
-        """What each servo is to exert (m) for torques of joints (n) [N m]."""
-        return self.of_servos(torque_nm) * self._share if self._joints else torque_nm
+    def shares(self, torque_nm: Sequence[float]) -> list[float]:
+        """Divide torques of joints (n) among servos (m) [N m]."""
+        return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
 
-    def weaker(self, largest_nm: FloatArray) -> FloatArray:
-        """What each servo may exert (m) where the two of a pair are to exert the same, of what it can (m)."""
-        weaker_nm = largest_nm[: self.joint_count].copy()
-        weaker_nm[self._joints] = np.minimum(weaker_nm[self._joints], largest_nm[self.joint_count :])
+    def weaker(self, largest_nm: Sequence[float]) -> list[float]:
+        """Limit both servos of a pair to what the weaker one can exert.
+
+        Args:
+            largest_nm: What each servo can exert (m) [N m].
+
+        Returns:
+            What each servo may exert (m) [N m].
+        """
+        weaker_nm = list(largest_nm[: self.joint_count])
+        for joint, second_nm in zip(self._joints, largest_nm[self.joint_count :], strict=True):
+            weaker_nm[joint] = min(weaker_nm[joint], second_nm)
         return self.of_servos(weaker_nm)
 
-    def summed(self, torque_nm: FloatArray) -> FloatArray:
-        """Torques of joints (n) of those of servos (m) [N m]."""
-        if not self._joints:
-            return torque_nm
-        of_joints = torque_nm[: self.joint_count].copy()
-        of_joints[self._joints] += torque_nm[self.joint_count :]
+    def summed(self, of_servos: Sequence[float]) -> list[float]:
+        """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n)."""
+        of_joints = list(of_servos[: self.joint_count])
+        for joint, second in zip(self._joints, of_servos[self.joint_count :], strict=True):
+            of_joints[joint] += second
         return of_joints
 
     def joined(self, motion: FloatArray) -> FloatArray:
-        """Positions, velocities and torques of joints (3, n) of those of servos (3, m): means and sums."""
+        """Average the positions and velocities of a pair, and add its torques: (3, m) to (3, n)."""
         if not self._joints:
             return motion
-        position, velocity, torque_nm = (self.summed(row) for row in motion)
-        return np.array((self._mean(position), self._mean(velocity), torque_nm))
-
-    def _mean(self, summed: FloatArray) -> FloatArray:
-        return summed * self._share[: self.joint_count]
+        joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
+        joined[:2] *= self._share[: self.joint_count]
+        return joined
 
     def _ahead_rad(self, position_rad: FloatArray) -> list[float]:
         """By how much the second servo of each pair stands ahead of the first [rad]."""
@@ -81,20 +91,32 @@ class ServoPairs:
         return ahead
 
     def examine(self, position_rad: FloatArray) -> list[Finding]:
-        """How far the servos of each pair stand apart by the positions of all servos (m) [rad]."""
-        ahead_rad = self._ahead_rad(position_rad)
-        return list(map(self._finding, self._labels, ahead_rad, self._second_zeros_rad))
+        """Compare the two servos of each pair.
 
-    def _finding(self, label: str, ahead_rad: float, zero_rad: float) -> Finding:
-        value = f"stand {abs(ahead_rad):.4f} rad apart, pair_tolerance_rad is {self._tolerance_rad:g}"
-        if abs(ahead_rad) <= self._tolerance_rad:
-            return ok(label, value)
-        right_rad = zero_rad - ahead_rad
-        remedy = f"check horns and 'reversed'; if they are right, zero_rad of the second is {right_rad:.4f}"
-        return fail(label, value, remedy)
+        Args:
+            position_rad: Positions of all servos (m) [rad].
+
+        Returns:
+            How far each pair stands apart, and which zero of the second servo would make the two agree.
+        """
+        findings = []
+        ahead_rad = self._ahead_rad(position_rad)
+        for label, ahead, zero_rad in zip(self._labels, ahead_rad, self._second_zeros_rad, strict=True):
+            value = f"stand {abs(ahead):.4f} rad apart, pair_tolerance_rad is {self._tolerance_rad:g}"
+            agreeing_rad = zero_rad - ahead
+            remedy = (
+                f"check horns and 'reversed'; if they are right, zero_rad of the second is {agreeing_rad:.4f}"
+            )
+            agree = abs(ahead) <= self._tolerance_rad
+            findings.append(ok(label, value) if agree else fail(label, value, remedy))
+        return findings
 
     def disagreement(self, position_rad: FloatArray) -> str | None:
-        """Which pair does not stand alike by the positions of all servos (m) [rad], or None."""
+        """Name a pair that does not stand alike, or None.
+
+        Args:
+            position_rad: Positions of all servos (m) [rad].
+        """
         if not self._joints:
             return None
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
@@ -105,10 +127,12 @@ class ServoPairs:
                 )
         return None
 
-    def strife(self, torque_nm: FloatArray, time_s: float) -> str | None:
-        """Which pair has not pulled alike for so long, or None.
+    def torque_difference(self, torque_nm: FloatArray, time_s: float) -> str | None:
+        """Name a pair whose torques have differed for `deaf_drive_s`, or None.
 
-        By the torques of all servos (m) [N m] as they were measured at `time_s` [s].
+        Args:
+            torque_nm: Measured torques of all servos (m) [N m].
+            time_s: When they were measured [s].
         """
         for k, joint in enumerate(self._joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])

@@ -13,10 +13,10 @@ class PacketStream(ABC, Generic[PacketType]):
     """Cuts a stream at headers and lengths; a protocol says where these are.
 
     Args:
-        largest: no expected packet has more bytes; a damaged length is not waited for.
+        largest: Size of the largest expected packet [bytes]; a damaged length beyond it is not waited for.
 
     Attributes:
-        rejected: how many things looked like a packet and were none.
+        rejected: Number of byte sequences that looked like a packet and were none.
     """
 
     header: ClassVar[bytes]
@@ -28,52 +28,65 @@ class PacketStream(ABC, Generic[PacketType]):
         self.rejected = 0
 
     @abstractmethod
-    def _size(self, head: bytes) -> int:
-        """Bytes of the packet that begins so."""
+    def _size(self, buffer: bytes, start: int) -> int:
+        """Size [bytes] of the packet that begins at `start`."""
 
     @abstractmethod
     def _decode(self, packet: bytes) -> PacketType | None:
-        """What a packet is, None for one that is to be left out. ProtocolError: it is none."""
+        """Decode a packet; None for one that is to be left out. ProtocolError: it is none."""
 
     def _is_suspect(self, packet: bytes) -> bool:
-        """Whether what is no packet is worth being counted."""
+        """Whether to count a sequence that is no packet as rejected."""
         return True
 
     def feed(self, data: bytes) -> list[PacketType]:
-        """Take more bytes; return the packets that are complete now."""
-        buffer = self._buffer + data
-        found: list[PacketType] = []
-        while True:
-            start = buffer.find(self.header)
-            if start < 0:
-                self._buffer = buffer[max(0, len(buffer) - len(self.header) + 1) :]
-                return found
-            buffer = buffer[start:]
-            if len(buffer) < self.head:
-                break
-            size = self._size(buffer[: self.head])
-            if len(buffer) < size <= self._largest:
-                break
-            buffer = self._take(buffer, size, found)
-        self._buffer = buffer
-        return found
+        """Take more bytes.
 
-    def _take(self, buffer: bytes, size: int, found: list[PacketType]) -> bytes:
-        packet = buffer[:size]
-        try:
-            decoded = self._decode(packet)
-        except ProtocolError:
-            self.rejected += self._is_suspect(packet)
-            return buffer[1:]  # the true header may lie within
-        if decoded is not None:
-            found.append(decoded)
-        return buffer[size:]
+        Args:
+            data: Bytes in the order of their arrival, cut anywhere.
+
+        Returns:
+            The packets that are complete now, oldest first.
+        """
+        buffer = self._buffer + data
+        packets: list[PacketType] = []
+        place = 0
+        while True:
+            start = buffer.find(self.header, place)
+            if start < 0:
+                place = max(place, len(buffer) - len(self.header) + 1)
+                break
+            place = start
+            if len(buffer) < start + self.head:
+                break
+            end = start + self._size(buffer, start)
+            if len(buffer) < end <= start + self._largest:
+                break
+            packet = buffer[start:end]
+            try:
+                decoded = self._decode(packet)
+            except ProtocolError:
+                self.rejected += self._is_suspect(packet)
+                place += 1  # the true header may lie within
+                continue
+            place = end
+            if decoded is not None:
+                packets.append(decoded)
+        self._buffer = buffer[place:]
+        return packets
 
 
 def equal_parts(data: Mapping[int, bytes]) -> tuple[int, bytes]:
-    """How many bytes each servo gets in a sync write, and all of them, each with its id before.
+    """Join what a sync write sends to each servo.
 
-    ProtocolError: the bytes are not of equal number.
+    Args:
+        data: Bytes by servo id.
+
+    Returns:
+        Number of bytes for each servo, and all of them, each after the id of its servo.
+
+    Raises:
+        ProtocolError: The bytes are not of equal number.
     """
     sizes = {len(value) for value in data.values()}
     if len(sizes) != 1:
@@ -82,7 +95,12 @@ def equal_parts(data: Mapping[int, bytes]) -> tuple[int, bytes]:
 
 
 def bit_names(value: int, names: Mapping[int, str]) -> str:
-    """The names of the bits that are set, or "none"."""
-    found = [name for bit, name in names.items() if value & bit]
+    """Name the bits that are set, or say "none".
+
+    Args:
+        value: Bits of a device's status.
+        names: What each bit means, by its value.
+    """
+    known = [name for bit, name in names.items() if value & bit]
     unknown = value & ~sum(names)
-    return ", ".join([*found, *([f"unknown bits {unknown:#04x}"] if unknown else [])]) or "none"
+    return ", ".join([*known, *([f"unknown bits {unknown:#04x}"] if unknown else [])]) or "none"

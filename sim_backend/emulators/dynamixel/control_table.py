@@ -87,6 +87,7 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
         Item(SECONDARY_ID, 1, True, 255, 0, 255),
         Item(13, 1, True, 2, 1, 22),
         Item(HOMING_OFFSET, 4, True, 0, -1044479, 1044479),
+        Item(31, 1, True, 80 if model.voltage_limits[1] > 150 else 70, 0, 100),
         Item(32, 2, True, model.voltage_limits[1], *model.voltage_limits),
         Item(34, 2, True, model.voltage_limits[0], *model.voltage_limits),
         Item(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),

@@ -68,7 +68,9 @@ class FeetechLine(ServoWire):
 
     def _obey_all(self, instruction: wire.Instruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters
-        if code == _SYNC_READ:
+        if code == _PING:
+            self._answer((Answer(servo) for _, servo in sorted(awake.items())), now_s)
+        elif code == _SYNC_READ:
             address, size, *asked = parameters
             heard = [awake[one] for one in asked if one in awake]
             self._answer((Answer(servo, servo.read(address, size)) for servo in heard), now_s)

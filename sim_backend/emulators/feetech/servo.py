@@ -1,7 +1,8 @@
 """One STS3215: its memory, its motor and its own position control.
 
 Written from Feetech's memory table of the SMS/STS series and the data sheet of STS3215; how the duty cycle
-follows from the position error is Rhoban's measurement (BAM). What its D coefficient does is not known, and
+follows from the position error is Rhoban's measurement (BAM). Goal speeds are understood as "any" or "stop"
+only. What its D coefficient does is not known, and
 left out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
@@ -20,6 +21,7 @@ MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
 COUNTS = 4096
 EPROM_END = 40
 OVERLOAD = 0x20
+FINE_SPEEDS, ZERO_IS_ANY_SPEED = 0x04, 0x08  # bits of the phase
 _PROTECTED = 0.2  # of the duty cycle, once it is overloaded
 
 # Address, size, value as delivered.
@@ -133,7 +135,8 @@ class EmulatedSts(LineServo):
         if shown is None:
             return
         self.put(56, round(shown.position_rad * COUNTS / (2 * pi)) % COUNTS)
-        self.put(58, _signed(round(shown.velocity_rad_s * COUNTS / (2 * pi)), 15))
+        step = 1 if self.get(18, 1) & FINE_SPEEDS else 50  # counts/s
+        self.put(58, _signed(round(shown.velocity_rad_s * COUNTS / (2 * pi) / step), 15))
         self.put(62, round(10 * self.supply_v), 1)
         self.put(65, self.error, 1)
 
@@ -146,6 +149,8 @@ class EmulatedSts(LineServo):
             self.shaft.exert(self._direction * effort * self.stall_nm)
 
     def _duty(self) -> float:
+        if not (self.get(46) or self.get(18, 1) & ZERO_IS_ANY_SPEED):
+            return 0.0  # the goal speed is a stop
         goal = self.get(42)
         wanted = -(goal & 0x7FFF) if goal & 0x8000 else goal
         wanted = min(max(wanted, self.get(9)), self.get(11))

@@ -180,6 +180,27 @@ def test_what_a_servo_cannot_say_now_is_a_damaged_answer(arm, place, value, prob
     assert problem in arm.problem
 
 
+def test_a_restart_between_two_readings_shows(arm):
+    """At stall its torque limit would be 1000, which is what a servo sets when it restarts."""
+    arm.robot.configure()
+    arm.tick(None)
+    servos(arm)[2].reboot(arm.clock.now_s(), 0.0)
+    assert arm.tick(None).encoder_status is Status.STALE
+    assert "servo 2: torque limit is 1000 in place of 999" in arm.problem
+
+
+@pytest.mark.parametrize("counts_s", [7000, -7000, 32767])
+def test_a_speed_that_no_servo_has_is_a_fault(arm, counts_s):
+    """Twice the no-load speed of 4.7 rad/s are 6150 counts/s."""
+    arm.start()
+    servo = servos(arm)[3]
+    servo._look = lambda: servo.put(58, abs(counts_s) | (0x8000 if counts_s < 0 else 0))
+    assert arm.ticks(2, None).encoder_status is Status.FAULT
+    assert re.search(
+        r"servo 3 \(joint 2\): shows -?[0-9.]+ rad/s, more than it can do \(9.43 rad/s\)", arm.problem
+    )
+
+
 def test_a_jump_that_no_joint_can_make_is_a_damaged_answer(arm):
     arm.start()
     servo = servos(arm)[2]

@@ -13,14 +13,15 @@ from sim_backend.emulators.feetech import servo as emulated_sts
 
 DYNAMIXEL = """
 9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,
-32 max voltage limit 2, 34 min voltage limit 2, 38 current limit 2, 64 torque enable 1,
-68 status return level 1, 70 hardware error status 1,
+31 temperature limit 1, 32 max voltage limit 2, 34 min voltage limit 2, 38 current limit 2,
+64 torque enable 1, 68 status return level 1, 70 hardware error status 1,
 98 bus watchdog -1, 102 goal current -2, 126 present current -2, 128 present velocity -4,
 132 present position -4, 144 present input voltage 2, 146 present temperature 1
 """  # address, name, bytes (minus: signed)
 FEETECH = """
 0 firmware version 2, 3 model number 2, 7 return delay time 1, 8 response status level 1,
-9 min position limit 2, 11 max position limit 2, 14 max voltage limit 1, 15 min voltage limit 1, 18 phase 1,
+9 min position limit 2, 11 max position limit 2, 13 max temperature limit 1,
+14 max voltage limit 1, 15 min voltage limit 1, 18 phase 1,
 21 P coefficient 1, 22 D coefficient 1, 23 I coefficient 1, 24 minimum startup force 2, 26 CW dead zone 1,
 27 CCW dead zone 1, 31 homing offset 2/11, 33 operating mode 1, 40 torque enable 1, 41 acceleration 1,
 42 goal position 2/15, 44 goal time 2, 46 goal speed 2, 48 torque limit 2, 55 lock 1,

@@ -1,0 +1,93 @@
+"""Lines of servos that are not put together as the robot file says: ids, baud rate, heat."""
+
+import pytest
+
+from robot_io.errors import DeviceError
+from robot_io.examination import Level
+from sim_backend.emulators import FaultKind
+from tests.wire.parts import DYNAMIXEL, SO101
+
+LINES = pytest.mark.parametrize("path", [DYNAMIXEL, SO101], ids=["dynamixel", "feetech"])
+
+
+def examined(arm):
+    return {finding.subject: finding for finding in arm.robot.buses["motors"].examine()}
+
+
+@LINES
+@pytest.mark.parametrize(
+    ("kind", "refused", "examined_as"),
+    [
+        (FaultKind.DUPLICATE, "servo 3 answers twice: two servos have this id", "answers twice"),
+        (
+            FaultKind.CORRUPT,
+            "damaged answers from servo 3: do two servos have this id",
+            "its answers are damaged",
+        ),
+    ],
+)
+def test_two_servos_with_one_id_are_hinted_at(bench, path, kind, refused, examined_as):
+    """One answers after the other, or both at once, which spoils both answers."""
+    arm = bench(path)
+    arm.strike("motors", kind, device=3)
+    with pytest.raises(DeviceError, match=refused):
+        arm.robot.buses["motors"].configure()
+    (finding,) = [found for subject, found in examined(arm).items() if subject.startswith("servo 3 ")]
+    assert (finding.level, finding.text) == (Level.FAIL, examined_as)
+    assert "two servos have this id" in finding.remedy
+
+
+@LINES
+def test_servos_at_another_baud_rate_are_found(bench, path):
+    arm = bench(path)
+    line, rate = arm.arm.wires["motors"], 115_200
+    line._baud_rate, stated = rate, line._baud_rate
+    with pytest.raises(DeviceError, match=f"at {stated} bit/s"):
+        arm.robot.buses["motors"].configure()
+    (finding,) = examined(arm).values()
+    ids = ", ".join(map(str, sorted(line.servos)))
+    assert finding.text == f"silent at {stated} bit/s; at {rate} bit/s: ids {ids}"
+    assert finding.remedy.startswith(f"set baud_rate: {rate}")
+    assert {finding.text for finding in examined(arm).values()} == {finding.text}  # the port is open again
+
+
+def test_a_line_without_power_is_told_from_another_baud_rate(bench):
+    arm = bench(SO101)
+    arm.strike("motors", FaultKind.DROP)
+    with pytest.raises(DeviceError, match="no answer from servo 2, 3, 4, 1, 5"):
+        arm.robot.buses["motors"].configure()
+    assert examined(arm)["servos"].text == "nobody answers at any baud rate"
+
+
+def test_feetech_servos_that_the_robot_file_does_not_have_are_found(bench):
+    arm = bench(SO101)
+    line = arm.arm.wires["motors"]
+    stranger = line.servos.pop(3)
+    stranger.id = 9
+    line.servos[9] = stranger
+    with pytest.raises(DeviceError, match="no answer from servo 3"):
+        arm.robot.buses["motors"].configure()
+    findings = examined(arm)
+    assert (
+        findings["servo 3 (joint 2)"].text == "does not answer, but id 9, which the robot file does not have"
+    )
+    assert findings["other servos"].level is Level.WARN
+
+
+@LINES
+@pytest.mark.parametrize(("celsius", "level"), [(70, Level.OK), (81, Level.WARN)])
+def test_a_servo_that_is_hotter_than_its_own_limit_is_a_warning(bench, path, celsius, level):
+    """As delivered, 80 degrees for these Dynamixel servos and 70 for Feetech's."""
+    arm = bench(path)
+    arm.robot.configure()
+    servo = arm.arm.wires["motors"].servos[3]
+    if path is DYNAMIXEL:
+        servo.memory.put(146, celsius)
+    else:
+        servo.put(63, celsius, 1)
+    findings = [
+        found for found in arm.robot.buses["motors"].examine() if found.subject.startswith("servo 3 ")
+    ]
+    (finding,) = [found for found in findings if f"{celsius} °C" in found.text]
+    assert finding.level is level
+    assert ("cool down" in finding.remedy) == (level is Level.WARN)
