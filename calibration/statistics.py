@@ -1,4 +1,4 @@
-"""Estimates with standard uncertainties that mean the same however few observations they rest on."""
+"""Estimates with standard uncertainties that hold for few observations too."""
 
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -10,7 +10,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Estimate(Generic[Value]):
+class UncertainValue(Generic[Value]):
     """A value (or an array of them) and its standard uncertainty."""
 
     value: Value
@@ -18,9 +18,15 @@ class Estimate(Generic[Value]):
 
 
 def few_sample_factor(degrees_of_freedom: int) -> float:
-    """Factor on a standard error with which twice of it covers about 95 % although it was estimated.
+    """Compute the factor with which twice a standard error estimated from few samples covers about 95 %.
 
-    Student's t over the normal quantile; see "Guide to the expression of uncertainty in measurement" (JCGM
-    100:2008), G.3. It is 1 for many and 1.2 for 7 degrees of freedom.
+    Student's t over the normal quantile: 1 for many and 1.2 for 7 degrees of freedom. Source: "Guide to the
+    expression of uncertainty in measurement" (JCGM 100:2008), G.3.
+
+    Args:
+        degrees_of_freedom: of the estimated standard error.
+
+    Returns:
+        The factor.
     """
     return float(t.ppf(_COVERED, degrees_of_freedom) / norm.ppf(_COVERED))

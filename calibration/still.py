@@ -1,4 +1,4 @@
-"""Watches a robot without power, tick by tick, and logs it as the loop does."""
+"""Recording of a robot without power, tick by tick, as the loop does."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _NO_DURATIONS = TickDurations(*[0.0] * len(TickDurations._fields))
 
 @dataclass(frozen=True)
 class StillRobot:
-    """A robot that is configured, read and never powered; a guard watches every measurement."""
+    """A robot that is configured, read and never powered; a guard checks every measurement."""
 
     robot: Robot
     guard: Guard
@@ -28,7 +28,11 @@ class StillRobot:
     rate_hz: float
 
     def watch(self, duration_s: float, run: int = NO_RUN) -> None:
-        """Read and log for a while [s]; the records are numbered with `run`.
+        """Read and log for a while.
+
+        Args:
+            duration_s: how long [s].
+            run: number of the records' run.
 
         Raises:
             SafetyTripError: a sample is missing, old or beyond a limit.
@@ -55,7 +59,14 @@ class StillRobot:
         return first_measurement(self.robot, self.guard, self.clock, 1.0 / self.rate_hz)
 
     def settle(self, duration_s: float) -> None:
-        """Let time pass, with the devices read; what comes meanwhile is not logged and not judged."""
+        """Read for a while without logging or checking.
+
+        Args:
+            duration_s: how long [s].
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C, or the program was asked to end.
+        """
         end_s, period_s = self.clock.now_s() + duration_s, 1.0 / self.rate_hz
         with InterruptFlag() as interrupt:
             while self.clock.now_s() < end_s:

@@ -23,7 +23,7 @@ from sim_backend.hidden import noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import Scenario
-from sim_backend.secret import Answer
+from sim_backend.secret import SealedAnswer
 
 PLAN = ProbingPlan()  # the paper's three speeds
 HIDDEN_PLAN = ProbingPlan(repeats=2)
@@ -50,7 +50,7 @@ class HiddenDemo:
     session: Path  # the session file
     result: ChannelResult  # what was found out, stage by stage
     files: dict[str, Path]  # result, report, picture and recording
-    answer: Answer  # what was hidden
+    answer: SealedAnswer  # what was hidden
 
     @property
     def found(self) -> bool:

@@ -1,7 +1,7 @@
 """What is true in a simulated session: known to the scenario that it keeps, and to nobody else."""
 
 from robot_io.session import Session
-from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
+from sim_backend.contact_laws import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 from sim_backend.scenario import Scenario, parse_scenario
 
 SURFACE = "surface"
@@ -30,9 +30,9 @@ def truth_of(scenario: Scenario) -> dict[str, float]:
     """The same of a simulated world."""
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
-        case KelvinVoigt() | EngineContact() as law:
+        case KelvinVoigtLaw() | EngineContact() as law:
             return surface | {"stiffness.k": law.stiffness_n_m, "damping.c": law.damping_n_s_m}
-        case HuntCrossley() as law:
+        case HuntCrossleyLaw() as law:
             power = {"k": law.stiffness, "b": law.damping, "n": law.exponent}
             return surface | {f"hunt_crossley.{name}": value for name, value in power.items()}
     return surface

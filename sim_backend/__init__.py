@@ -1,1 +1,1 @@
-"""The stand-in for hardware: an arm, an object and sensors in a physics engine, as robot_io's devices."""
+"""The simulated robot: an arm, an object and sensors in a physics engine, as robot_io's devices."""

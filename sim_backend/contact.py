@@ -1,29 +1,88 @@
-"""Where the tip meets the object, whose law can change meanwhile: depth, rate, and the force between them."""
+"""Contact of the tip with the object: depth, rate, and the force between them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
-from sim_backend.contact_law import ContactLaw
+from sim_backend.contact_law import ObjectLaw
 from sim_backend.contact_laws import EngineContact
 from sim_backend.engines import Engine
-from sim_backend.hooks import ContactState, Effects
-from sim_backend.object_answer import ObjectAnswer
+from sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
+
+
+class ObjectResponse:
+    """Force of an object on the tip: its law, with hidden effects in material, surface and tool.
+
+    Args:
+        effects: hidden effects; those of contact and tool act here.
+    """
+
+    def __init__(self, effects: HiddenEffects) -> None:
+        self._memories: list[ContactEffect | ToolEffect] = [*effects.contact, *effects.tool]
+        self._material = [effect for effect in effects.contact if isinstance(effect, MaterialEffect)]
+        self._skin = [effect for effect in effects.contact if not isinstance(effect, MaterialEffect)]
+        self._tools = effects.tool
+
+    def force_n(self, law: ObjectLaw, state: ContactState, by_engine_n: float | None = None) -> float:
+        """Compute the force at a state, and update the effects' memories.
+
+        Args:
+            law: contact law of the object.
+            state: motion of the tip.
+            by_engine_n: force that the engine exerts, which replaces the law [N]; None if it exerts none.
+
+        Returns:
+            Force on the tip along the surface normal [N].
+        """
+        if not self._memories:
+            return law.force_n(state.depth_m, state.rate_m_s) if by_engine_n is None else by_engine_n
+        answer_n: Callable[[ContactState], float] = partial(self._object_n, law, by_engine_n)
+        for tool in self._tools:
+            answer_n = partial(tool.contact_force_n, surface_n=answer_n)
+        force_n = answer_n(state)
+        for memory in self._memories:
+            memory.settle()
+        return force_n
+
+    def _object_n(self, law: ObjectLaw, by_engine_n: float | None, state: ContactState) -> float:
+        """Compute the force of law and effects for a motion, which may be a trial of a solver [N]."""
+        for material in self._material:
+            state = material.felt(state)
+        if by_engine_n is not None:
+            force_n = by_engine_n
+        else:
+            force_n = law.material_force_n(state.depth_m, state.rate_m_s) if state.depth_m > 0.0 else 0.0
+        for material in self._material:
+            force_n = material.contact_force_n(state, force_n)
+        if force_n < 0.0 and not law.can_pull:
+            force_n = 0.0
+        for effect in self._skin:
+            force_n = effect.contact_force_n(state, force_n)
+        return force_n
 
 
 class ComplianceObject:
-    """A horizontal surface, frictionless, that answers depth and rate with an upward force.
+    """A horizontal, frictionless surface that answers depth and rate with an upward force.
 
-    Its world height is that of the undeformed surface [m]. `is_engine_contact` is whether the engine itself
-    exerts the force. InputError: the law is an engine's own contact, and this engine has none.
+    Args:
+        engine: moves the arm.
+        law: contact law.
+        surface_height_m: world height of the undeformed surface [m].
+
+    Attributes:
+        is_engine_contact: whether the engine itself exerts the force.
+
+    Raises:
+        InputError: the law is an engine's own contact, and this engine has none.
     """
 
-    def __init__(self, engine: Engine, law: ContactLaw, surface_height_m: float) -> None:
+    def __init__(self, engine: Engine, law: ObjectLaw, surface_height_m: float) -> None:
         self._engine = engine
         self._surface_height_m = surface_height_m
         self.set_law(law)
 
     @property
-    def law(self) -> ContactLaw:
-        """The contact law in force."""
+    def law(self) -> ObjectLaw:
+        """The present contact law."""
         return self._law
 
     @property
@@ -31,69 +90,92 @@ class ComplianceObject:
         """World height of the undeformed surface [m]."""
         return self._surface_height_m
 
-    def set_law(self, law: ContactLaw) -> None:
-        """Change the law, from the next physics step on. InputError: the engine has no such contact."""
+    def set_law(self, law: ObjectLaw) -> None:
+        """Change the law from the next physics step on.
+
+        Args:
+            law: contact law.
+
+        Raises:
+            InputError: the engine has no such contact.
+        """
         self._tell_engine(law, self._surface_height_m)
         self._law = law
         self.is_engine_contact = isinstance(law, EngineContact)  # takes long: asked here, not at each step
 
     def move_surface(self, height_m: float) -> None:
-        """Change the world height of the undeformed surface [m], from the next physics step on."""
+        """Change the height of the surface from the next physics step on.
+
+        Args:
+            height_m: world height of the undeformed surface [m].
+        """
         self._tell_engine(self._law, height_m)
         self._surface_height_m = height_m
 
-    def _tell_engine(self, law: ContactLaw, height_m: float) -> None:
+    def _tell_engine(self, law: ObjectLaw, height_m: float) -> None:
         self._engine.set_surface(law if isinstance(law, EngineContact) else None, height_m)
 
 
-class Contact:
-    """The touch of one arm's tip on one object.
+class TipContact:
+    """Contact of one arm's tip with one object.
 
     The engine integrates by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), so its
     velocity belongs to the middle of the last step, half a step before its position. The law is given the
-    rate at the time of the depth, (3 v(n) - v(n-1)) / 2. That makes contact accurate to the second order in
-    h (leapfrog for the spring, Adams-Bashforth for the damper), and depth, rate and force of one state belong
-    together. Of the effects those of contact and tool act here.
+    rate at the time of the depth, (3 v(n) - v(n-1)) / 2. That makes contact accurate to the second order in h
+    (leapfrog for the spring, Adams-Bashforth for the damper), and depth, rate and force of one state belong
+    together.
+
+    Args:
+        engine: moves the arm.
+        target: the object.
+        step_s: length of a physics step h [s].
+        effects: hidden effects; those of contact and tool act here.
 
     Attributes:
         depth_m: how far the tip is below the undeformed surface [m]; negative above it.
         rate_m_s: d(depth)/dt [m/s].
         force_n: force of the object on the tip, upwards [N].
         push_n: the part of it that the engine does not exert by itself, to be applied in the next step [N].
-        tip_position_m: of the tip frame in the world (3) [m].
+        tip_position_m: of the tip frame in the world, shape (3,) [m].
     """
 
-    def __init__(self, engine: Engine, target: ComplianceObject, step_s: float, effects: Effects) -> None:
+    def __init__(
+        self, engine: Engine, target: ComplianceObject, step_s: float, effects: HiddenEffects
+    ) -> None:
         self._engine = engine
         self._object = target
         self._step_s = step_s
-        self._answer = ObjectAnswer(effects)
+        self._response = ObjectResponse(effects)
         self._speed_before_m_s: float | None = None
 
     def update(self, time_s: float) -> None:
-        """Work out what holds at the arm's present state, reached at `time_s` [s] by a step."""
+        """Compute depth, rate and force at the arm's present state.
+
+        Args:
+            time_s: of that state [s].
+        """
         self.tip_position_m, velocity, self._quaternion = self._engine.tip_state()
         speed, before = -velocity[2], self._speed_before_m_s
         self._speed_before_m_s = speed
         self.rate_m_s = speed if before is None else 1.5 * speed - 0.5 * before
         self.depth_m = self._object.surface_height_m - self.tip_position_m[2]
-        self._update_force(time_s)
-
-    def restart(self) -> None:
-        """Forget the speed of the step before, after the arm was put elsewhere."""
-        self._speed_before_m_s = None
-
-    def _update_force(self, time_s: float) -> None:
         by_engine_n = self._engine.surface_force_n() if self._object.is_engine_contact else None
         state = ContactState(time_s, self._step_s, self.depth_m, self.rate_m_s)
-        self.force_n = self._answer.force_n(self._object.law, state, by_engine_n)
+        self.force_n = self._response.force_n(self._object.law, state, by_engine_n)
         self.push_n = self.force_n - (by_engine_n or 0.0)
 
-    def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
-        """The part of the force that lies along the sensor axis, positive in compression [N].
+    def restart(self) -> None:
+        """Forget the last step's speed, because the arm was placed elsewhere."""
+        self._speed_before_m_s = None
 
-        A uniaxial sensor sees the force times the cosine of the tool's tilt. Its axis is a unit vector in the
-        tip frame, along which the tool pushes.
+    def compression_n(self, sensor_axis_tip: Sequence[float]) -> float:
+        """Compute the part of the force along the sensor axis: the force times the cosine of the tool's tilt.
+
+        Args:
+            sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
+
+        Returns:
+            Positive in compression [N].
         """
         x, y, z, w = self._quaternion
         a, b, c = sensor_axis_tip

@@ -1,4 +1,4 @@
-"""Turns a robot's URDF into what the physics needs: joints, masses, and one sphere at the tip."""
+"""Conversion of a robot's URDF to the physics: joints, masses, and one sphere at the tip."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -19,14 +19,24 @@ def dynamics_urdf(
     tip_radius_m: float,
     sensor_axis_tip: Sequence[float],
 ) -> str:
-    """The same arm without pictures, meshes and collision shapes, but for one sphere behind the tip frame.
+    """Remove pictures, meshes and collision shapes, and add one sphere behind the tip frame.
 
-    The sphere touches a surface with the tip frame's origin: the tool pushes along `sensor_axis_tip`, a unit
-    vector in that frame. It is a shape of the last moving link, because PyBullet lets links behind a fixed
-    joint pass through static bodies. A link without <inertial>, to which PyBullet would give 1 kg, gets no
-    mass, as URDF means it. All masses and inertias are scaled by `mass_scale` [-].
+    The sphere touches a surface with the tip frame's origin. It is a shape of the last moving link, because
+    PyBullet lets links behind a fixed joint pass through static bodies. A link without <inertial>, to which
+    PyBullet would give 1 kg, gets no mass, as URDF means it.
 
-    InputError: not a URDF, a number in it is not one, or it has no link of the tip frame's name.
+    Args:
+        urdf_text: the robot's URDF.
+        tip_frame: link whose origin is the contact point.
+        mass_scale: factor on all masses and inertias [-].
+        tip_radius_m: of the sphere [m].
+        sensor_axis_tip: unit vector in the tip frame along which the tool pushes.
+
+    Returns:
+        The URDF for the engine.
+
+    Raises:
+        InputError: not a URDF, a number in it is invalid, or it has no link of the tip frame's name.
     """
     try:
         robot = parse_urdf(urdf_text)

@@ -1,4 +1,4 @@
-"""Where a hidden effect enters the world: at the contact, at the joints, at a sensor, in the plant itself.
+"""Where hidden effects enter the world: at the contact, at the joints, at a sensor, in the plant itself.
 
 Effects are small objects called at each physics step or sample; they may keep a state.
 """
@@ -12,7 +12,7 @@ from robot_io.types import FloatArray
 
 
 class ContactState(NamedTuple):
-    """What happens at the tip at one physics step."""
+    """Motion of the tip at one physics step."""
 
     time_s: float  # time of the state [s]
     step_s: float  # length of a physics step [s]
@@ -20,8 +20,8 @@ class ContactState(NamedTuple):
     rate_m_s: float  # d(depth)/dt [m/s]
 
 
-class JointState(NamedTuple):
-    """What happens at the joints at one physics step."""
+class JointStepState(NamedTuple):
+    """Motion of the joints at one physics step."""
 
     time_s: float  # time of the state [s]
     step_s: float  # length of a physics step [s]
@@ -34,106 +34,165 @@ class JointState(NamedTuple):
 
 
 class ContactEffect(ABC):
-    """Changes the force between object and tip, once contact has been limited to pushing: it may pull."""
+    """Changes the force between object and tip after contact has been limited to pushing: it may pull."""
 
     @abstractmethod
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """The force on the tip along the surface normal [N], given the force so far.
+        """Compute the force after the effect.
 
         Called at each physics step, in contact or not, in the order of the list; behind a compliant tool more
-        than once in a step, with motions that are only tried. What is to be remembered is kept by `settle`.
+        than once in a step, with motions that a solver tries. `settle` stores the memory.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force on the tip along the surface normal [N].
         """
 
     def settle(self) -> None:  # noqa: B027, most effects have no memory
-        """Take the last call's motion into the memory: it was the one that holds at this step."""
+        """Store the last call's motion in the memory: it holds at this step."""
 
 
 class MaterialEffect(ContactEffect):
-    """Is a part of the object's material: it adds to the law before contact is limited to pushing."""
+    """Part of the object's material: it adds to the law before contact is limited to pushing."""
 
     def felt(self, state: ContactState) -> ContactState:
-        """The motion that law and effects feel, given that of the tip; geometry that differs enters here."""
+        """Compute the motion that law and effects feel; a changed geometry enters here.
+
+        Args:
+            state: motion of the tip.
+
+        Returns:
+            Motion that the material feels.
+        """
         return state
 
     def contact_force_n(self, state: ContactState, force_n: float) -> float:
-        """See `ContactEffect.contact_force_n`; below zero the material would have to pull."""
+        """See `ContactEffect.contact_force_n`.
+
+        Args:
+            state: motion of the tip.
+            force_n: force so far [N].
+
+        Returns:
+            Force [N]; below zero the material would have to pull.
+        """
         return force_n
 
 
 class ToolEffect(ABC):
-    """Stands between the tip and the object."""
+    """Acts between the tip and the object."""
 
     @abstractmethod
     def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
-        """The force on the tip [N], where `surface_n` gives what the object answers to a motion.
+        """Compute the force on the tip.
 
-        The last motion that `surface_n` is asked for is taken as the one that holds.
+        Args:
+            state: motion of the tip.
+            surface_n: gives the object's force for a motion; the last motion asked for is the one that holds.
+
+        Returns:
+            Force on the tip [N].
         """
 
     def settle(self) -> None:  # noqa: B027, a tool need not have a memory
-        """Take the last call's motion into the memory."""
+        """Store the last call's motion in the memory."""
 
 
 class JointEffect(ABC):
     """Changes the torque between drives and links."""
 
     @abstractmethod
-    def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
-        """The torques that reach the links (n) [N m], given the torques so far, along the joint axes.
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        """Compute the torques that reach the links; called once at each physics step.
 
-        Called once at each physics step. The drive's torque sensor does not see the change, as one that
-        measures motor current does not see what the bearings take.
+        The drive's torque sensor does not see the change, as one that measures motor current does not see
+        what the bearings take.
+
+        Args:
+            state: motion of the joints.
+            torque_nm: torques so far, along the joint axes, shape (n,) [N m].
+
+        Returns:
+            Shape (n,) [N m].
         """
 
     def restart(self) -> None:  # noqa: B027, most effects have no memory
-        """Forget the motion so far: the arm was put elsewhere."""
+        """Forget the motion so far, because the arm was placed elsewhere."""
 
 
 class FrictionEffect(ABC):
     """Resists the motion of joints: against it while they move, up to as much as needed while they stand.
 
-    The engine solves for the resistance together with the motion, so that it can bring a joint to rest and
-    keep it there, and never turns it round, however strong it is.
+    The engine solves for the resistance together with the motion, so friction brings a joint to rest and
+    keeps it there, and never reverses it.
     """
 
     @abstractmethod
-    def friction_nm(self, state: JointState, limit_nm: Sequence[float]) -> Sequence[float]:
-        """The largest resistance of each joint (n) [N m], 0 or more, given the sum so far.
+    def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
+        """Compute the largest resistance of each joint; called once at each physics step.
 
-        Called once at each physics step. As with `JointEffect`, the drive's torque sensor does not see it.
+        As with `JointEffect`, the drive's torque sensor does not see it.
+
+        Args:
+            state: motion of the joints.
+            limit_nm: sum so far, shape (n,) [N m].
+
+        Returns:
+            Shape (n,), 0 or more [N m].
         """
 
 
-class SensorEffect(ABC):
-    """Changes what a sensor makes of a sample."""
+class SensorHook(ABC):
+    """Changes a sensor's samples."""
 
-    # Whether it acts on the clean signal, as what is mechanical does; otherwise it acts on the noisy one, as
-    # what is electrical does.
+    # Whether it acts on the clean signal (mechanical effects) or on the noisy one (electrical effects).
     ahead_of_noise: bool = False
 
     @abstractmethod
     def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
-        """The sample after the effect, given the sample before resolution and range are applied.
+        """Compute the changed sample; called once a sample, before resolution and range are applied.
 
-        Called once at each sample, in the order of the list, with the time when it was taken [s] and its
-        value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
+        Args:
+            time_s: when the sample was taken [s].
+            value: force (1,) [N], torques (n,) [N m] or positions (n,) [rad].
+
+        Returns:
+            The changed sample.
         """
 
 
 class PlantEffect(ABC):  # noqa: B024, one of the two is enough
-    """Changes the arm or what pulls at it, before the world begins."""
+    """Changes the arm or gravity before the world begins."""
 
     def urdf(self, urdf_text: str, tip_frame: str) -> str:
-        """The arm as it really is, given its URDF so far and its link at the contact point."""
+        """Change the arm.
+
+        Args:
+            urdf_text: URDF so far.
+            tip_frame: link at the contact point.
+
+        Returns:
+            The changed URDF.
+        """
         return urdf_text
 
     def gravity_m_s2(self, gravity_m_s2: Sequence[float]) -> Sequence[float]:
-        """The fall acceleration in the world (3) [m/s^2] as it really is, given the one so far."""
+        """Change gravity.
+
+        Args:
+            gravity_m_s2: fall acceleration in the world so far, shape (3,) [m/s^2].
+
+        Returns:
+            Shape (3,) [m/s^2].
+        """
         return gravity_m_s2
 
 
 @dataclass(frozen=True)
-class Effects:
+class HiddenEffects:
     """All that is hidden in one world; the sum of two holds both, in this order."""
 
     contact: tuple[ContactEffect, ...] = ()  # at the contact, applied in this order
@@ -141,12 +200,75 @@ class Effects:
     joint: tuple[JointEffect, ...] = ()  # at the joints, from the drives to the links
     friction: tuple[FrictionEffect, ...] = ()  # at the joints
     plant: tuple[PlantEffect, ...] = ()  # in masses and gravity
-    force: tuple[SensorEffect, ...] = ()  # in the force sensor
-    torque: tuple[SensorEffect, ...] = ()  # in the torque sensors
-    encoder: tuple[SensorEffect, ...] = ()  # in the encoders, before the velocity is derived
+    force: tuple[SensorHook, ...] = ()  # in the force sensor
+    torque: tuple[SensorHook, ...] = ()  # in the torque sensors
+    encoder: tuple[SensorHook, ...] = ()  # in the encoders, before the velocity is derived
 
-    def __add__(self, other: "Effects") -> "Effects":
-        return Effects(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, other: "HiddenEffects") -> "HiddenEffects":
+        return HiddenEffects(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
-NO_EFFECTS = Effects()
+NO_EFFECTS = HiddenEffects()
+
+
+Transducer = Callable[[float, float], float]
+"""Makes (time of the sample [s], value) into another value; it may remember the samples before."""
+
+
+class ChannelEffect(SensorHook):
+    """Passes one value of a sample through a transducer; see `SensorHook`.
+
+    Args:
+        index: of the value, from 0.
+        transducer: changes it.
+        ahead_of_noise: whether it acts on the clean signal.
+    """
+
+    def __init__(self, index: int, transducer: Transducer, ahead_of_noise: bool) -> None:
+        self._index = index
+        self._transducer = transducer
+        self.ahead_of_noise = ahead_of_noise
+
+    def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
+        changed = list(value)
+        changed[self._index] = self._transducer(time_s, changed[self._index])
+        return changed
+
+
+class AddedTorque(JointEffect):
+    """A torque in addition to the drive's in one joint.
+
+    Args:
+        index: of the joint, from 0.
+        torque_nm: gives it [N m] from position [rad] and the drive's torque [N m].
+    """
+
+    def __init__(self, index: int, torque_nm: Callable[[float, float], float]) -> None:
+        self._index = index
+        self._torque_nm = torque_nm
+
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        i, changed = self._index, list(torque_nm)
+        changed[i] += self._torque_nm(state.position_rad[i], state.drive_torque_nm[i])
+        return changed
+
+
+class JointFriction(FrictionEffect):
+    """A resistance against the motion in one joint.
+
+    Args:
+        index: of the joint, from 0.
+        resistance_nm: gives the largest one [N m] from the speed without sign [rad/s] and the drive's torque
+            along the motion [N m], negative where the drive holds back.
+    """
+
+    def __init__(self, index: int, resistance_nm: Callable[[float, float], float]) -> None:
+        self._index = index
+        self._resistance_nm = resistance_nm
+
+    def friction_nm(self, state: JointStepState, limit_nm: Sequence[float]) -> Sequence[float]:
+        i, changed = self._index, list(limit_nm)
+        velocity_rad_s, drive_nm = state.velocity_rad_s[i], state.drive_torque_nm[i]
+        along_nm = abs(drive_nm) if drive_nm * velocity_rad_s >= 0.0 else -abs(drive_nm)
+        changed[i] += self._resistance_nm(abs(velocity_rad_s), along_nm)
+        return changed

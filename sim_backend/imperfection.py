@@ -1,4 +1,4 @@
-"""What a hidden effect is: a name, a place, parameters with unit and range, and what it does to a world."""
+"""Interface of a hidden effect: name, place, parameters with unit and range, and effect on a world."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,8 +11,7 @@ from pydantic import Field
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, matching, member
 from robot_io.registry import Registry
-from sim_backend.channel_effect import ChannelEffect, Transducer
-from sim_backend.hooks import Effects
+from sim_backend.hooks import ChannelEffect, HiddenEffects, Transducer
 from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
 
 CHANNEL_UNIT = "channel"
@@ -20,7 +19,7 @@ _JOINTS = tuple(channel_of(joint) for joint in (1, 2, 3))
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ImperfectionParameter:
     """One parameter of a hidden effect."""
 
     name: str  # key in a scenario
@@ -30,9 +29,16 @@ class Parameter:
 
 
 def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa: ANN401, as pydantic's Field
-    """A field that is a parameter of a hidden effect, see `Parameter`.
+    """Declare a field that is a parameter of a hidden effect, see `ImperfectionParameter`.
 
-    The limits are what pydantic's `Field` takes, such as `ge`, `le` and `default`.
+    Args:
+        unit: of the value; `CHANNEL_UNIT` stands for that of the sensor's signal.
+        low: least typical value.
+        high: largest typical value.
+        limits: what pydantic's `Field` takes, such as `ge`, `le` and `default`.
+
+    Returns:
+        The field.
     """
     return Field(json_schema_extra={"parameter": [unit, low, high]}, **limits)
 
@@ -40,8 +46,8 @@ def parameter(unit: str, low: float, high: float, **limits: Any) -> Any:  # noqa
 class Imperfection(FileModel, ABC):
     """One entry of a scenario's `hidden` section; its fields say where it is and how strong.
 
-    The class docstring states physics, equation and source. It is described in words and numbers here; what
-    happens in the simulation is made afresh by `effects`, with its own memory, for each world.
+    The class docstring states physics, equation and source. `effects` makes the simulated effect anew for
+    each world, with its own memory.
     """
 
     name: ClassVar[str]  # what a scenario calls it
@@ -51,34 +57,50 @@ class Imperfection(FileModel, ABC):
     @property
     @abstractmethod
     def channels(self) -> tuple[str, ...]:
-        """Where it shows: "contact", "joint_1", "joint_2" ..."""
+        """Channels in which it shows: "contact", "joint_1", "joint_2" ..."""
 
     @abstractmethod
-    def effects(self, joint_count: int) -> Effects:
-        """What it does to a world whose arm has `joint_count` joints.
+    def effects(self, joint_count: int) -> HiddenEffects:
+        """Make the simulated effect.
 
-        InputError: the arm has no such joint.
+        Args:
+            joint_count: of the arm.
+
+        Returns:
+            The effect, with its own memory.
+
+        Raises:
+            InputError: the arm has no such joint.
         """
 
     @classmethod
     @abstractmethod
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
-        """One that changes the channel's signal by about `strength` times its noise floor (rms).
+        """Make an effect that changes the channel's signal by a multiple of its noise floor (rms).
 
-        Of a change that stiffness, damping and surface could take over, the part counts that they cannot. A
-        strength of zero leaves everything as it is. The generator is for what it leaves open, such as a sign.
+        Of a change that stiffness, damping and surface could absorb, only the remaining part counts. A
+        strength of zero changes nothing.
+
+        Args:
+            strength: multiple of the noise floor.
+            channel: where it is to show.
+            scale: noise floors and motion.
+            generator: for what the strength leaves open, such as a sign.
+
+        Returns:
+            The effect.
         """
 
     def values(self) -> dict[str, tuple[float, str]]:
-        """Value and unit of each parameter."""
+        """Return value and unit of each parameter."""
         return {about.name: (getattr(self, about.name), about.unit) for about in self.parameters()}
 
     @classmethod
-    def parameters(cls) -> tuple[Parameter, ...]:
-        """The parameters, without the place."""
+    def parameters(cls) -> tuple[ImperfectionParameter, ...]:
+        """Return the parameters, without the place."""
         extras = {name: field.json_schema_extra for name, field in cls.model_fields.items()}
         stated: dict[str, Any] = {name: extra for name, extra in extras.items() if isinstance(extra, dict)}
-        return tuple(Parameter(name, *extra["parameter"]) for name, extra in stated.items())
+        return tuple(ImperfectionParameter(name, *extra["parameter"]) for name, extra in stated.items())
 
 
 class ContactImperfection(Imperfection, ABC):
@@ -103,7 +125,17 @@ class JointImperfection(Imperfection, ABC):
         return (channel_of(self.joint),)
 
     def index_in(self, joint_count: int) -> int:
-        """The joint's index from 0. InputError: the arm has no such joint."""
+        """Compute the joint's index from 0.
+
+        Args:
+            joint_count: of the arm.
+
+        Returns:
+            The index.
+
+        Raises:
+            InputError: the arm has no such joint.
+        """
         if self.joint > joint_count:
             raise InputError(
                 f"hidden effect '{self.name}': joint {self.joint} of an arm with {joint_count} joints"
@@ -115,7 +147,7 @@ class SensorImperfection(Imperfection, ABC):
     """A hidden effect in a sensor."""
 
     shows_in: ClassVar[Sequence[str]] = (CONTACT, *_JOINTS)
-    ahead_of_noise: ClassVar[bool] = False  # see `SensorEffect`
+    ahead_of_noise: ClassVar[bool] = False  # see `SensorHook`
 
     # "contact" for the force sensor, "joint_2" for the torque sensor of the second joint, "encoder_2" for its
     # encoder (whose velocity, if it is a tachometer's, is not affected).
@@ -128,21 +160,21 @@ class SensorImperfection(Imperfection, ABC):
 
     @abstractmethod
     def transducer(self) -> Transducer:
-        """A fresh one, which makes (time [s], value) into the value that the sensor takes it for."""
+        """Make a new transducer from (time [s], value) to the changed value."""
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """See `Imperfection.channels`; a wrong position shows in all that is worked out from it."""
+        """See `Imperfection.channels`; a wrong position shows in everything computed from it."""
         slot, _, number = self.channel.partition("_")
         return (CONTACT, channel_of(int(number))) if slot == "encoder" else (self.channel,)
 
     def values(self) -> dict[str, tuple[float, str]]:
         """See `Imperfection.values`; in the unit of the sensor's signal."""
         unit = {CONTACT: "N", "joint": "N m", "encoder": "rad"}[self.channel.partition("_")[0]]
-        found = super().values().items()
-        return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in found}
+        values = super().values().items()
+        return {name: (value, text.replace(CHANNEL_UNIT, unit)) for name, (value, text) in values}
 
-    def effects(self, joint_count: int) -> Effects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         slot, _, number = self.channel.partition("_")
         index = int(number or 1) - 1
         if number and index >= joint_count:
@@ -151,8 +183,8 @@ class SensorImperfection(Imperfection, ABC):
             )
         changed = (ChannelEffect(index, self.transducer(), self.ahead_of_noise),)
         if slot == CONTACT:
-            return Effects(force=changed)
-        return Effects(torque=changed) if slot == "joint" else Effects(encoder=changed)
+            return HiddenEffects(force=changed)
+        return HiddenEffects(torque=changed) if slot == "joint" else HiddenEffects(encoder=changed)
 
 
 IMPERFECTIONS: Registry[Imperfection] = Registry(
@@ -163,10 +195,24 @@ IMPERFECTIONS: Registry[Imperfection] = Registry(
 
 
 def parse_imperfection(value: object) -> Imperfection:
-    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`; see `member`."""
+    """Make a hidden effect from a scenario's `{effect: ..., parameter: ...}`; see `member`.
+
+    Args:
+        value: a mapping, or a hidden effect.
+
+    Returns:
+        The effect.
+    """
     return member(value, IMPERFECTIONS, "effect")
 
 
 def describe_imperfection(imperfection: Imperfection) -> dict[str, object]:
-    """The inverse of `parse_imperfection`."""
+    """Convert a hidden effect to what `parse_imperfection` reads.
+
+    Args:
+        imperfection: the effect.
+
+    Returns:
+        Its name, place and parameters.
+    """
     return {"effect": imperfection.name, **imperfection.model_dump()}

@@ -1,11 +1,11 @@
-"""How large an effect must be to show: the noise floors, and how far, fast and hard a probing run moves."""
+"""Noise floors, and typical depth, speed and force of a probing run: they scale hidden effects."""
 
 from dataclasses import dataclass
 from math import hypot, sqrt
 
 from robot_io.errors import InputError
-from sim_backend.contact_law import ContactLaw
-from sim_backend.sensors import SensorSettings
+from sim_backend.contact_law import ObjectLaw
+from sim_backend.sensors import ArmSensorSettings
 
 CONTACT = "contact"
 _JOINT = "joint_"
@@ -14,12 +14,29 @@ LOADED = ("joint_1", "joint_2")
 
 
 def channel_of(joint: int) -> str:
-    """The channel of a joint, numbered from 1: "joint_1"."""
+    """Return the channel of a joint.
+
+    Args:
+        joint: number from 1.
+
+    Returns:
+        Such as "joint_1".
+    """
     return f"{_JOINT}{joint}"
 
 
 def joint_of(channel: str) -> int:
-    """The inverse of `channel_of`. InputError: it is not the channel of a joint."""
+    """Return the joint of a channel, the inverse of `channel_of`.
+
+    Args:
+        channel: such as "joint_1".
+
+    Returns:
+        Number from 1.
+
+    Raises:
+        InputError: it is not the channel of a joint.
+    """
     number = channel.removeprefix(_JOINT)
     if number == channel or not number.isdecimal() or not int(number):
         raise InputError(f"channel '{channel}': not that of a joint, such as joint_2")
@@ -28,7 +45,7 @@ def joint_of(channel: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class JointScale:
-    """How one joint moves in a probing run; root mean squares, but for the load."""
+    """Motion of one joint in a probing run; root mean squares, except the load."""
 
     speed_rad_s: float  # while it moves [rad/s]
     acceleration_rad_s2: float  # over the run [rad/s^2]
@@ -57,7 +74,7 @@ FOLLOWER_JOINTS = (
 
 @dataclass(frozen=True, slots=True)
 class NoiseScale:
-    """Noise floors, and the motion that effects come on top of."""
+    """Noise floors, and the motion of a probing run."""
 
     contact_noise_n: float  # of a force sample [N]
     joint_noise_nm: float  # of a torque sample [N m]
@@ -68,8 +85,16 @@ class NoiseScale:
     joints: tuple[JointScale, ...] = FOLLOWER_JOINTS  # of each joint
 
     @classmethod
-    def of(cls, law: ContactLaw, sensors: SensorSettings) -> "NoiseScale":
-        """That of the shipped follower probing an object of this law up to 10 N."""
+    def of(cls, law: ObjectLaw, sensors: ArmSensorSettings) -> "NoiseScale":
+        """Compute the scale of the shipped follower that probes an object up to 10 N.
+
+        Args:
+            law: contact law of the object.
+            sensors: settings of the sensors.
+
+        Returns:
+            The scale.
+        """
         force, torque = sensors.force, sensors.torque
         return cls(
             contact_noise_n=_floor(force.noise_std_n, force.resolution_n),
@@ -79,35 +104,70 @@ class NoiseScale:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Where effects can show."""
+        """Channels in which effects can show."""
         return (CONTACT, *(channel_of(joint) for joint in range(1, len(self.joints) + 1)))
 
     def joint(self, channel: str) -> JointScale:
-        """How the joint of a channel moves. InputError: there is no such joint."""
+        """Return the scale of a channel's joint.
+
+        Args:
+            channel: such as "joint_1".
+
+        Returns:
+            Its motion.
+
+        Raises:
+            InputError: there is no such joint.
+        """
         joint = joint_of(channel)
         if joint > len(self.joints):
             raise InputError(f"channel '{channel}': valid are {', '.join(self.channels)}")
         return self.joints[joint - 1]
 
     def depth_left(self, strength: float, share: float) -> float:
-        """What is left of the depth, at the same force, once a second spring takes a part of it, from 1 down.
+        """Compute the share of the depth left at the same force when a second spring takes a part of it.
 
         Args:
-            strength: of what the second spring adds and the first cannot pass for, times the noise floor.
-            share: of the second spring's force that this is.
+            strength: of the part of the second spring's force that the first cannot mimic, times the noise
+                floor.
+            share: of the second spring's force that this part is.
+
+        Returns:
+            Share of the depth, from 1 down.
         """
         return max(1.0 - strength * self.contact_noise_n / (share * self.force_n), 0.25)
 
     def noise(self, channel: str) -> float:
-        """Noise floor of a sample, in the unit of the channel."""
+        """Return the noise floor of a sample.
+
+        Args:
+            channel: of the sensor.
+
+        Returns:
+            Standard deviation in the unit of the channel.
+        """
         return self.contact_noise_n if channel == CONTACT else self.joint_noise_nm
 
     def peak(self, channel: str) -> float:
-        """Largest magnitude of the signal, in the unit of the channel."""
+        """Return the largest magnitude of the signal.
+
+        Args:
+            channel: of the sensor.
+
+        Returns:
+            In the unit of the channel.
+        """
         return self.force_n if channel == CONTACT else self.joint(channel).peak_nm
 
     def rate(self, channel: str) -> float:
-        """Typical rate of the signal, in the unit of the channel per second, root mean square."""
+        """Return the root mean square of the signal's rate.
+
+        Args:
+            channel: of the sensor.
+
+        Returns:
+            In the unit of the channel per second.
+        """
         if channel == CONTACT:
             return 0.5 * self.force_n / self.depth_m * self.speed_m_s  # the other half passes for damping
         return self.joint(channel).load_rate_nm_s
@@ -118,7 +178,7 @@ def _floor(noise: float, resolution: float) -> float:
     return max(hypot(noise, resolution / sqrt(12.0)), 1e-9)
 
 
-def _depth_m(law: ContactLaw, force_n: float) -> float:
+def _depth_m(law: ObjectLaw, force_n: float) -> float:
     """Depth at which a law holds a force at rest, by bisection [m]."""
     low_m, high_m = 0.0, 1.0
     for _ in range(60):

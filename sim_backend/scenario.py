@@ -1,4 +1,4 @@
-"""The scenario file: everything that the simulated world is and the robot does not know."""
+"""The scenario file: properties of the simulated world that the robot does not know."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,16 +10,16 @@ from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, Number, validate
 from robot_io.files.safe_yaml import load_yaml, parse_yaml
-from sim_backend.contact_law import ContactLaw, describe_contact_law, parse_contact_law
-from sim_backend.contact_laws import EngineContact, KelvinVoigt
+from sim_backend.contact_law import ObjectLaw, describe_contact_law, parse_contact_law
+from sim_backend.contact_laws import EngineContact, KelvinVoigtLaw
 from sim_backend.engines import EngineName, default_engine
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
-from sim_backend.sensors import SensorSettings
+from sim_backend.sensors import ArmSensorSettings
 
 SHIPPED_DIR = Path(__file__).parent / "scenarios"
 MOST_SEED = 10**18 - 1  # the longest whole number that the YAML reader takes
 
-Law = Annotated[ContactLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
+Law = Annotated[ObjectLaw, BeforeValidator(parse_contact_law), PlainSerializer(describe_contact_law)]
 Hidden = Annotated[Imperfection, BeforeValidator(parse_imperfection), PlainSerializer(describe_imperfection)]
 
 
@@ -27,7 +27,7 @@ class ObjectSettings(FileModel):
     """The compliance object: a flat surface, as wide as the arm reaches, pressed downwards."""
 
     surface_height_m: Number = 0.05  # world height of the undeformed surface [m]
-    law: Law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0)  # contact law with its parameters
+    law: Law = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0)  # contact law with its parameters
 
 
 class ArmSettings(FileModel):
@@ -56,7 +56,7 @@ class Scenario(FileModel):
     seed: int = Field(default=1, ge=0, le=MOST_SEED, strict=True)
     object: ObjectSettings = ObjectSettings()  # what is probed
     arm: ArmSettings = ArmSettings()  # the arm's deviations
-    sensors: SensorSettings = SensorSettings()  # how the robot perceives it
+    sensors: ArmSensorSettings = ArmSensorSettings()  # how the robot perceives it
     physics: PhysicsSettings = Field(default_factory=PhysicsSettings)  # how it is integrated
     # Effects that the robot's models do not know, from drives to links and from object to tip.
     hidden: Annotated[tuple[Hidden, ...], Field(max_length=100)] = ()
@@ -72,26 +72,50 @@ class Scenario(FileModel):
         return self
 
     def public_yaml(self) -> str:
-        """The scenario without what is hidden, for those who are to find it."""
+        """Write the scenario without the hidden effects."""
         return _yaml(self.model_dump(mode="json", exclude={"hidden"}))
 
     def with_hidden(self, hidden: Sequence[Imperfection]) -> Self:
-        """The same world with these effects in place of those that were hidden.
+        """Copy the scenario with other hidden effects.
 
-        InputError: they do not fit the scenario.
+        Args:
+            hidden: replace the present ones.
+
+        Returns:
+            The copy.
+
+        Raises:
+            InputError: they do not fit the scenario.
         """
         return validate(type(self), self.model_dump() | {"hidden": tuple(hidden)})
 
     def with_seed(self, seed: int) -> Self:
-        """The same world with other noise. InputError: it is no seed."""
+        """Copy the scenario with another seed.
+
+        Args:
+            seed: of all noise.
+
+        Returns:
+            The copy.
+
+        Raises:
+            InputError: the seed is invalid.
+        """
         return validate(type(self), self.model_dump() | {"hidden": self.hidden, "seed": seed})
 
     def with_engine(self, engine: EngineName) -> Self:
-        """The same world in another physics engine."""
+        """Copy the scenario with another physics engine.
+
+        Args:
+            engine: name of the engine.
+
+        Returns:
+            The copy.
+        """
         return self.model_copy(update={"physics": self.physics.model_copy(update={"engine": engine})})
 
     def to_yaml(self) -> str:
-        """The whole scenario, defaults included, in the form that `parse_scenario` reads."""
+        """Write the whole scenario, defaults included, in the form that `parse_scenario` reads."""
         return _yaml(self.model_dump(mode="json"))
 
 
@@ -101,16 +125,22 @@ def _yaml(data: dict[str, object]) -> str:
 
 
 def shipped_scenarios() -> list[str]:
-    """Names of the scenarios that come with palpate."""
+    """List the names of the scenarios that come with palpate."""
     return sorted(path.stem for path in SHIPPED_DIR.glob("*.yaml"))
 
 
 def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
     """Make a scenario from the name of a shipped one, the path of a YAML file, or a mapping.
 
-    Such as "stiff", "my_object.yaml" (from `base_dir`) or `{object: {...}}`; a scenario is returned as it is.
+    Args:
+        source: such as "stiff", "my_object.yaml" or `{object: {...}}`; a scenario is returned as it is.
+        base_dir: folder of relative paths.
 
-    InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    Returns:
+        The validated scenario.
+
+    Raises:
+        InputError: the first problem, with file, line, key and valid values.
     """
     if isinstance(source, Scenario):
         return source
@@ -123,9 +153,17 @@ def load_scenario(source: object, base_dir: str | Path = ".") -> Scenario:
 
 
 def parse_scenario(text: str, origin: str) -> Scenario:
-    """Make a scenario from its text, for instance the copy in a session; `origin` names it in errors.
+    """Make a scenario from its text, for instance the copy in a session.
 
-    InputError: as `load_scenario`.
+    Args:
+        text: YAML.
+        origin: name of the text in errors.
+
+    Returns:
+        The validated scenario.
+
+    Raises:
+        InputError: as `load_scenario`.
     """
     document = parse_yaml(text, origin)
     return validate(Scenario, document.data, document)

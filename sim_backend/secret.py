@@ -1,4 +1,4 @@
-"""The sealed answer beside a session: what was hidden, in a file that nobody reads by accident."""
+"""The sealed answer beside a session: what was hidden, in a file that cannot be read by accident."""
 
 import base64
 import binascii
@@ -6,7 +6,6 @@ import json
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 from robot_io.errors import InputError
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
@@ -19,8 +18,8 @@ _LINE = 76
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What was hidden in one session."""
+class SealedAnswer:
+    """Hidden effects of one session."""
 
     hidden: tuple[Imperfection, ...]  # the effects
     seed: int | None  # that they were drawn from; None where a scenario named them
@@ -29,14 +28,29 @@ class Answer:
 
 
 def sealed_path(session: str | Path) -> Path:
-    """Where the sealed answer of a session file lies: named after the whole name, as no other file's is."""
+    """Return the path of a session's sealed answer.
+
+    Args:
+        session: path of the session file.
+
+    Returns:
+        The session's whole name with a suffix.
+    """
     return Path(f"{session}{SUFFIX}")
 
 
-def seal(session: str | Path, answer: Answer) -> Path:
+def seal(session: str | Path, answer: SealedAnswer) -> Path:
     """Write the sealed answer beside a session file, whole or not at all; nothing is replaced.
 
-    Returns the sealed file. InputError: a file of that name is there already, or it cannot be written.
+    Args:
+        session: path of the session file.
+        answer: to seal.
+
+    Returns:
+        Path of the sealed file.
+
+    Raises:
+        InputError: the file exists already, or cannot be written.
     """
     path = sealed_path(session)
     data = {
@@ -49,7 +63,12 @@ def seal(session: str | Path, answer: Answer) -> Path:
     lines = [_TITLE, _HOW, "", *(code[start : start + _LINE] for start in range(0, len(code), _LINE)), ""]
     try:
         with path.open("x", encoding="ascii") as file:
-            _write(file, "\n".join(lines))
+            try:
+                file.write("\n".join(lines))
+                file.flush()
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
     except FileExistsError as error:
         raise InputError(f"{path}: exists already, and a sealed answer replaces nothing") from error
     except OSError as error:
@@ -57,18 +76,18 @@ def seal(session: str | Path, answer: Answer) -> Path:
     return path
 
 
-def _write(file: TextIO, text: str) -> None:
-    """Write all of it, or remove the file, which is ours."""
-    try:
-        file.write(text)
-        file.flush()
-    except OSError:
-        Path(file.name).unlink(missing_ok=True)
-        raise
+def unseal(path: str | Path) -> SealedAnswer:
+    """Open a sealed answer.
 
+    Args:
+        path: of the sealed file.
 
-def unseal(path: str | Path) -> Answer:
-    """Open a sealed answer. InputError: there is none, or it is damaged or of another version."""
+    Returns:
+        The answer.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
     path = Path(path)
     try:
         with path.open("rb") as file:
@@ -84,7 +103,7 @@ def unseal(path: str | Path) -> Answer:
         raise InputError(f"{path}: damaged, its answer cannot be read ({error!s:.100})") from error
 
 
-def _parse(code: bytes, size: int) -> Answer:
+def _parse(code: bytes, size: int) -> SealedAnswer:
     if size > _MAX_BYTES:
         raise ValueError(f"larger than {_MAX_BYTES} bytes")
     inflater = zlib.decompressobj()
@@ -95,4 +114,4 @@ def _parse(code: bytes, size: int) -> Answer:
     seed, made_utc, mark = answer["seed"], answer["made_utc"], answer.get("mark", "")
     if not (isinstance(seed, int | None) and isinstance(made_utc, str) and isinstance(mark, str)):
         raise TypeError("seed, date or mark is of the wrong type")
-    return Answer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, made_utc, mark)
+    return SealedAnswer(tuple(parse_imperfection(entry) for entry in answer["hidden"]), seed, made_utc, mark)

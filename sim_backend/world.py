@@ -14,19 +14,19 @@ from robot_io.errors import InputError
 from robot_io.files.safe_yaml import read_text
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
-from sim_backend.contact import ComplianceObject, Contact
+from sim_backend.contact import ComplianceObject, TipContact
 from sim_backend.dynamics_urdf import dynamics_urdf
 from sim_backend.engines import engine_class
 from sim_backend.hidden import hidden_effects
-from sim_backend.hooks import NO_EFFECTS, Effects, JointState
-from sim_backend.imperfections.armature import Rotors
+from sim_backend.hooks import NO_EFFECTS, HiddenEffects, JointStepState
+from sim_backend.imperfections.transmission import Rotors
 from sim_backend.scenario import Scenario
 from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
 
 
 @dataclass(frozen=True)
 class ArmDescription:
-    """What the world must know of a robot."""
+    """Properties of a robot that the world needs."""
 
     urdf_text: str  # the robot's URDF
     tip_frame: str  # URDF link whose origin is the contact point
@@ -52,26 +52,36 @@ class Truth:
 
 
 class World:
-    """A world of its own under one scenario; other worlds in the process do not disturb it.
+    """A simulated world under one scenario, independent of other worlds in the process.
 
-    Beside what the scenario hides, `effects` are hidden in plant and sensors. `start_s` is the time of the
-    initial state on the robot's clock [s].
+    Args:
+        arm: the robot.
+        scenario: object, sensors, physics and hidden effects.
+        effects: hidden in addition to the scenario's.
+        start_s: time of the initial state on the robot's clock [s].
 
     Attributes:
-        object: what is probed; its law and height may be changed at any time.
-        sensor_load_n: what presses on the force sensor beside the object, such as a weight put on it by hand
-            [N]; the arm stands on its rest meanwhile and does not feel it.
+        object: the compliance object; its law and height may be changed at any time.
+        sensor_load_n: additional force on the force sensor, such as a weight put on it by hand [N]; the arm
+            stands on its rest meanwhile and does not feel it.
         held: while True the arm stands still, whatever pulls at it; time and sensors go on.
 
-    InputError: the physics engine is not installed or cannot load the robot, or its parts or what is hidden
-    do not fit each other.
+    Raises:
+        InputError: the physics engine is not installed or cannot load the robot, or robot and hidden effects
+            do not fit each other.
     """
 
     def __init__(
-        self, arm: ArmDescription, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
+        self,
+        arm: ArmDescription,
+        scenario: Scenario,
+        effects: HiddenEffects = NO_EFFECTS,
+        start_s: float = 0.0,
     ) -> None:
         self.scenario = scenario
-        rotors = Effects(joint=(Rotors(arm.rotor_inertia_kg_m2),)) if arm.rotor_inertia_kg_m2 else NO_EFFECTS
+        rotors = (
+            HiddenEffects(joint=(Rotors(arm.rotor_inertia_kg_m2),)) if arm.rotor_inertia_kg_m2 else NO_EFFECTS
+        )
         self._effects = effects = hidden_effects(scenario.hidden, len(arm.home_rad)) + effects + rotors
         self._sensor_axis_tip = tuple(arm.sensor_axis_tip)
         self._start_s = start_s
@@ -110,7 +120,7 @@ class World:
         except InputError:
             self.close()
             raise
-        self._contact = Contact(self._engine, self.object, self._step_s, self._effects)
+        self._contact = TipContact(self._engine, self.object, self._step_s, self._effects)
 
     def _build_sensors(self) -> None:
         settings, effects = self.scenario.sensors, self._effects
@@ -145,9 +155,14 @@ class World:
         return self._engine.torque_limit_nm
 
     def place(self, position_rad: ArrayLike, velocity_rad_s: ArrayLike | None = None) -> None:
-        """Put the joints elsewhere (n) [rad], moving at `velocity_rad_s` (n) [rad/s] or at rest.
+        """Set the joints' state.
 
-        InputError: wrong number of joints.
+        Args:
+            position_rad: shape (n,) [rad].
+            velocity_rad_s: shape (n,) [rad/s]; None for rest.
+
+        Raises:
+            InputError: wrong number of joints.
         """
         self._place(position_rad, velocity_rad_s)
         for effect in self._effects.joint:
@@ -165,16 +180,24 @@ class World:
         self._engine.place(position.tolist(), speed.tolist())
 
     def set_torque(self, torque_nm: ArrayLike) -> None:
-        """What the drives exert from now on (n) [N m], cut at their limits.
+        """Set the drives' torques, clipped to their limits.
 
-        InputError: wrong number of joints, or a torque that is not finite.
+        Args:
+            torque_nm: shape (n,) [N m].
+
+        Raises:
+            InputError: wrong number of joints, or a torque that is not finite.
         """
         torque = frozen_array(torque_nm, (self.joint_count,), what="joint torque").tolist()
         limits = self._engine.torque_limit_nm
         self._torque_nm = [clip(t, -limit, limit) for t, limit in zip(torque, limits, strict=True)]
 
     def advance_to(self, time_s: float) -> None:
-        """Let physics pass up to the last whole step not after `time_s`; the past changes nothing."""
+        """Integrate up to the last whole step that is not after a time; an earlier time changes nothing.
+
+        Args:
+            time_s: on the robot's clock [s].
+        """
         last_step = floor((time_s - self._start_s) / self._step_s + 1e-6)
         while self._steps < last_step:
             if not self.held:
@@ -184,7 +207,7 @@ class World:
             self._observe()
 
     def _joint_torque_nm(self) -> Sequence[float]:
-        """What reaches the links in the next step (n) [N m]; sets the friction of that step."""
+        """Compute the torques that reach the links in the next step (n) [N m]; set that step's friction."""
         if not self._alters_joints:
             return self._torque_nm
         state, torque = self._joint_state(), self._torque_nm
@@ -197,12 +220,12 @@ class World:
             self._engine.brake(limit)
         return torque
 
-    def _joint_state(self) -> JointState:
+    def _joint_state(self) -> JointStepState:
         n, joints = self.joint_count, self._joint_values()
         position = joints[:n]
         mass_matrix = partial(self._engine.mass_matrix, position)
         bias_torque_nm = partial(self._engine.inverse_dynamics, position, joints[n:], [0.0] * n)
-        return JointState(
+        return JointStepState(
             self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix, bias_torque_nm
         )
 
@@ -213,7 +236,7 @@ class World:
         return self._joints
 
     def _observe(self) -> None:
-        """Work out what holds at the state just reached, and show it to the sensors."""
+        """Compute the contact at the present state, and show the state to the sensors."""
         self._joints = None
         time_s = self._start_s + self._steps * self._step_s
         self._contact.update(time_s)
@@ -226,7 +249,7 @@ class World:
             self.force_sensor.observe(time_s, [force_n])
 
     def truth(self) -> Truth:
-        """The state as it is."""
+        """Return the true state."""
         joints = np.array(self._engine.joint_state())
         return Truth(
             time_s=self.time_s,
@@ -242,9 +265,18 @@ class World:
     def inverse_dynamics(
         self, position_rad: ArrayLike, velocity_rad_s: ArrayLike, acceleration_rad_s2: ArrayLike
     ) -> FloatArray:
-        """Torques (n) [N m] for a motion in free air, by the engine's own recursive Newton-Euler.
+        """Compute torques of a motion in free air, by the engine's own recursive Newton-Euler.
 
-        The motion is that of all joints (n), [rad], [rad/s] and [rad/s^2]. InputError: wrong number of them.
+        Args:
+            position_rad: shape (n,) [rad].
+            velocity_rad_s: shape (n,) [rad/s].
+            acceleration_rad_s2: shape (n,) [rad/s^2].
+
+        Returns:
+            Shape (n,) [N m].
+
+        Raises:
+            InputError: wrong number of joints.
         """
         motion = (position_rad, velocity_rad_s, acceleration_rad_s2)
         shape = (self.joint_count,)
@@ -252,16 +284,26 @@ class World:
         return self._engine.inverse_dynamics(*lists)
 
     def close(self) -> None:
-        """Free what the engine holds. Can be called again."""
+        """Free resources; can be called again."""
         self._engine.close()
 
 
 def world_of(
-    robot_file: RobotFile, scenario: Scenario, effects: Effects = NO_EFFECTS, start_s: float = 0.0
+    robot_file: RobotFile, scenario: Scenario, effects: HiddenEffects = NO_EFFECTS, start_s: float = 0.0
 ) -> World:
-    """The world of the arm that a robot file describes; see `World`.
+    """Make the world of the arm that a robot file describes; see `World`.
 
-    InputError: as `World`, or the URDF cannot be read; it names both files.
+    Args:
+        robot_file: the robot.
+        scenario: object, sensors, physics and hidden effects.
+        effects: hidden in addition to the scenario's.
+        start_s: time of the initial state on the robot's clock [s].
+
+    Returns:
+        The world.
+
+    Raises:
+        InputError: as `World`, or the URDF cannot be read; the error names both files.
     """
     try:
         arm = ArmDescription(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from calibration.arm.model import GravityBodies, fall, fall_slopes
-from calibration.statistics import Estimate
+from calibration.statistics import UncertainValue
 from estimation.data.tick_channels import joint_channels
 from estimation.statistics.least_squares import solve
 from estimation.statistics.serial_covariance import sum_covariance
@@ -36,20 +36,20 @@ _UNFELT = 1e-3  # of the larger one: a tilt whose torque is less than that is no
 _FEWEST_LOADED = 1e-9
 
 
-Estimates = Estimate[FloatArray]
+UncertainArray = UncertainValue[FloatArray]
 
 
 @dataclass(frozen=True)
 class ArmFit:
-    """What a motion says of each joint, arrays of shape (n,), of the base, and of the samples (m, n)."""
+    """Parameters of each joint, shape (n,), of the base, and residuals of the samples, shape (m, n)."""
 
-    gain: Estimates  # true over measured torque [-]
-    offset_nm: Estimates  # true torque where the measured one is 0 [N m]
-    command_offset_nm: Estimates  # true torque where the commanded one is 0 [N m]
-    coulomb_nm: Estimates  # dry friction [N m]
-    viscous_nms_rad: Estimates  # viscous friction [N m s/rad]
-    delay_s: Estimate[float]  # of the torque samples behind the motion's [s]
-    tilt_rad: Estimates  # pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it
+    gain: UncertainArray  # true over measured torque [-]
+    offset_nm: UncertainArray  # true torque where the measured one is 0 [N m]
+    command_offset_nm: UncertainArray  # true torque where the commanded one is 0 [N m]
+    coulomb_nm: UncertainArray  # dry friction [N m]
+    viscous_nms_rad: UncertainArray  # viscous friction [N m s/rad]
+    delay_s: UncertainValue[float]  # of the torque samples behind the motion's [s]
+    tilt_rad: UncertainArray  # pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it
     residual_nm: FloatArray  # measured less fitted torque, NaN where a sample was left out [N m]
     position_rad: FloatArray
     velocity_rad_s: FloatArray
@@ -57,7 +57,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """Motion and torques at the times of the torque samples (m,), each of shape (m, n), SI units."""
+    """Motion and torques at the times of the torque samples, shape (m,), each of shape (m, n), SI units."""
 
     time_s: FloatArray
     position_rad: FloatArray
@@ -68,7 +68,17 @@ class ArmMotion:
 
 
 def motion_of(ticks: Samples) -> ArmMotion:
-    """The part of a session in which the path was followed; `InputError` if there is none."""
+    """Extract the part of a session in which the path was followed.
+
+    Args:
+        ticks: of the session.
+
+    Returns:
+        Motion and torques.
+
+    Raises:
+        InputError: there is too little motion.
+    """
     excited = ticks.select(ticks["run"] == 0)
     channels = joint_channels(excited)
     if not channels or len(channels[0]) < _FEWEST:
@@ -76,7 +86,8 @@ def motion_of(ticks: Samples) -> ArmMotion:
             "the session holds too little motion to calibrate from: its calibration was interrupted"
         )
     context, inner = channels[0].context, slice(_EDGE, -_EDGE)
-    sent = _at_rows(excited, channels[0].time_s)
+    before = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
+    sent = excited.vector("torque_sent_nm")[np.maximum(before, 0)]
     return ArmMotion(
         channels[0].time_s[inner],
         context["joint_position"][inner],
@@ -88,12 +99,24 @@ def motion_of(ticks: Samples) -> ArmMotion:
 
 
 def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
-    """Fit the model to a motion.
+    """Fit drives, friction, delay and tilt to a motion.
 
-    InputError: a joint hardly moved, or its load does not change, so that its gain is not determined.
+    Args:
+        motion: motion and torques.
+        bodies: the arm without gravity, and with gravity along each axis.
+
+    Returns:
+        The parameters with their uncertainties.
+
+    Raises:
+        InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
     """
     inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
-    moving = _means(_well_moving(motion.velocity_rad_s).astype(np.float64)) == 1.0
+    # Samples near standstill are left out, with those near them in time: derivatives smear friction's jump.
+    still = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
+    near = np.ones(2 * _EDGE + 1)
+    away = np.column_stack([np.convolve(joint, near, mode="same") < 0.5 for joint in still.T])
+    moving = _means(away.astype(np.float64)) == 1.0
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
     _check(moving, inertial + gravity @ fall(np.zeros(2)))
@@ -132,7 +155,7 @@ class _Solver:
         return tilt
 
     def predicted_nm(self, values: FloatArray) -> FloatArray:
-        """What the drives should have measured, shape (m, n)."""
+        """Torques that the drives should have measured, shape (m, n) [N m]."""
         known, _ = self._known_and_rate(values)
         s, c, b, o = values[: self.delay].reshape(-1, 4).T
         speed = self.motion.velocity_rad_s
@@ -172,35 +195,35 @@ def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> Ar
     gain = 1.0 / ratios[:, 0]
     first = np.arange(0, delay, 4)
 
-    def times_gain(k: int) -> Estimates:
+    def times_gain(k: int) -> UncertainArray:
         slopes = np.zeros((len(gain), len(values)))
         slopes[np.arange(len(gain)), first + k] = gain
         slopes[np.arange(len(gain)), first] = -ratios[:, k] * gain**2
-        return Estimate(gain * ratios[:, k], np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes)))
+        return UncertainValue(
+            gain * ratios[:, k], np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
+        )
 
     offset = times_gain(3)
     tilt, tilt_std = np.full(2, np.nan), np.full(2, np.nan)
     tilt[solver.felt], tilt_std[solver.felt] = values[delay + 1 :], std[delay + 1 :]
-    shift, shift_std = _mean_and_error(motion.measured_nm - motion.sent_nm)
+    difference = motion.measured_nm - motion.sent_nm
+    shift = difference.mean(axis=0)
+    shift_std = np.sqrt(np.diag(sum_covariance(difference - shift).matrix)) / len(difference)
     residual = motion.measured_nm - solver.predicted_nm(values)
     return ArmFit(
-        gain=Estimate(gain, gain**2 * std[first]),
+        gain=UncertainValue(gain, gain**2 * std[first]),
         offset_nm=offset,
-        command_offset_nm=Estimate(offset.value + gain * shift, np.hypot(offset.std_err, gain * shift_std)),
+        command_offset_nm=UncertainValue(
+            offset.value + gain * shift, np.hypot(offset.std_err, gain * shift_std)
+        ),
         coulomb_nm=times_gain(1),
         viscous_nms_rad=times_gain(2),
-        delay_s=Estimate(float(values[delay]), float(std[delay])),
-        tilt_rad=Estimate(tilt, tilt_std),
+        delay_s=UncertainValue(float(values[delay]), float(std[delay])),
+        tilt_rad=UncertainValue(tilt, tilt_std),
         residual_nm=np.where(solver.moving, residual, np.nan),
         position_rad=motion.position_rad,
         velocity_rad_s=motion.velocity_rad_s,
     )
-
-
-def _mean_and_error(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of the columns, and their standard errors with correlated rows."""
-    mean = values.mean(axis=0)
-    return mean, np.sqrt(np.diag(sum_covariance(values - mean).matrix)) / len(values)
 
 
 def _means(values: FloatArray) -> FloatArray:
@@ -211,13 +234,6 @@ def _means(values: FloatArray) -> FloatArray:
     """
     count = len(values) // BLOCK
     return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))
-
-
-def _well_moving(velocity_rad_s: FloatArray) -> BoolArray:
-    """Samples of each joint away from standstill, also by time: derivatives smear friction's jump there."""
-    still = np.abs(velocity_rad_s) <= STANDSTILL_RAD_S
-    near = np.ones(2 * _EDGE + 1)
-    return np.column_stack([np.convolve(joint, near, mode="same") < 0.5 for joint in still.T])
 
 
 def _felt(gravity: FloatArray) -> BoolArray:
@@ -239,9 +255,3 @@ def _check(moving: BoolArray, torque_nm: FloatArray) -> None:
             raise InputError(
                 f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
             )
-
-
-def _at_rows(ticks: Samples, torque_at_s: FloatArray) -> FloatArray:
-    """What had been sent when each torque was sampled, shape (m, n) [N m]."""
-    before = np.searchsorted(ticks["time_s"], torque_at_s, side="right") - 1
-    return np.asarray(ticks.vector("torque_sent_nm")[np.maximum(before, 0)])

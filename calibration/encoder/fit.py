@@ -1,10 +1,10 @@
-"""Zeros of the joints: what is known of a position less what the encoders show there."""
+"""Zeros of the joints: known positions minus what the encoders show there."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.encoder.stop_task import EVENT
+from calibration.encoder.stops import EVENT
 from calibration.statistics import few_sample_factor
 from robot_io.errors import InputError
 from robot_io.session import Samples, Session
@@ -25,9 +25,18 @@ class EncoderFit:
 
 
 def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
-    """Zeros from touches of hard stops, known to a standard uncertainty, as `StopTask` logs them.
+    """Fit zeros to touches of hard stops, as `StopTask` logs them.
 
-    InputError: a joint's stop was not touched at least twice.
+    Args:
+        session: with the touches.
+        joint_count: number of joints n.
+        stop_std_rad: standard uncertainty of the stops' positions [rad].
+
+    Returns:
+        The zeros.
+
+    Raises:
+        InputError: a joint's stop was not touched at least twice.
     """
     ticks = _fresh(session.samples("tick"))
     position = ticks.vector("joint_position_rad")
@@ -52,9 +61,18 @@ def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> Encode
 
 
 def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
-    """Zeros from a pose (n,) [rad] that the arm was held in, known to a standard uncertainty for each joint.
+    """Fit zeros to a pose in which the arm was held.
 
-    InputError: the session holds no samples, or the arm moved.
+    Args:
+        session: in which the arm stands still.
+        pose_rad: shape (n,) [rad].
+        pose_std_rad: standard uncertainty of each joint [rad].
+
+    Returns:
+        The zeros.
+
+    Raises:
+        InputError: the session holds no samples, or the arm moved.
     """
     position = _fresh(session.samples("tick")).vector("joint_position_rad")
     if not len(position):

@@ -2,14 +2,14 @@
 
     force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
 
-An effect that the data do not show (a t test at 1 %) is taken out of the equation and reported as what was
-found for it; without curvature, scale is the mean slope over the range, with it the slope at the zero. Least
-squares in the force.
+An effect that the data do not show (a t test at 1 %) is removed from the equation; its estimate is reported.
+Without curvature, scale is the mean slope over the range, with it the slope at the zero. Least squares in the
+force.
 
-Each plateau is one observation, so that what differs from plateau to plateau (creep, friction, a weight's
-error) is in the uncertainty. No sensor is quite a line or a parabola, and what is left between the two need
-not show in the scatter: what one more power of the reading would change of zero and scale counts as one more
-standard uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
+Each plateau is one observation, so that differences between plateaus (creep, friction, a weight's error) are
+in the uncertainty. No sensor is exactly linear or parabolic, and the remaining shape need not show in the
+scatter: the change of zero and scale by one more power of the reading counts as one more standard
+uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t
 
 from calibration.force.plateaus import Plateaus
-from calibration.statistics import Estimate, few_sample_factor
+from calibration.statistics import UncertainValue, few_sample_factor
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray
 
@@ -34,32 +34,38 @@ _SUSPECT = 5.0  # times the other plateaus' scatter
 
 @dataclass(frozen=True)
 class ForceFit:
-    """What a sensor's record says; u is the unit of its readings."""
+    """Characteristic of a force sensor; u is the unit of its readings."""
 
-    zero: Estimate[float]  # reading without force [u]
-    scale: Estimate[float]  # [N/u]
-    curvature: Estimate[float] | None  # [N/u^2]; None where none is shown
+    zero: UncertainValue[float]  # reading without force [u]
+    scale: UncertainValue[float]  # [N/u]
+    curvature: UncertainValue[float] | None  # [N/u^2]; None where none is shown
     # what the sensor shows more on the way down than on the way up, at the same force [N].
-    hysteresis_n: Estimate[float]
+    hysteresis_n: UncertainValue[float]
     # largest distance of the characteristic from its chord over the range, as a share of it.
-    nonlinearity: Estimate[float]
+    nonlinearity: UncertainValue[float]
     plateaus: Plateaus  # what was fitted
     residual_n: FloatArray  # reference less what the calibrated sensor says, shape (m,) [N]
     range_n: tuple[float, float]  # lowest and highest reference [N]
-    suspect: int | None  # number, from 0, of a plateau that does not belong to the others, or None
+    suspect: int | None  # index from 0 of an outlying plateau, or None
 
     @property
     def rms_n(self) -> float:
-        """Of the residuals [N]."""
+        """Root mean square of the residuals [N]."""
         return float(np.sqrt(np.mean(self.residual_n**2)))
 
 
 def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     """Fit a force sensor's characteristic to plateaus, which go up and down, so that hysteresis shows.
 
-    `reference_rel_std` is the standard uncertainty of all references together, as a share of them [-].
+    Args:
+        plateaus: mean readings under known forces.
+        reference_rel_std: standard uncertainty of all references together, as a share of them [-].
 
-    InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
+    Returns:
+        The characteristic with its uncertainties.
+
+    Raises:
+        InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
     """
     check_references(plateaus.reference_n)
     if np.ptp(plateaus.reading) == 0.0:
@@ -83,11 +89,11 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
     bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
     residual = _residuals(values, plateaus, hysteresis=False)
     return ForceFit(
-        zero=Estimate(zero, zero_err),
-        scale=Estimate(scale, scale_err),
-        curvature=Estimate(curvature, curvature_err) if used[_CURVATURE] else None,
-        hysteresis_n=Estimate(-2 * scale * half, 2 * scale * half_err),
-        nonlinearity=Estimate(abs(curvature) * bow, curvature_err * bow),
+        zero=UncertainValue(zero, zero_err),
+        scale=UncertainValue(scale, scale_err),
+        curvature=UncertainValue(curvature, curvature_err) if used[_CURVATURE] else None,
+        hysteresis_n=UncertainValue(-2 * scale * half, 2 * scale * half_err),
+        nonlinearity=UncertainValue(abs(curvature) * bow, curvature_err * bow),
         plateaus=plateaus,
         residual_n=residual,
         range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
@@ -96,7 +102,14 @@ def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
 
 
 def check_references(reference_n: Sequence[float] | FloatArray) -> None:
-    """Refuse with `InputError` too few plateaus or forces for a fit, before anybody has put them on."""
+    """Check that the planned forces suffice for a fit.
+
+    Args:
+        reference_n: force of each plateau [N].
+
+    Raises:
+        InputError: there are too few plateaus or different forces.
+    """
     levels = _levels(reference_n)
     if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
         raise InputError(
@@ -124,7 +137,8 @@ def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> Fl
 
 def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
     """Values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 where not used."""
-    slope, zero = _line(plateaus)
+    slope, intercept = (float(value) for value in np.polyfit(plateaus.reading, plateaus.reference_n, 1))
+    zero = -intercept / slope if slope else 0.0
     width = np.ptp(plateaus.reading)
     typical = np.array([width, slope, slope / width, slope / width**2, width])
     values = np.zeros(len(used))
@@ -134,20 +148,14 @@ def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray,
         return values
 
     start = (np.array([zero, slope, 0.0, 0.0, 0.0]) / typical)[used]
-    found = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
+    fit = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
     freedom = len(plateaus) - int(used.sum())
     own_n = slope * plateaus.std_err
-    variance = max(2.0 * found.cost / freedom, float(np.mean(own_n**2)))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance
+    variance = max(2.0 * fit.cost / freedom, float(np.mean(own_n**2)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * variance
     errors = np.zeros(len(used))
     errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(freedom)
-    return unpacked(found.x).copy(), errors, freedom
-
-
-def _line(plateaus: Plateaus) -> tuple[float, float]:
-    """Slope [N/u] and zero [u] of the line through the plateaus."""
-    slope, intercept = np.polyfit(plateaus.reading, plateaus.reference_n, 1)
-    return float(slope), float(-intercept / slope) if slope else 0.0
+    return unpacked(fit.x).copy(), errors, freedom
 
 
 def _residuals(
@@ -159,7 +167,7 @@ def _residuals(
 
 
 def _suspect(residual: FloatArray) -> int | None:
-    """The plateau that is much farther off than the rest scatter: a wrong weight rather than noise."""
+    """Find a plateau whose residual is much larger than the others' scatter, as from a wrong weight."""
     worst = int(np.argmax(np.abs(residual)))
     others = np.delete(residual, worst)
     scatter = float(np.sqrt(np.mean(others**2)))

@@ -1,19 +1,21 @@
-"""Steady readings under known forces, cut out of a record."""
+"""Steady readings of a force sensor under known forces: from a data file, or weighed on the robot."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.still import StillRobot
 from estimation.data.table import Table, read_table
 from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray
+from robot_io.session import Session
+from robot_io.types import BoolArray, FloatArray, Status
 
 _SETTLING_SHARE = 0.25  # of a plateau, left out where nothing says when it is settled
 _FEWEST = 3  # samples of a plateau
-_OUTLIER = 8.0  # robust standard deviations: a converter's glitch, not its noise
+_OUTLIER = 8.0  # robust standard deviations of a converter's glitch
 _NORMAL = 1.4826  # standard deviation of normal noise over its median absolute deviation
 STANDARD_GRAVITY_M_S2 = 9.80665
 _ROLES = ("reading", "reference", "settled")
@@ -36,11 +38,18 @@ class Plateaus:
 
 
 def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArray | None = None) -> Plateaus:
-    """Cut a record (n,) where the reference [N] changes, and take the mean reading of each piece.
+    """Cut a record where the reference changes, and average the reading of each piece.
 
-    Samples that are not settled do not count; without that mark the first quarter of each plateau does not.
+    Args:
+        reading: of the sensor, shape (n,).
+        reference_n: known force, shape (n,) [N].
+        settled: samples that count, shape (n,); without it the first quarter of each plateau does not count.
 
-    InputError: fewer than three samples are left of every plateau.
+    Returns:
+        The plateaus.
+
+    Raises:
+        InputError: fewer than three samples remain of every plateau.
     """
     steps = np.concatenate([[0], np.cumsum(np.diff(reference_n) != 0.0)])
     pieces = [_settled(reading[rows], None if settled is None else settled[rows]) for rows in blocks(steps)]
@@ -54,7 +63,15 @@ def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArr
 
 
 def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> Plateaus:
-    """Plateaus from the settled readings under each force, in the order of time."""
+    """Average the settled readings under each force, without outliers.
+
+    Args:
+        references_n: known forces, in the order of time [N].
+        pieces: readings under each of them.
+
+    Returns:
+        The plateaus.
+    """
     kept = [piece[~_is_glitch(piece)] for piece in pieces]
     reference = np.array(references_n, dtype=np.float64)
     return Plateaus(
@@ -85,15 +102,23 @@ def read_reference_file(
     gravity_m_s2: float = STANDARD_GRAVITY_M_S2,
     reading_unit: str | None = None,
 ) -> tuple[Plateaus, str]:
-    """Plateaus of a data file, and the unit of its readings.
+    """Read plateaus from a data file: CSV (also .gz), Parquet or NPZ, one row a sample in the order of time.
 
-    CSV (also .gz), Parquet or NPZ, one row a sample in the order of time. `columns` say what `reading`,
-    `reference` and `settled` are called there; without an entry a column is looked for that begins so.
-    Units are the end of a name, such as `load_counts`, `weight_kg`, `force_N`, or `reading_unit`. Where
-    there is a column `settled`, only rows count in which it is not 0. Gravity makes a mass a weight
-    [m/s^2].
+    Units are the end of a name, such as `load_counts`, `weight_kg`, `force_N`. Where there is a column
+    `settled`, only rows count in which it is not 0.
 
-    InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
+    Args:
+        path: of the file.
+        columns: names of the columns `reading`, `reference` and `settled`; a missing entry is a column whose
+            name begins so.
+        gravity_m_s2: makes a mass a weight [m/s^2].
+        reading_unit: of the readings; None for the end of the column's name.
+
+    Returns:
+        The plateaus, and the unit of the readings.
+
+    Raises:
+        InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
     """
     wrong = [role for role in columns if role not in _ROLES]
     if wrong:
@@ -113,19 +138,19 @@ def read_reference_file(
 def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
     if role in columns:
         return columns[role]
-    found = [name for name in table.names if name == role or name.startswith(f"{role}_")]
-    if len(found) != 1:
+    candidates = [name for name in table.names if name == role or name.startswith(f"{role}_")]
+    if len(candidates) != 1:
         free = [name for name in table.names if not name.startswith((*_ROLES, "time"))]
         example = (free or [*table.names])[0]
         raise InputError(
             f"{table.path}: which column is the {role}? Say --column {role}={example}. "
             f"There are: {table.listed_names}"
         )
-    return found[0]
+    return candidates[0]
 
 
 def _newtons(table: Table, name: str, gravity_m_s2: float) -> float:
-    """What one unit of the reference is [N]."""
+    """Look up the size of one unit of the reference [N]."""
     factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
     unit = name.rpartition("_")[2].lower()
     if unit not in factors:
@@ -144,3 +169,62 @@ def _reading_unit(table: Table, name: str) -> str:
             "say it with --reading-unit"
         )
     return unit
+
+
+EVENT = "reference_force"
+
+
+def weigh(
+    still: StillRobot,
+    forces_n: Sequence[float],
+    place: Callable[[int, float], None],
+    *,
+    settle_s: float,
+    measure_s: float,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Read the sensor under one force after the other; the records of each are numbered as a run.
+
+    Args:
+        still: the robot, without power.
+        forces_n: to put on, positive in compression [N].
+        place: called with index and force [N]; returns when the force is there.
+        settle_s: time before each measurement [s].
+        measure_s: length of each measurement [s].
+        progress: called with the share that is done.
+
+    Raises:
+        SafetyTripError: a sample is missing, old or beyond a limit.
+        KeyboardInterrupt: the user stopped it.
+    """
+    for number, force_n in enumerate(forces_n):
+        place(number, force_n)
+        still.settle(settle_s)
+        text = f"{force_n:.4f} N on the sensor"
+        still.log.event(still.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
+        still.watch(measure_s, number)
+        if progress:
+            progress((number + 1) / len(forces_n))
+
+
+def read_weighing(session: Session) -> Plateaus:
+    """Read the plateaus of a session that `weigh` logged.
+
+    Args:
+        session: the session.
+
+    Returns:
+        The plateaus.
+
+    Raises:
+        InputError: the session holds no reference forces.
+    """
+    forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
+    if not forces_n:
+        raise InputError(f"{session.path}: no reference forces in it: it is not from palpate calibrate force")
+    ticks = session.samples("tick")
+    fresh = ticks.select(ticks["force_status"] == Status.OK)
+    pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
+    whole = [number for number, piece in enumerate(pieces) if len(piece) >= 3]
+    levels = np.array(list(forces_n.values()))[whole]
+    return plateaus_of(levels.tolist(), [pieces[number] for number in whole])

@@ -11,8 +11,7 @@ from plotly.graph_objects import Figure
 
 from calibration.arm.fit import ArmFit
 from calibration.force.fit import ForceFit, fit_force
-from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file
-from calibration.force.weighing import read_weighing
+from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file, read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate import console
 from palpate.console import command_group

@@ -28,7 +28,7 @@ from palpate.render.terminal import print_files, print_stages
 from palpate.runs.options import ENGINE
 from palpate.study_view import result_view
 from palpate.words import as_shell_word, shown, significant, typed
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.engines import EngineName
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
@@ -68,7 +68,7 @@ def command(
     now = datetime.now().astimezone()
     session = output_session(out or Path("sessions") / f"demo-{now:%Y%m%d-%H%M%S}.mcap")
     # Of another law, what is hidden would not be all that the demo's base model misses.
-    can_hide = isinstance(world.object.law, KelvinVoigt)
+    can_hide = isinstance(world.object.law, KelvinVoigtLaw)
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()

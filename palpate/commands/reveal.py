@@ -11,7 +11,7 @@ from palpate.files import open_session
 from palpate.runs.hiding import open_answer, was_sealed
 from palpate.words import shown, significant, typed
 from sim_backend.imperfection import Imperfection
-from sim_backend.secret import Answer
+from sim_backend.secret import SealedAnswer
 
 
 def command(
@@ -20,7 +20,7 @@ def command(
 ) -> None:
     """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
     found = open_session(session)
-    answer = open_answer(found) if was_sealed(found) else Answer((), None, found.metadata.created_utc)
+    answer = open_answer(found) if was_sealed(found) else SealedAnswer((), None, found.metadata.created_utc)
     if as_json:
         console.print_json(describe(session, answer))
     elif answer.hidden:
@@ -31,7 +31,7 @@ def command(
         console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide something"))
 
 
-def describe(session: Path, answer: Answer) -> dict[str, Any]:
+def describe(session: Path, answer: SealedAnswer) -> dict[str, Any]:
     """The answer as plain data; the keys are stable."""
     return {
         "session": str(session),
@@ -47,7 +47,7 @@ def _parameters(entry: Imperfection) -> dict[str, dict[str, Any]]:
     return {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}
 
 
-def _print(session: Path, answer: Answer) -> None:
+def _print(session: Path, answer: SealedAnswer) -> None:
     table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
     for entry in answer.hidden:
         values = (

@@ -7,14 +7,12 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, choose_path
-from calibration.arm.free_motion import PathTask
+from calibration.arm.clearance import paced, travel_speed_rad_s
 from calibration.arm.model import GravityBodies
-from calibration.arm.room import paced, travel_speed_rad_s
-from calibration.encoder.stop_plan import plan_stops, with_room_for_stops
-from calibration.encoder.stop_task import PUSH_SHARE, StopSettings, StopTask
+from calibration.arm.motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, PathTask, choose_path
+from calibration.encoder.stops import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
 from calibration.force.fit import check_references
-from calibration.force.weighing import weigh
+from calibration.force.plateaus import weigh
 from calibration.still import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of

@@ -13,7 +13,7 @@ from calibration.arm.fit import ArmFit, fit_arm, motion_of
 from calibration.arm.model import GravityBodies
 from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
 from calibration.force.fit import ForceFit
-from calibration.statistics import Estimate
+from calibration.statistics import UncertainValue
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from palpate.files import open_session
@@ -139,8 +139,8 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
     findings = {
         "hysteresis": _entry(fit.hysteresis_n, "N"),
         "nonlinearity": _entry(fit.nonlinearity, "1"),
-        "residual_rms": _entry(Estimate(fit.rms_n, 0.0), "N"),
-        "range": _entry(Estimate(list(fit.range_n), [0.0, 0.0]), "N"),
+        "residual_rms": _entry(UncertainValue(fit.rms_n, 0.0), "N"),
+        "range": _entry(UncertainValue(list(fit.range_n), [0.0, 0.0]), "N"),
     }
     content = stamp.content("force") | {"reading_unit": reading_unit, "values": values, "findings": findings}
     return validate(ForceCalibration, content)
@@ -148,7 +148,7 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
 
 def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
     """The file's content."""
-    values = {"offset": _entry(Estimate(fit.offset_rad, fit.std_rad), "rad")}
+    values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
     findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
     return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
 
@@ -175,7 +175,9 @@ def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
         InputError: the arm feels no tilt at all.
     """
     tilt = zip(("pitch", "roll"), fit.tilt_rad.value.tolist(), fit.tilt_rad.std_err.tolist(), strict=True)
-    values = {name: _entry(Estimate(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)}
+    values = {
+        name: _entry(UncertainValue(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)
+    }
     if not values:
         raise InputError("no joint of this arm carries weight: it cannot feel how its base stands")
     findings = {
@@ -191,11 +193,11 @@ def _rms(residual: FloatArray) -> FloatArray:
 
 
 def _exact(values: FloatArray, unit: str) -> dict[str, object]:
-    return _entry(Estimate(values, np.zeros_like(values)), unit)
+    return _entry(UncertainValue(values, np.zeros_like(values)), unit)
 
 
 def _entry(
-    estimate: Estimate[FloatArray] | Estimate[float] | Estimate[list[float]], unit: str
+    estimate: UncertainValue[FloatArray] | UncertainValue[float] | UncertainValue[list[float]], unit: str
 ) -> dict[str, object]:
     value, std_err = (np.asarray(part).tolist() for part in (estimate.value, estimate.std_err))
     return {"value": value, "std_err": std_err, "unit": unit}

@@ -13,7 +13,7 @@ from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Hidden, Scenario
-from sim_backend.secret import Answer, seal, sealed_path, unseal
+from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 
 RANDOM = "random"
 SEALED = "(sealed)"  # what stands in a command line for what is hidden
@@ -58,7 +58,7 @@ def seal_hidden(
     if not scenario.hidden:
         return None
     drawn = what is not None and not Path(what).suffix
-    return seal(session, Answer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
+    return seal(session, SealedAnswer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
 
 
 def was_sealed(session: Session) -> bool:
@@ -66,7 +66,7 @@ def was_sealed(session: Session) -> bool:
     return SEAL in session.metadata.extra or sealed_path(session.path).exists()
 
 
-def open_answer(session: Session) -> Answer:
+def open_answer(session: Session) -> SealedAnswer:
     """What was hidden in a session.
 
     Raises:

@@ -20,7 +20,7 @@ from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator,
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
 from robot_io.files.safe_yaml import load_yaml
-from sim_backend.contact_laws import HuntCrossley
+from sim_backend.contact_laws import HuntCrossleyLaw
 
 SHIPPED = Path(__file__).parent / "grids"
 ESTIMATE, DIAGNOSE = "palpate.sweep.works.probing:estimate", "palpate.sweep.works.probing:diagnosed"
@@ -120,7 +120,7 @@ class GridFile(FileModel):
     def _parameters(
         self, law: Mapping[str, Any], speeds: tuple[float, ...], std_n: float, percent: float, hidden: Hidden
     ) -> dict[str, Any]:
-        model = self.model or ("hunt_crossley" if law.get("name") == HuntCrossley.name else "kelvin_voigt")
+        model = self.model or ("hunt_crossley" if law.get("name") == HuntCrossleyLaw.name else "kelvin_voigt")
         named = (self.estimators,) if isinstance(self.estimators, str) else self.estimators
         return {
             "robot": self.robot,

@@ -20,10 +20,10 @@ from palpate.teleop.recording import record_both
 from palpate.words import count
 from robot_io.errors import PalpateError
 from robot_io.session import Session
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.scenario import ObjectSettings, Scenario
 
-_GUESS = KelvinVoigt(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
+_GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]
 _LIMIT_S = 44.0  # after which both sides are told to end: a minute should be enough for all
 _END_S = 15.0  # that both sides have for their end then

@@ -10,11 +10,11 @@ from typing import Any
 from control.teleop.virtual_object import ForceLaw
 from robot_io.errors import InputError
 from robot_io.link import ContactModel, ObjectEstimate
+from sim_backend.contact import ObjectResponse
 from sim_backend.contact_law import describe_contact_law, parse_contact_law
 from sim_backend.hidden import hidden_effects
 from sim_backend.hooks import ContactState
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
-from sim_backend.object_answer import ObjectAnswer
 from sim_backend.scenario import Scenario
 
 _ONE_JOINT = 1  # contact effects ask for none
@@ -41,7 +41,7 @@ def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     hidden = [parse_imperfection({"effect": term.name, **entry}) for term, entry in named]
     if others := [entry.name for entry in hidden if not _is_felt(entry)]:
         raise InputError(f"effect '{others[0]}' does not act between object and tip")
-    answer, time_s = ObjectAnswer(hidden_effects(hidden, _ONE_JOINT)), 0.0
+    answer, time_s = ObjectResponse(hidden_effects(hidden, _ONE_JOINT)), 0.0
 
     def force_n(depth_m: float, rate_m_s: float, dt_s: float) -> float:
         nonlocal time_s

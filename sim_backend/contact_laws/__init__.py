@@ -1,7 +1,5 @@
-"""Contact laws, one file each, found by name; see `sim_backend.contact_law`."""
+"""Contact laws, found by name; see `sim_backend.contact_law`."""
 
-from sim_backend.contact_laws.engine import EngineContact
-from sim_backend.contact_laws.hunt_crossley import HuntCrossley
-from sim_backend.contact_laws.kelvin_voigt import KelvinVoigt
+from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 
-__all__ = ["EngineContact", "HuntCrossley", "KelvinVoigt"]
+__all__ = ["EngineContact", "HuntCrossleyLaw", "KelvinVoigtLaw"]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from robot_io.robot_file import RobotFile
 from robot_io.types import Status
-from sim_backend.hooks import NO_EFFECTS, Effects
+from sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from sim_backend.scenario import Scenario
 from sim_backend.world import world_of
 
@@ -29,7 +29,7 @@ class Plant:
     """
 
     def __init__(
-        self, robot_file: RobotFile, scenario: Scenario, start_s: float, effects: Effects = NO_EFFECTS
+        self, robot_file: RobotFile, scenario: Scenario, start_s: float, effects: HiddenEffects = NO_EFFECTS
     ) -> None:
         self.world = world_of(robot_file, scenario, effects, start_s)
         self.world.held = True

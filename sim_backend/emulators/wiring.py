@@ -15,7 +15,7 @@ from robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robo
 from sim_backend.emulators.bench import Bench, EmulatedWire
 from sim_backend.emulators.faults import Faults
 from sim_backend.emulators.plant import Plant
-from sim_backend.hooks import NO_EFFECTS, Effects
+from sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from sim_backend.scenario import Scenario
 
 
@@ -63,7 +63,7 @@ def wire_up(
     scenario: Scenario,
     clock: Clock,
     faults: Mapping[str, Faults] | None = None,
-    effects: Effects = NO_EFFECTS,
+    effects: HiddenEffects = NO_EFFECTS,
 ) -> WiredArm:
     """Emulate every bus of a robot; on a simulated clock devices run in lock-step with it.
 

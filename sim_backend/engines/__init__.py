@@ -1,4 +1,4 @@
-"""Physics engines, one file each; see `sim_backend.engines.engine`. Neither is imported before it is used."""
+"""Physics engines, one file each; see `sim_backend.engines.engine`. Each is imported on first use."""
 
 from importlib import import_module
 from importlib.util import find_spec
@@ -17,25 +17,35 @@ _ENGINES: dict[EngineName, tuple[str, str, str]] = {
 
 
 def installed_engines() -> list[EngineName]:
-    """Those that can be used here, the default first: PyBullet where its wheel exists, elsewhere MuJoCo."""
+    """List the installed engines, the default first: PyBullet where its wheel exists, elsewhere MuJoCo."""
     return [name for name, (package, *_) in _ENGINES.items() if find_spec(package)]
 
 
 def default_engine() -> EngineName:
-    """What simulates where nothing else is asked for."""
+    """Return the name of the default engine."""
     return next(iter(installed_engines()), "mujoco")
 
 
 def engine_class(name: EngineName) -> type[Engine]:
-    """The engine of this name. InputError: it is not installed."""
+    """Import an engine.
+
+    Args:
+        name: of the engine.
+
+    Returns:
+        Its class.
+
+    Raises:
+        InputError: it is not installed.
+    """
     package, module, kind = _ENGINES[name]
     if not find_spec(package):
         raise InputError(
             f"physics engine '{name}': package {package} is not installed. Install it, or choose "
             f"engine {default_engine()}"
         )
-    found: type[Engine] = getattr(import_module(f"sim_backend.engines.{module}"), kind)
-    return found
+    engine: type[Engine] = getattr(import_module(f"sim_backend.engines.{module}"), kind)
+    return engine
 
 
 __all__ = ["Engine", "EngineName", "default_engine", "engine_class", "installed_engines"]

@@ -1,4 +1,4 @@
-"""What a physics engine must do: move one serial arm by joint torques and a force at its tip."""
+"""Interface of a physics engine: one serial arm, moved by joint torques and a force at its tip."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -16,10 +16,16 @@ class Engine(ABC):
     """A serial arm of revolute and prismatic joints, its base fixed at the world's origin.
 
     Kinematics and dynamics are the engine's own; every loss that it would add by itself is off. It integrates
-    by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), with h the step [s]. The URDF is
-    what `dynamics_urdf` makes of the robot's, and gravity is the fall acceleration in the world (3) [m/s^2].
+    by semi-implicit Euler: v(n+1) = v(n) + h a(n), x(n+1) = x(n) + h v(n+1), with h the step [s].
 
-    InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
+    Args:
+        urdf_text: made by `dynamics_urdf`.
+        tip_frame: link whose motion counts.
+        step_s: step h [s].
+        gravity_m_s2: fall acceleration in the world, shape (3,) [m/s^2].
+
+    Raises:
+        InputError: the engine cannot load the URDF, or it is not a serial arm that ends at the tip frame.
     """
 
     name: ClassVar[str]  # what a scenario calls it
@@ -38,35 +44,56 @@ class Engine(ABC):
 
     @abstractmethod
     def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
-        """Put the joints at n positions [rad] with n velocities [rad/s]."""
+        """Set positions and velocities of the joints.
+
+        Args:
+            position_rad: shape (n,) [rad].
+            velocity_rad_s: shape (n,) [rad/s].
+        """
 
     @abstractmethod
     def joint_state(self) -> list[float]:
-        """The n positions [rad] followed by the n velocities [rad/s]."""
+        """Return the n positions [rad] followed by the n velocities [rad/s]."""
 
     @abstractmethod
     def tip_state(self) -> tuple[Sequence[float], Sequence[float], Quaternion]:
-        """Position [m], velocity [m/s] and orientation of the tip frame in the world, at present."""
+        """Return position [m], velocity [m/s] and orientation of the tip frame in the world."""
 
     @abstractmethod
     def push(self, torque_nm: Sequence[float], tip_force_z_n: float, tip_position_m: Sequence[float]) -> None:
-        """Apply torques (n) along the joint axes and an upward force at the tip for the next step only."""
+        """Apply torques and an upward force at the tip for the next step only.
+
+        Args:
+            torque_nm: along the joint axes, shape (n,) [N m].
+            tip_force_z_n: upwards [N].
+            tip_position_m: of the tip in the world, shape (3,) [m].
+        """
 
     @abstractmethod
     def brake(self, friction_nm: Sequence[float]) -> None:
-        """Resist the joints' motion with at most these torques (n) [N m], from the next step on.
+        """Resist the joints' motion by dry friction from the next step on.
 
-        The engine solves for dry friction with the motion: it is the limit while a joint moves, and what is
+        The engine solves for friction with the motion: it is the limit while a joint moves, and what is
         needed while it stands.
+
+        Args:
+            friction_nm: largest torques, shape (n,) [N m].
         """
 
     @abstractmethod
     def step(self) -> None:
-        """Let h pass."""
+        """Integrate one step."""
 
     @abstractmethod
     def mass_matrix(self, position_rad: Sequence[float]) -> FloatArray:
-        """Joint-space inertia (n, n) [kg m^2] at n positions [rad]."""
+        """Compute the joint-space inertia.
+
+        Args:
+            position_rad: shape (n,) [rad].
+
+        Returns:
+            Shape (n, n) [kg m^2].
+        """
 
     @abstractmethod
     def inverse_dynamics(
@@ -75,12 +102,26 @@ class Engine(ABC):
         velocity_rad_s: Sequence[float],
         acceleration_rad_s2: Sequence[float],
     ) -> FloatArray:
-        """Torques (n) [N m] for a motion in free air: n positions, velocities and accelerations."""
+        """Compute the torques of a motion in free air.
+
+        Args:
+            position_rad: shape (n,) [rad].
+            velocity_rad_s: shape (n,) [rad/s].
+            acceleration_rad_s2: shape (n,) [rad/s^2].
+
+        Returns:
+            Shape (n,) [N m].
+        """
 
     def set_surface(self, contact: EngineContact | None, height_m: float) -> None:
-        """Put a surface with a contact of the engine's own at a world height [m], or take it away.
+        """Put a surface with the engine's own contact into the world, or take it away.
 
-        InputError: the engine has none.
+        Args:
+            contact: stiffness and damping; None to take the surface away.
+            height_m: world height of the surface [m].
+
+        Raises:
+            InputError: the engine has no contact of its own.
         """
         if contact is not None:
             raise InputError(
@@ -89,15 +130,23 @@ class Engine(ABC):
             )
 
     def surface_force_n(self) -> float:
-        """What the surface of `set_surface` pushes the tip with at present [N]."""
+        """Return the force of the surface of `set_surface` on the tip [N]."""
         return 0.0
 
     def close(self) -> None:  # noqa: B027, not every engine holds something
-        """Free what the engine holds. Can be called again."""
+        """Free resources; can be called again."""
 
 
 def check_serial(joints: Sequence[str], towards_tip: Sequence[str]) -> None:
-    """Refuse with `InputError` an arm without joints, or with joints (by name) that do not move the tip."""
+    """Check that an arm is serial.
+
+    Args:
+        joints: names of all joints.
+        towards_tip: names of the joints that move the tip.
+
+    Raises:
+        InputError: the arm has no joints, or joints that do not move the tip.
+    """
     aside = [joint for joint in joints if joint not in towards_tip]
     if aside or not joints:
         names = ", ".join(aside) or "(the arm has none)"

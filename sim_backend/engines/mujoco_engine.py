@@ -95,10 +95,10 @@ class MujocoEngine(Engine):
         self._look()
 
     def _look(self) -> None:
-        """Work out all that the present positions and velocities say: links, inertia, constraints.
+        """Update links, inertia and constraints to the present positions and velocities.
 
-        It is the first half of MuJoCo's step, after the second instead of before it: its own step would leave
-        the links as they were before it.
+        It is the first half of MuJoCo's step, called after the second half instead of before it: MuJoCo's own
+        step would leave the links as they were before it.
         """
         mujoco.mj_step1(self._model, self._data)
 

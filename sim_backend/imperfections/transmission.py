@@ -1,22 +1,24 @@
-"""What lies between a drive, whose side the encoder sees, and its link."""
+"""Hidden effects between a drive, whose side the encoder sees, and its link."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from math import exp
+from math import exp, inf
 from typing import Self
 
+import numpy as np
 from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Positive
-from sim_backend.hooks import Effects, JointEffect, JointState, SensorEffect
+from robot_io.types import FloatArray
+from sim_backend.hooks import HiddenEffects, JointEffect, JointStepState, SensorHook
 from sim_backend.imperfection import JointImperfection, parameter
-from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of, joint_of
+from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
 
 
 class _Transmission(JointImperfection, ABC):
-    """The encoder is ahead of the link by u, while the whole torque passes through.
+    """The encoder is ahead of the link by u; the whole torque passes through.
 
-    The drive has no inertia of its own here: the rotor's is counted to the link, as the URDF does.
+    The drive has no inertia of its own here: the rotor's is part of the link's, as in the URDF.
     """
 
     @property
@@ -24,16 +26,16 @@ class _Transmission(JointImperfection, ABC):
         """See `Imperfection.channels`; the tip is not where the encoders say."""
         return (channel_of(self.joint), CONTACT)
 
-    def effects(self, joint_count: int) -> Effects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         ahead = _Ahead(self.index_in(joint_count), self)
-        return Effects(joint=(ahead,), encoder=(ahead,))
+        return HiddenEffects(joint=(ahead,), encoder=(ahead,))
 
     @abstractmethod
     def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
         """How far the encoder is ahead after a step with this torque, given how far it was before [rad]."""
 
 
-class _Ahead(JointEffect, SensorEffect):
+class _Ahead(JointEffect, SensorHook):
     def __init__(self, index: int, transmission: _Transmission) -> None:
         self._index = index
         self._transmission = transmission
@@ -42,7 +44,7 @@ class _Ahead(JointEffect, SensorEffect):
     def restart(self) -> None:
         self._ahead_rad = 0.0
 
-    def joint_torque_nm(self, state: JointState, torque_nm: Sequence[float]) -> Sequence[float]:
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
         self._ahead_rad = self._transmission.ahead_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
         return torque_nm
 
@@ -52,7 +54,7 @@ class _Ahead(JointEffect, SensorEffect):
         return changed
 
 
-class Backlash(_Transmission):
+class HiddenBacklash(_Transmission):
     """The encoder, on the drive's side, is ahead of the link by u within +- gap/2, on the side that pushes.
 
     The drive crosses the gap when the torque changes sign, du/dt = tau / d, held up by the grease: the
@@ -77,7 +79,7 @@ class Backlash(_Transmission):
         return cls(joint=joint_of(channel), gap_rad=min(gap_rad, 0.02))
 
 
-class JointElasticity(_Transmission):
+class HiddenJointElasticity(_Transmission):
     """The encoder, on the drive's side, is ahead of the link by the twist u of a spring that carries tau.
 
     T du/dt = C tau - u: spring and dashpot in parallel. It is the slow part of Spong's model (J. Dyn. Sys.
@@ -101,3 +103,68 @@ class JointElasticity(_Transmission):
         """See `Imperfection.at_strength`; as soft as can still be controlled by the encoder at most."""
         compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
         return cls(joint=joint_of(channel), compliance_rad_nm=min(compliance_rad_nm, 2e-3))
+
+
+_REFRESH_S = 4e-3  # the arm's inertia changes by 1 % in it
+
+
+class HiddenArmature(JointImperfection):
+    """tau = J d^2q/dt^2 is what the rotor takes of the drive's torque; the link gets the rest.
+
+    J is the rotor's own inertia times the square of the gear ratio. With a high ratio the rotor turns so much
+    faster than the links that it feels the own joint's acceleration only: J stands on the diagonal of the
+    joint-space inertia, as in Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 9.
+    """
+
+    name = "armature"
+    shows_in = LOADED  # the last joint's controller becomes unstable before it shows
+    inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        inertia_kg_m2 = np.zeros(joint_count)
+        inertia_kg_m2[self.index_in(joint_count)] = self.inertia_kg_m2
+        return (
+            HiddenEffects(joint=(Rotors(inertia_kg_m2.tolist()),)) if self.inertia_kg_m2 else HiddenEffects()
+        )
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at most what a controller that knows the arm alone can master."""
+        joint = scale.joint(channel)
+        inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2
+        return cls(joint=joint_of(channel), inertia_kg_m2=min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2))
+
+
+class Rotors(JointEffect):
+    """Solves (M + J) a = tau + r for the step, J diagonal, where the engine solves M a = tau - J a + r.
+
+    What the arm's weight, contact and friction do, r, is what the last step's motion leaves of the equation;
+    the acceleration without the rotors is a0 = a_last + M^-1 (tau - tau_last), and with them it is
+    a = (1 + M^-1 J)^-1 a0. Taking J a_last instead, the obvious way, diverges as soon as a rotor is heavier
+    than what its joint feels of the arm. The inertia is that of all joints, shape (n,) [kg m^2].
+    """
+
+    def __init__(self, inertia_kg_m2: Sequence[float]) -> None:
+        self._inertia_kg_m2 = np.array(inertia_kg_m2)
+        self.restart()
+
+    def restart(self) -> None:
+        self._last: tuple[FloatArray, FloatArray] | None = None
+        self._refresh_s = -inf
+
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
+        if state.time_s >= self._refresh_s:
+            self._inverse = np.linalg.inv(state.mass_matrix())
+            self._share = np.linalg.inv(np.eye(len(changed_nm)) + self._inverse * self._inertia_kg_m2)
+            self._refresh_s = state.time_s + _REFRESH_S
+        if self._last is None:  # nothing has moved yet: the arm is in free air
+            without = self._inverse.dot(changed_nm - state.bias_torque_nm())
+        else:
+            last_speed_rad_s, last_nm = self._last
+            without = (speed_rad_s - last_speed_rad_s) / state.step_s
+            without += self._inverse.dot(changed_nm - last_nm)
+        changed_nm -= self._inertia_kg_m2 * self._share.dot(without)
+        self._last = speed_rad_s, changed_nm
+        values: list[float] = changed_nm.tolist()
+        return values

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import TORQUE_MOTION, FourierPath, choose_path
 from calibration.arm.fit import ArmMotion, fit_arm
 from calibration.arm.model import GravityBodies
+from calibration.arm.motion import TORQUE_MOTION, FourierPath, choose_path
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration.applied import gravity_base_m_s2
 from robot_io.errors import InputError

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import ExcitationSettings
-from calibration.encoder.stop_task import StopSettings
+from calibration.arm.motion import ExcitationSettings
+from calibration.encoder.stops import StopSettings
 from calibration.force.fit import fit_force
-from calibration.force.weighing import read_weighing
+from calibration.force.plateaus import read_weighing
 from control.probing.plan import ProbingPlan
 from estimation.study.estimates import estimate_with
 from estimation.study.source import arm_of, open_source

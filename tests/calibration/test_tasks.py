@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.excitation import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, choose_path
-from calibration.arm.free_motion import FreeMotion
 from calibration.arm.model import GravityBodies
-from calibration.encoder.stop_plan import StopApproach, plan_stops, with_room_for_stops
-from calibration.encoder.stop_task import StopSettings, StopTask
+from calibration.arm.motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, FreeMotion, choose_path
+from calibration.encoder.stops import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
 from calibration.still import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains, gains_of

@@ -18,7 +18,7 @@ from robot_io.session import Session, SessionMetadata
 from sim_backend.hidden import draw_hidden, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
 from sim_backend.scenario import Scenario, load_scenario
-from sim_backend.secret import Answer, seal, sealed_path, unseal
+from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
@@ -134,7 +134,7 @@ def test_an_answer_that_was_taken_away_is_missed(mystery, tmp_path):
 def test_an_answer_to_another_session_is_refused(probed, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_bytes(probed[0].read_bytes())
-    seal(path, Answer((), 1, "2001-01-01T00:00:00+00:00"))
+    seal(path, SealedAnswer((), 1, "2001-01-01T00:00:00+00:00"))
     assert_refused(run("reveal", path), "another session, made at 2001")
 
 
@@ -143,7 +143,7 @@ def test_an_answer_of_the_same_second_under_the_same_name_is_refused(mystery, tm
     path = tmp_path / "a.mcap"
     path.write_bytes(mystery.read_bytes())
     made_utc = Session.open(mystery).metadata.created_utc
-    seal(path, Answer((), 1, made_utc, "5" * 32))
+    seal(path, SealedAnswer((), 1, made_utc, "5" * 32))
     assert_refused(run("reveal", path), "another session")
 
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from sim_backend.scenario import load_scenario
 from sim_backend.world import World
 from tests.sim_backend.parts import GRAVITY_M_S2, slider
 
 STEP_S = 0.25e-3
-SPRING = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=0.0)
+SPRING = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=0.0)
 QUIET = {
     "force": {"noise_std_n": 0.0, "resolution_n": 0.0, "range_n": 1e9},
     "torque": {"noise_std_nm": 0.0, "resolution_nm": 0.0},

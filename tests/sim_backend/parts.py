@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.hooks import NO_EFFECTS
 from sim_backend.scenario import load_scenario
 from sim_backend.world import ArmDescription, World
@@ -53,7 +53,7 @@ def scenario(
     **sensors,
 ):
     """A scenario without a file; `force=..., torque=..., encoder=...` are the sensors' settings."""
-    law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0) if law is None else law
+    law = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0) if law is None else law
     return load_scenario(
         {
             "seed": seed,

@@ -6,7 +6,7 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.world import ArmDescription
 from tests.sim_backend.parts import (
     ARM_NAMES,
@@ -115,7 +115,7 @@ def test_a_drive_gives_no_more_than_its_effort_limit():
 def test_the_pole_of_a_long_fall_is_not_the_engine_s_speed_limit():
     world = make_world(
         ArmDescription(SLIDER_URDF.format(mass_kg=1.0), "probe", (0, 0, -1), (9.9,)),
-        scenario(KelvinVoigt(stiffness_n_m=1.0, damping_n_s_m=0.0), surface_m=-50.0, gravity=3000.0),
+        scenario(KelvinVoigtLaw(stiffness_n_m=1.0, damping_n_s_m=0.0), surface_m=-50.0, gravity=3000.0),
     )
     world.advance_to(0.08)
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-240.0, rel=1e-6)

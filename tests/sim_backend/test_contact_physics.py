@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sim_backend.contact_laws import HuntCrossley, KelvinVoigt
+from sim_backend.contact_laws import HuntCrossleyLaw, KelvinVoigtLaw
 from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, slider, watch
 
 MASS_KG = 0.8
@@ -29,7 +29,7 @@ def simulated(law, start, duration_s, rate_hz=4000.0):
 
 def worst_error(stiffness, damping, rate_hz):
     """Largest distance from the closed form, relative to the amplitude of the motion."""
-    law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping, sticky=True)
+    law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping, sticky=True)
     rest_m = MASS_KG * GRAVITY_M_S2 / stiffness
     # The engine's velocity belongs half a step before its position; at rest at first, this is what it was.
     half_a_step_before = -0.5 / rate_hz * -GRAVITY_M_S2
@@ -52,7 +52,7 @@ def test_contact_is_accurate_to_the_second_order_in_the_step(damping):
 
 @pytest.mark.parametrize("stiffness", [100.0, 10_000.0])
 def test_an_undamped_object_neither_gives_nor_takes_energy(stiffness):
-    law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=0.0, sticky=True)
+    law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=0.0, sticky=True)
     truths = simulated(law, (2 * MASS_KG * GRAVITY_M_S2 / stiffness, 0.0), 5.0)
     depth = column(truths, "depth_m")
     early, late = np.ptp(depth[:1000]), np.ptp(depth[-1000:])
@@ -61,7 +61,7 @@ def test_an_undamped_object_neither_gives_nor_takes_energy(stiffness):
 
 def test_force_depth_and_rate_of_one_instant_belong_together():
     stiffness, damping = 2000.0, 100.0
-    law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping)
+    law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(-0.02, MASS_KG), scenario(law))
     truths = watch(world, 0.1, period_s=0.25e-3)
     depth, force = column(truths, "depth_m"), column(truths, "force_n")
@@ -76,7 +76,7 @@ def test_a_dry_object_never_pulls_and_a_sticky_one_does():
     parameters = {"stiffness_n_m": 300.0, "damping_n_s_m": 60.0}
     lowest = {}
     for sticky in (False, True):
-        world = make_world(slider(-0.005), scenario(KelvinVoigt(**parameters, sticky=sticky)))
+        world = make_world(slider(-0.005), scenario(KelvinVoigtLaw(**parameters, sticky=sticky)))
         world.place([-0.005], [0.5])  # torn out at 0.5 m/s
         lowest[sticky] = column(watch(world, 0.02, 0.25e-3), "force_n").min()
         world.close()
@@ -95,7 +95,7 @@ def test_an_object_is_felt_below_its_surface_only():
 
 
 def test_a_hunt_crossley_object_takes_a_touch_without_a_jump():
-    law = HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5)
+    law = HuntCrossleyLaw(stiffness=7000.0, damping=4000.0, exponent=1.5)
     touch = simulated(law, (-1e-4, 0.15), 0.01)
     force = column(touch, "force_n")
     assert np.diff(force).max() < 1.0
@@ -105,7 +105,7 @@ def test_a_hunt_crossley_object_takes_a_touch_without_a_jump():
 @pytest.mark.parametrize("stiffness", [100.0, 7100.0, 10_000.0])
 @pytest.mark.parametrize("damping", [0.0, 200.0])
 def test_a_drop_onto_the_object_returns_no_more_energy_than_it_brought(stiffness, damping):
-    law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping)
+    law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
     world = make_world(slider(0.02, MASS_KG), scenario(law))
     truths = watch(world, 2.0)
     height = -column(truths, "depth_m")

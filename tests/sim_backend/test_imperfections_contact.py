@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from sim_backend.contact_law import CONTACT_LAWS
-from sim_backend.contact_laws import HuntCrossley, KelvinVoigt
+from sim_backend.contact_laws import HuntCrossleyLaw, KelvinVoigtLaw
 from tests.sim_backend.hidden_parts import SPRING, STEP_S, hidden, hidden_slider, press, steps
 
 K = SPRING.stiffness_n_m
@@ -33,8 +33,8 @@ def test_the_second_layer_is_stiffer_from_its_depth_on():
 
 
 def test_hunt_crossley_on_top_of_nothing_is_hunt_crossley():
-    nothing = KelvinVoigt(stiffness_n_m=0.0, damping_n_s_m=0.0)
-    law = HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5)
+    nothing = KelvinVoigtLaw(stiffness_n_m=0.0, damping_n_s_m=0.0)
+    law = HuntCrossleyLaw(stiffness=7000.0, damping=4000.0, exponent=1.5)
     entry = hidden("hunt_crossley", stiffness=7000.0, damping=4000.0, exponent=1.5)
     assert np.allclose(press([entry], IN_AND_OUT, law=nothing), press([], IN_AND_OUT, law=law))
 
@@ -88,7 +88,7 @@ def test_a_sticky_surface_pulls_from_touch_on_until_its_neck_tears():
 
 
 def test_a_sticky_surface_pulls_no_more_than_its_bond_bears():
-    damped = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=100.0)
+    damped = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=100.0)
     torn_out = press([hidden("adhesion", pull_off_n=2.0)], [0.01, 0.005], -1.0, damped)
     assert torn_out == pytest.approx([-2.0, -2.0])
 
@@ -110,7 +110,7 @@ def test_a_dent_recovers_in_its_time():
 
 
 def test_the_dashpot_of_a_dented_surface_feels_the_dent_s_own_speed():
-    damped = KelvinVoigt(stiffness_n_m=0.0, damping_n_s_m=100.0)
+    damped = KelvinVoigtLaw(stiffness_n_m=0.0, damping_n_s_m=100.0)
     force = press([hidden("plastic_set", share=0.25)], [0.01, 0.02, 0.015], [0.1, 0.1, -0.0001], damped)
     assert force == pytest.approx([7.5, 7.5, 0.0], abs=0.011)
 
@@ -146,7 +146,7 @@ def test_a_tool_and_a_spring_in_series_share_the_depth():
 
 
 def test_a_tool_on_a_hardening_object_carries_the_object_s_force():
-    law = HuntCrossley(stiffness=7000.0, damping=0.0, exponent=1.5)
+    law = HuntCrossleyLaw(stiffness=7000.0, damping=0.0, exponent=1.5)
     force = press([hidden("tool_compliance", compliance_m_n=3e-4)], [0.012], 0.0, law)[0]
     expected = brentq(lambda f: f - 7000.0 * (0.012 - 3e-4 * f) ** 1.5, 0.0, 9.0)
     assert force == pytest.approx(expected, abs=ROUNDING_N)
@@ -156,7 +156,7 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
     stiffness, damping, compliance = 500.0, 60.0, 2e-3
     t = steps(0.2)
     depth, rate = 0.01 * np.sin(10 * t), 0.1 * np.cos(10 * t)
-    law = KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=damping)
+    law = KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=damping)
     force = press([hidden("tool_compliance", compliance_m_n=compliance)], depth, rate, law)
 
     def object_rate(time_s, object_depth):
@@ -173,14 +173,14 @@ def test_a_tool_on_a_damped_object_follows_the_differential_equation():
     st.floats(1e-6, 1e-2),
     st.sampled_from(
         [
-            KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0),
-            KelvinVoigt(stiffness_n_m=1e4, damping_n_s_m=200.0, sticky=True),
-            HuntCrossley(stiffness=7000.0, damping=4000.0, exponent=1.5),
-            HuntCrossley(stiffness=1e6, damping=1e6, exponent=3.0),
+            KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0),
+            KelvinVoigtLaw(stiffness_n_m=1e4, damping_n_s_m=200.0, sticky=True),
+            HuntCrossleyLaw(stiffness=7000.0, damping=4000.0, exponent=1.5),
+            HuntCrossleyLaw(stiffness=1e6, damping=1e6, exponent=3.0),
         ]
     ),
 )
-@example(1e-5, 1.0, 0.0078125, KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=20.0))
+@example(1e-5, 1.0, 0.0078125, KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=20.0))
 def test_tool_and_object_carry_the_same_force_whatever_the_law(depth, rate, compliance, law):
     force = press([hidden("tool_compliance", compliance_m_n=compliance)], [depth], rate, law)[0]
     squeeze = compliance * force
@@ -232,7 +232,7 @@ def test_no_effect_gives_more_work_than_it_took(name, corners, law):
 @pytest.mark.parametrize("damping", [0.0, 20.0])
 @pytest.mark.parametrize("name", sorted(CONTACT))
 def test_a_dropped_mass_comes_to_rest_or_bounces_no_higher(name, damping):
-    law = KelvinVoigt(stiffness_n_m=500.0, damping_n_s_m=damping)
+    law = KelvinVoigtLaw(stiffness_n_m=500.0, damping_n_s_m=damping)
     world = hidden_slider(hidden(name, **CONTACT[name]), height_m=0.02, law=law)
     heights = []
     for time_s in steps(1.0)[::4]:

@@ -5,7 +5,7 @@ import pinocchio
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_backend.contact_laws import KelvinVoigt
+from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.world import World
 from tests.sim_backend.hidden_parts import STEP_S, hidden, hidden_slider, let_go, quiet_scenario, steps
 from tests.sim_backend.parts import GRAVITY_M_S2, shipped_arm
@@ -214,7 +214,7 @@ def test_a_rotor_hundreds_of_times_the_wrist_s_inertia_keeps_its_energy():
 
 
 def test_a_rotor_much_heavier_than_its_mass_is_stable_on_a_stiff_and_damped_object():
-    law = KelvinVoigt(stiffness_n_m=1e4, damping_n_s_m=200.0)
+    law = KelvinVoigtLaw(stiffness_n_m=1e4, damping_n_s_m=200.0)
     rotor = hidden("armature", joint=1, inertia_kg_m2=10.0)
     world = hidden_slider(rotor, height_m=0.01, mass_kg=0.5, law=law)
     position, _ = let_go(world, 3.0)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robot_io.errors import InputError
 from sim_backend.hidden import draw_hidden
 from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.secret import Answer, seal, sealed_path, unseal
+from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 
 MADE = "2025-01-02T03:04:05+00:00"
 
@@ -22,7 +22,7 @@ MADE = "2025-01-02T03:04:05+00:00"
 def test_an_answer_comes_back_as_it_was(tmp_path_factory, seeds, seed):
     session = tmp_path_factory.mktemp("sealed") / "a.mcap"
     hidden = tuple(draw_hidden(number)[0] for number in seeds)
-    answer = Answer(hidden, seed, MADE, "0f" * 16)
+    answer = SealedAnswer(hidden, seed, MADE, "0f" * 16)
     path = seal(session, answer)
     assert path == sealed_path(session) == session.with_name("a.mcap.sealed")
     assert unseal(path) == answer
@@ -34,7 +34,7 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
         channel = next((c for c in ("contact", "joint_1") if c in kind.shows_in), None)
         if channel is None:
             continue
-        answer = Answer(tuple(draw_hidden(3, channel, effect=name)), 3, MADE)
+        answer = SealedAnswer(tuple(draw_hidden(3, channel, effect=name)), 3, MADE)
         text = seal(tmp_path / f"{name}.mcap", answer).read_text()
         assert text.startswith("palpate sealed answer")
         assert "palpate reveal" in text
@@ -45,9 +45,9 @@ def test_a_reader_of_the_file_learns_what_it_is_but_not_what_is_in_it(tmp_path):
 
 def test_a_second_answer_does_not_replace_the_first(tmp_path):
     session = tmp_path / "a.mcap"
-    seal(session, Answer((), 1, MADE))
+    seal(session, SealedAnswer((), 1, MADE))
     with pytest.raises(InputError, match=r"a\.mcap\.sealed: exists already"):
-        seal(session, Answer((), 2, MADE))
+        seal(session, SealedAnswer((), 2, MADE))
     assert unseal(sealed_path(session)).seed == 1
 
 
@@ -61,7 +61,7 @@ def test_an_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_pa
     resource.setrlimit(limit, (40, before[1]))
     try:
         with pytest.raises(InputError, match="cannot be written"):
-            seal(tmp_path / "a.mcap", Answer((), 1, MADE))
+            seal(tmp_path / "a.mcap", SealedAnswer((), 1, MADE))
     finally:
         resource.setrlimit(limit, before)
         signal.signal(signal.SIGXFSZ, handler)
@@ -70,7 +70,7 @@ def test_an_answer_that_does_not_fit_on_the_disk_is_not_left_half_written(tmp_pa
 
 def test_a_folder_that_is_not_there_is_one_clear_line(tmp_path):
     with pytest.raises(InputError, match=r"a\.mcap\.sealed: cannot be written"):
-        seal(tmp_path / "no" / "a.mcap", Answer((), 1, MADE))
+        seal(tmp_path / "no" / "a.mcap", SealedAnswer((), 1, MADE))
 
 
 def packed(data, title="palpate sealed answer, version 1"):

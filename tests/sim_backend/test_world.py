@@ -7,8 +7,8 @@ import pytest
 
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws import EngineContact, HuntCrossley, KelvinVoigt
-from sim_backend.hooks import ContactEffect, Effects, JointEffect, SensorEffect
+from sim_backend.contact_laws import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
 from sim_backend.world import world_of
 from tests.sim_backend.parts import (
     ARMS_DIR,
@@ -49,11 +49,11 @@ def settled_depth(world, duration_s=2.0):
 
 
 def test_an_object_can_change_while_it_is_touched():
-    world = make_world(slider(-0.01), scenario(KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40)))
+    world = make_world(slider(-0.01), scenario(KelvinVoigtLaw(stiffness_n_m=500, damping_n_s_m=40)))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 500, rel=1e-3)
-    world.object.set_law(KelvinVoigt(stiffness_n_m=2000, damping_n_s_m=80))
+    world.object.set_law(KelvinVoigtLaw(stiffness_n_m=2000, damping_n_s_m=80))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 2000, rel=1e-3)
-    world.object.set_law(HuntCrossley(stiffness=5000, damping=8000, exponent=1.3))
+    world.object.set_law(HuntCrossleyLaw(stiffness=5000, damping=8000, exponent=1.3))
     assert settled_depth(world) == pytest.approx((WEIGHT_N / 5000) ** (1 / 1.3), rel=1e-3)
     before = world.truth().tip_position_world_m[2]
     world.object.move_surface(0.05)
@@ -88,7 +88,7 @@ def test_the_engine_s_contact_pushes_the_arm_s_probe_at_the_tip_frame():
 def test_law_and_engine_contact_replace_each_other():
     world = make_world(slider(0.001), scenario(EngineContact(stiffness_n_m=500, damping_n_s_m=40)))
     engine = settled_depth(world)
-    world.object.set_law(KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40))
+    world.object.set_law(KelvinVoigtLaw(stiffness_n_m=500, damping_n_s_m=40))
     assert settled_depth(world) == pytest.approx(engine, rel=0.01)
     world.object.set_law(EngineContact(stiffness_n_m=1000, damping_n_s_m=40))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.01)
@@ -98,7 +98,7 @@ def test_law_and_engine_contact_replace_each_other():
 def test_an_engine_without_a_contact_of_its_own_refuses_the_law_and_keeps_the_other():
     own, spring = (
         EngineContact(stiffness_n_m=500, damping_n_s_m=40),
-        KelvinVoigt(stiffness_n_m=500, damping_n_s_m=40),
+        KelvinVoigtLaw(stiffness_n_m=500, damping_n_s_m=40),
     )
     with pytest.raises(InputError, match="engine 'mujoco' has none: use 'kelvin_voigt'"):
         make_world(slider(), scenario(own))
@@ -110,7 +110,7 @@ def test_an_engine_without_a_contact_of_its_own_refuses_the_law_and_keeps_the_ot
 
 def test_worlds_side_by_side_do_not_disturb_each_other():
     def build(stiffness):
-        return make_world(slider(0.01), scenario(KelvinVoigt(stiffness_n_m=stiffness, damping_n_s_m=5)))
+        return make_world(slider(0.01), scenario(KelvinVoigtLaw(stiffness_n_m=stiffness, damping_n_s_m=5)))
 
     alone = build(500)
     expected = column(watch(alone, 0.3), "depth_m")
@@ -121,7 +121,7 @@ def test_worlds_side_by_side_do_not_disturb_each_other():
         second.advance_to(tick * 1e-3 * 0.7)
         depths.append(first.truth().depth_m)
         if tick == 150:
-            second.object.set_law(KelvinVoigt(stiffness_n_m=100, damping_n_s_m=1))
+            second.object.set_law(KelvinVoigtLaw(stiffness_n_m=100, damping_n_s_m=1))
     first.advance_to(0.4)
     assert np.array_equal(depths, expected)
 
@@ -176,7 +176,7 @@ class Drag(JointEffect):
         return [t - 3.0 * v for t, v in zip(torque_nm, state.velocity_rad_s, strict=True)]
 
 
-class Offset(SensorEffect):
+class Offset(SensorHook):
     def __init__(self, amount):
         self.amount = amount
 
@@ -186,7 +186,7 @@ class Offset(SensorEffect):
 
 def test_a_contact_effect_acts_on_the_tip_once_a_step():
     glue = Glue()
-    world = make_world(slider(0.0005), scenario(gravity=0.0), Effects(contact=(glue,)))
+    world = make_world(slider(0.0005), scenario(gravity=0.0), HiddenEffects(contact=(glue,)))
     assert world.truth().force_n == -2.0
     world.advance_to(0.01)
     assert world.truth().tip_position_world_m[2] < 0.00045
@@ -200,13 +200,13 @@ def test_a_contact_effect_adds_to_the_engine_s_contact_too():
             return 2 * force_n
 
     law = EngineContact(stiffness_n_m=500, damping_n_s_m=40)
-    world = make_world(slider(0.001), scenario(law), Effects(contact=(Doubled(),)))
+    world = make_world(slider(0.001), scenario(law), HiddenEffects(contact=(Doubled(),)))
     assert settled_depth(world) == pytest.approx(WEIGHT_N / 1000, rel=0.02)
 
 
 def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
     world = make_world(
-        slider(5.0), scenario(surface_m=-9.0, torque={"noise_std_nm": 0.0}), Effects(joint=(Drag(),))
+        slider(5.0), scenario(surface_m=-9.0, torque={"noise_std_nm": 0.0}), HiddenEffects(joint=(Drag(),))
     )
     world.advance_to(2.0)
     assert world.truth().joint_velocity_rad_s[0] == pytest.approx(-GRAVITY_M_S2 / 3.0, rel=0.01)
@@ -214,7 +214,7 @@ def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
 
 
 def test_sensor_effects_act_on_their_own_sensor():
-    hidden = Effects(force=(Offset(1.0), Offset(0.5)), torque=(Offset(2.0),), encoder=(Offset(0.25),))
+    hidden = HiddenEffects(force=(Offset(1.0), Offset(0.5)), torque=(Offset(2.0),), encoder=(Offset(0.25),))
     quiet = {
         "force": {"noise_std_n": 0.0},
         "torque": {"noise_std_nm": 0.0},

@@ -7,7 +7,7 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.guard import Guard
-from sim_backend.imperfections.friction import CoulombFriction
+from sim_backend.imperfections.joint_torque import HiddenCoulombFriction
 from tests.control.loop_parts import MemoryLog
 from tests.wire.parts import DYNAMIXEL
 
@@ -19,7 +19,7 @@ RUBBING_NM = (0.5, 0.3, 0.05)  # in gears of this size
 
 def test_joints_that_friction_holds_are_no_stuck_encoders(bench):
     arm = bench(
-        DYNAMIXEL, hidden=[CoulombFriction(joint=j, coulomb_nm=f) for j, f in enumerate(RUBBING_NM, 1)]
+        DYNAMIXEL, hidden=[HiddenCoulombFriction(joint=j, coulomb_nm=f) for j, f in enumerate(RUBBING_NM, 1)]
     )
     robot_file = arm.arm.robot_file
     guard = Guard(robot_file.limits, robot_file.safe_state, 3)

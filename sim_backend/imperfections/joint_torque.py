@@ -1,14 +1,14 @@
-"""Friction in a joint."""
+"""Hidden effects on a joint's torque: friction, springs, ripple and gain."""
 
 from abc import ABC, abstractmethod
-from math import exp
+from math import exp, sin, tau
 from typing import Self
 
+import numpy as np
 from numpy.random import Generator
 
 from robot_io.files.file_model import NotNegative, Number, Positive
-from sim_backend.channel_effect import JointFriction, JointTorque
-from sim_backend.hooks import Effects
+from sim_backend.hooks import AddedTorque, HiddenEffects, JointFriction
 from sim_backend.imperfection import JointImperfection, parameter
 from sim_backend.noise_scale import LOADED, NoiseScale, joint_of
 
@@ -16,15 +16,15 @@ from sim_backend.noise_scale import LOADED, NoiseScale, joint_of
 class _Friction(JointImperfection, ABC):
     """A resistance against the motion of one joint; at rest it holds until more than that pulls."""
 
-    def effects(self, joint_count: int) -> Effects:
-        return Effects(friction=(JointFriction(self.index_in(joint_count), self.resistance_nm),))
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(friction=(JointFriction(self.index_in(joint_count), self.resistance_nm),))
 
     @abstractmethod
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         """The largest resistance [N m], see `JointFriction`."""
 
 
-class ViscousFriction(_Friction):
+class HiddenViscousFriction(_Friction):
     """tau = b |dq/dt| against the motion: grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
 
     name = "viscous_friction"
@@ -39,7 +39,7 @@ class ViscousFriction(_Friction):
         return cls(joint=joint_of(channel), viscous_nms_rad=strength * unit)
 
 
-class QuadraticFriction(_Friction):
+class HiddenQuadraticFriction(_Friction):
     """tau = b2 (dq/dt)^2 against the motion: churned oil, air.
 
     Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
@@ -57,7 +57,7 @@ class QuadraticFriction(_Friction):
         return cls(joint=joint_of(channel), quadratic_nms2_rad2=strength * unit)
 
 
-class CoulombFriction(_Friction):
+class HiddenCoulombFriction(_Friction):
     """tau = f against the motion; a joint at rest stays there until more than f pulls at it.
 
     Coulomb 1785; Armstrong-Helouvry et al., Automatica 30 (1994), sec. 2.
@@ -76,7 +76,7 @@ class CoulombFriction(_Friction):
         return cls(joint=joint_of(channel), coulomb_nm=coulomb_nm)
 
 
-class AsymmetricFriction(_Friction):
+class HiddenAsymmetricFriction(_Friction):
     """tau = f+ against positive and f- against negative motion: a seal, a cable, a worm gear.
 
     The same as Coulomb friction of (f+ + f-)/2 beside a constant torque of -(f+ - f-)/2, at rest too.
@@ -87,10 +87,10 @@ class AsymmetricFriction(_Friction):
     positive_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f+ [N m]
     negative_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f- [N m]
 
-    def effects(self, joint_count: int) -> Effects:
+    def effects(self, joint_count: int) -> HiddenEffects:
         constant_nm = -0.5 * (self.positive_nm - self.negative_nm)
-        constant = JointTorque(self.index_in(joint_count), lambda _position, _drive: constant_nm)
-        return super().effects(joint_count) + Effects(joint=(constant,))
+        constant = AddedTorque(self.index_in(joint_count), lambda _position, _drive: constant_nm)
+        return super().effects(joint_count) + HiddenEffects(joint=(constant,))
 
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
         return 0.5 * (self.positive_nm + self.negative_nm)
@@ -104,7 +104,7 @@ class AsymmetricFriction(_Friction):
         return cls(joint=joint_of(channel), positive_nm=positive_nm, negative_nm=negative_nm)
 
 
-class StribeckFriction(_Friction):
+class HiddenStribeckFriction(_Friction):
     """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion: the film of grease carries from v_s on.
 
     Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
@@ -132,7 +132,7 @@ class StribeckFriction(_Friction):
         )
 
 
-class LoadDependentFriction(_Friction):
+class HiddenLoadDependentFriction(_Friction):
     """tau = mu |tau_load| against the motion: teeth that are pressed together.
 
     A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
@@ -153,3 +153,84 @@ class LoadDependentFriction(_Friction):
     def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
         share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
         return cls(joint=joint_of(channel), load_share=min(share, 0.9))
+
+
+class _LinkTorque(JointImperfection, ABC):
+    """A torque that comes on top of one drive's."""
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(joint=(AddedTorque(self.index_in(joint_count), self.torque_nm),))
+
+    @abstractmethod
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        """The torque on the link [N m], along the joint's axis, see `AddedTorque`."""
+
+
+class HiddenJointSpring(_LinkTorque):
+    """tau += -k (q - q0) on the link: a cable or hose that bends, a balancing spring (Hooke)."""
+
+    name = "joint_spring"
+    stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
+    rest_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-100.0, le=100.0, default=0.0)  # q0 [rad]
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return -self.stiffness_nm_rad * (position_rad - self.rest_rad)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at rest near the middle, and weaker than the controller."""
+        joint = scale.joint(channel)
+        stiffness_nm_rad = strength * scale.joint_noise_nm / (0.8 * joint.swing_rad)
+        return cls(
+            joint=joint_of(channel),
+            stiffness_nm_rad=min(stiffness_nm_rad, 1000.0 * joint.inertia_kg_m2),
+            rest_rad=joint.middle_rad + joint.swing_rad * generator.uniform(-1.0, 1.0),
+        )
+
+
+class HiddenTorqueRipple(_LinkTorque):
+    """tau += A sin(N q + phi) on the link: cogging of the motor's magnets, teeth of the gear.
+
+    Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
+    """
+
+    name = "torque_ripple"
+    amplitude_nm: NotNegative = parameter("N m", 0.02, 1.0, le=100.0)  # A [N m]
+    cycles: Number = parameter("-", 6.0, 300.0, gt=0, le=1e4)  # N, in one turn of the joint [-]
+    phase_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-tau, le=tau, default=0.0)  # phi [rad]
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return self.amplitude_nm * sin(self.cycles * position_rad + self.phase_rad)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; some cycles within the swing, and not too much to control."""
+        joint = scale.joint(channel)
+        cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
+        return cls(
+            joint=joint_of(channel),
+            amplitude_nm=min(1.4 * strength * scale.joint_noise_nm, joint.mastered_nm),
+            cycles=float(np.round(cycles)),
+            phase_rad=generator.uniform(-np.pi, np.pi),
+        )
+
+
+class HiddenTorqueGain(_LinkTorque):
+    """tau_link = g tau_drive: the drive sets and measures current, and takes a wrong constant.
+
+    The measured torque follows the command; what reaches the link does not.
+    """
+
+    name = "torque_gain"
+    shows_in = LOADED  # a tool that hangs straight down does not load its joint
+    # g, true over believed motor constant; one is right [-].
+    gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return (self.gain - 1.0) * drive_nm
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        excess = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
+        gain = float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))
+        return cls(joint=joint_of(channel), gain=gain)

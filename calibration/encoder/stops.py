@@ -1,31 +1,157 @@
-"""Touches the joints' hard stops, one after the other: slowly, with little torque, several times each."""
+"""Touching the joints' hard stops: planning sides and postures, and the task that does it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Self
 
 import numpy as np
 
-from calibration.arm.free_motion import FreeMotion
-from calibration.arm.room import ACCELERATION_RAD_S2, SHARE, paced, travel_speed_rad_s
-from calibration.encoder.stop_plan import StopApproach
+from calibration.arm.clearance import (
+    ACCELERATION_RAD_S2,
+    MARGIN_M,
+    SHARE,
+    check_way_up,
+    highest_posture,
+    lowest_m,
+    overloaded_joint,
+    paced,
+    room,
+    straight_way,
+    travel_speed_rad_s,
+)
+from calibration.arm.motion import FreeMotion
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains
 from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
 from control.paths.trajectory import JointMotion, JointMove
 from robot_io.clip import clip
-from robot_io.errors import SafetyTripError
+from robot_io.errors import InputError, SafetyTripError
 from robot_io.guard import Limits
 from robot_io.types import FloatArray, Measurement
 
+_NEAR_RAD = 0.12  # distance to the stop at which the approach begins
+_LIMIT_MARGIN_RAD = 0.1  # distance of postures to the position limits
+_INSTEAD = "or calibrate in a known pose instead, without power: --pose home"
+_TRIES = 5  # postures of each other joint
+
+
+@dataclass(frozen=True)
+class StopApproach:
+    """One joint's way to its stop."""
+
+    joint: int  # from 0
+    stop_rad: float  # where the stop is said to be [rad]
+    side: int  # 1 for the upper stop, -1 for the lower
+    posture_rad: FloatArray  # where the approach begins, shape (n,) [rad]
+
+
+def plan_stops(
+    body: RigidBody,
+    start_rad: FloatArray,
+    limits: Limits,
+    stops_rad: tuple[FloatArray, FloatArray],
+    reach_rad: float,
+) -> tuple[FloatArray, tuple[StopApproach, ...]]:
+    """Plan the posture to go up to first, and the approaches, each from there.
+
+    For each joint, take the side and posture with the most room to the ground among those in which the torque
+    limits carry the arm. Nothing goes lower than where the arm stands.
+
+    Args:
+        body: model of the arm.
+        start_rad: present joint positions, shape (n,) [rad].
+        limits: of the guard.
+        stops_rad: lower and upper stops, shape (n,) each [rad], NaN where there is none.
+        reach_rad: how far a joint may seem to go beyond its stop [rad].
+
+    Returns:
+        The posture, shape (n,) [rad], and the approaches.
+
+    Raises:
+        InputError: a joint has no stop that can be reached clear of the ground.
+    """
+    floor_m = float(body.heights_m(start_rad)[1:].min())
+    low, high = room(limits, _LIMIT_MARGIN_RAD)
+    up = highest_posture(body, low, high)
+    check_way_up(body, start_rad, up, limits)
+    approaches = []
+    for joint in range(body.joint_count):
+        ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
+        candidates = ((lowest_m(body, way), it) for way, it in ways if _carried(body, way, limits))
+        lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
+        if lowest is None or approach is None:
+            raise InputError(
+                f"joint {joint + 1}: no stop of it is stated, or limits.torque_nm hardly carry the arm "
+                f"there: state or raise them; {_INSTEAD}"
+            )
+        if lowest < floor_m - MARGIN_M:
+            raise InputError(
+                f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
+                f"nearer to the ground than it stands now: begin with it so much higher; {_INSTEAD}"
+            )
+        approaches.append(approach)
+    return up, tuple(approaches)
+
+
+def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
+    """Widen the position limits so that each joint can go to its stop.
+
+    Args:
+        limits: of the guard.
+        approaches: to the stops.
+        beyond_rad: how far a joint may seem to go beyond its stop [rad].
+
+    Returns:
+        The widened limits.
+    """
+    low, high = list(limits.position_min_rad), list(limits.position_max_rad)
+    for approach in approaches:
+        joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad
+        if approach.side > 0:
+            high[joint] = max(high[joint], end_rad)
+        else:
+            low[joint] = min(low[joint], end_rad)
+    return limits.model_copy(update={"position_min_rad": tuple(low), "position_max_rad": tuple(high)})
+
+
+def _carried(body: RigidBody, way_rad: FloatArray, limits: Limits) -> bool:
+    at_rest = np.zeros(body.joint_count)
+    return overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way_rad), limits) is None
+
+
+def _candidates(
+    body: RigidBody,
+    up: FloatArray,
+    joint: int,
+    *,
+    bounds: tuple[FloatArray, FloatArray],
+    stops_rad: tuple[FloatArray, FloatArray],
+    reach_rad: float,
+) -> Iterator[tuple[FloatArray, StopApproach]]:
+    """Postures on the way, (k, n), and approach, for both sides and some postures of the joints behind."""
+    low, high = bounds
+    behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _TRIES) for j in range(joint + 1, body.joint_count)]
+    for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
+        if not np.isfinite(stops[joint]):
+            continue
+        for others in product(*behind):
+            posture = up.copy()
+            posture[joint + 1 :] = others
+            posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
+            end = posture.copy()
+            end[joint] = stops[joint] + side * reach_rad
+            way = np.concatenate([straight_way(up, posture), straight_way(posture, end)])
+            yield way, StopApproach(joint, float(stops[joint]), side, posture)
+
+
 EVENT = "stop_touched"
-PUSH_SHARE = 0.075  # of the torque limit: less than what makes the guard doubt an encoder that stands still
+PUSH_SHARE = 0.075  # of the torque limit: less than the guard's threshold for an encoder that stands still
 _PRESS_RAD_S = 0.05
 _LEAD_RAD = 0.03
-_STILL_S = 0.3  # while pushed for so long
-_STILL_RAD = 0.003  # it has not gone so far, whatever its noisy speed says: it stands against something
+_STILL_S = 0.3  # a joint that is pushed for so long
+_STILL_RAD = 0.003  # and moves less than this stands against something
 _BACK_RAD = 0.08  # between two touches
 _SETTLE_S = 0.3
 
@@ -41,11 +167,18 @@ class StopSettings:
     speed_rad_s: float  # of the approach [rad/s]
     touches: int = 3  # at each stop
     hold_s: float = 0.25  # how long the joint is read at the stop [s]
-    reach_rad: float = 0.15  # farther from where the stop is said to be, a stop is not believed [rad]
+    reach_rad: float = 0.15  # largest distance from where the stop is said to be [rad]
 
     @classmethod
     def within(cls, limits: Limits) -> Self:
-        """Gently, and such that a guard with these limits of torque, speed and tracking stays calm."""
+        """Choose settings that stay well below the guard's limits of torque, speed and tracking.
+
+        Args:
+            limits: of the guard.
+
+        Returns:
+            The settings.
+        """
         return cls(
             push_nm=PUSH_SHARE * np.array(limits.torque_nm),
             lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),
@@ -55,9 +188,16 @@ class StopSettings:
 
 
 class StopTask:
-    """See `control.loop.task.Task`. The ticks at a stop are HOLD; runs number the touches of all joints.
+    """Touches every stop several times; see `control.loop.task.Task`. The ticks at a stop are in phase HOLD.
 
-    Between the approaches the arm goes to the posture `up_rad`, shape (n,) [rad].
+    Runs number the touches of all joints.
+
+    Args:
+        body: model of the arm.
+        gains: of the tracking.
+        up_rad: posture between the approaches, shape (n,) [rad].
+        approaches: to the stops.
+        settings: torque, speed and number of touches.
     """
 
     def __init__(
@@ -103,15 +243,12 @@ class StopTask:
             if len(self._moves) > 1:
                 self._moves, self._move_s = self._moves[1:], 0.0
             elif self._touch < self._touches:
-                self._begin_press(motion.position_rad)
+                self._pressing, self._reference_rad = True, motion.position_rad.copy()
+                self._held_s = self._still_s = 0.0
+                self._still_rad = float(motion.position_rad[self._approach.joint])
             elif self._free.at_rest(measurement, over_s):
                 phase = Phase.IDLE
         return self._free.output(measurement, motion, torque_nm, phase, done=phase is Phase.IDLE)
-
-    def _begin_press(self, posture_rad: FloatArray) -> None:
-        self._pressing, self._reference_rad = True, posture_rad.copy()
-        self._held_s = self._still_s = 0.0
-        self._still_rad = float(posture_rad[self._approach.joint])
 
     def _press(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         approach, settings = self._approach, self._settings

@@ -1,4 +1,4 @@
-"""The bus of the simulated robot: it owns the world, and brings samples from it and torques to it."""
+"""The simulated robot: a bus that owns the world, with encoders, drives and force sensor."""
 
 from collections.abc import Mapping
 
@@ -7,20 +7,20 @@ import numpy as np
 from robot_io.clip import clip
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import JointBus
+from robot_io.drivers.bus_devices import BusEncoder, BusTorque, JointBus
 from robot_io.errors import LifecycleError
 from robot_io.files.file_model import FileModel, input_error
+from robot_io.interfaces import ForceSensor
 from robot_io.types import FloatArray, Reading, Status
 from sim_backend.scenario import Scenario, load_scenario
-from sim_backend.sensors import Sample
-from sim_backend.sensors.sampling import quantise
+from sim_backend.sensors import SensorSample, quantise
 from sim_backend.world import World, world_of
 
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
 
 
 class SimulatedBusSettings(FileModel):
-    """What the robot file says about the world."""
+    """Settings of the simulated world in a robot file."""
 
     # Name of a shipped scenario, path of a scenario file, or the scenario itself.
     scenario: str | dict[str, object] = "default"
@@ -34,7 +34,7 @@ class SimulatedBus(JointBus):
     when it is deactivated there.
 
     Attributes:
-        scenario: what the world will be; `use_scenario` changes it until the robot is configured.
+        scenario: of the world; `use_scenario` changes it until the robot is configured.
         force: newest force, shape (1,) [N].
     """
 
@@ -62,14 +62,25 @@ class SimulatedBus(JointBus):
         return self._robot_file.joint_count
 
     def use_scenario(self, scenario: Scenario) -> None:
-        """Take this scenario instead of the robot file's. LifecycleError: the world exists already."""
+        """Replace the robot file's scenario.
+
+        Args:
+            scenario: the new one.
+
+        Raises:
+            LifecycleError: the world exists already.
+        """
         if self._world is not None:
             raise LifecycleError("a scenario can only be chosen before the robot is configured")
         self.scenario = scenario
 
     @property
     def world(self) -> World:
-        """The world, for its object and its truth. LifecycleError: the robot is not configured, or closed."""
+        """The world, for its object and its truth.
+
+        Raises:
+            LifecycleError: the robot is not configured, or closed.
+        """
         if self._world is None:
             raise LifecycleError("the simulated world exists from configure to close")
         return self._world
@@ -116,8 +127,8 @@ class SimulatedBus(JointBus):
         if not self._powered:
             raise LifecycleError("the drives are off: activate them before the first command")
         step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
-        wanted = zip(quantise(torque_nm.tolist(), step_nm), limits_nm, strict=True)
-        self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in wanted])
+        pairs = zip(quantise(torque_nm.tolist(), step_nm), limits_nm, strict=True)
+        self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in pairs])
         return self._staged_torque_nm
 
     def power_on(self) -> None:
@@ -141,8 +152,39 @@ class SimulatedBus(JointBus):
             self._world.advance_to(time_s)
 
 
-def _reading(sample: Sample | None, size: int, first: int = 0) -> Reading:
-    """So many values of a sample, or NaN from minus infinity where none has arrived yet."""
+def _reading(sample: SensorSample | None, size: int, first: int = 0) -> Reading:
+    """Take `size` values of a sample from index `first` on, or NaN if none has arrived."""
     if sample is None:
         return Reading(np.full(size, np.nan), -np.inf, Status.STALE)
     return Reading(np.array(sample.value[first : first + size]), sample.sampled_at_s, sample.status)
+
+
+class SimEncoder(BusEncoder):
+    """Joint positions and velocities of the world, with the scenario's errors."""
+
+    name = "sim_encoder"
+    bus_type = SimulatedBus
+
+
+class SimTorque(BusTorque):
+    """Torque-controlled drives in the world.
+
+    Their range is the URDF's effort limit; their resolution and the quality of what they measure are the
+    scenario's.
+    """
+
+    name = "sim_torque"
+    bus_type = SimulatedBus
+
+
+class SimForce(ForceSensor):
+    """Contact force of the world, with the scenario's errors."""
+
+    name = "sim_force"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self._bus = context.bus_as(SimulatedBus)
+
+    def read_force(self) -> Reading:
+        return self._bus.force

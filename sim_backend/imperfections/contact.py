@@ -1,0 +1,402 @@
+"""Hidden effects in the contact: the material's law, its memory, and a compliant tool."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from math import exp
+from typing import Generic, Self, TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from robot_io.files.file_model import NotNegative, Number, Positive
+from sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
+from sim_backend.imperfection import ContactImperfection, parameter
+from sim_backend.noise_scale import NoiseScale
+
+
+class _Material(ContactImperfection, ABC):
+    """A force on top of the object's own law, below the surface."""
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(contact=(_Added(self),))
+
+    @abstractmethod
+    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+        """The force [N] at a depth [m] above 0 and its rate [m/s]."""
+
+
+class _Added(MaterialEffect):
+    def __init__(self, material: _Material) -> None:
+        self._material = material
+
+    def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        if state.depth_m <= 0.0:
+            return force_n
+        return force_n + self._material.added_n(state.depth_m, state.rate_m_s)
+
+
+class HiddenCubicStiffness(_Material):
+    """F += k3 x^3 at depth x (Duffing's spring; Nayfeh and Mook, "Nonlinear Oscillations", 1979, ch. 4)."""
+
+    name = "cubic_stiffness"
+    # k3, negative where the object softens [N/m^3].
+    cubic_n_m3: Number = parameter("N/m^3", 1e4, 1e7, ge=-1e9, le=1e12)
+
+    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+        return self.cubic_n_m3 * depth_m * depth_m * depth_m
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        left = scale.depth_left(strength, 0.09)
+        return cls(cubic_n_m3=(1.0 - left) * scale.force_n / (left * scale.depth_m) ** 3)
+
+
+class HiddenLayeredStiffness(_Material):
+    """F += k2 (x - d) from depth d on: a second spring is reached there, as bone under tissue.
+
+    Piecewise linear stiffness; Shaw and Holmes, J. Sound Vib. 90 (1983).
+    """
+
+    name = "layered_stiffness"
+    # k2, what the second layer adds [N/m].
+    stiffness_n_m: Number = parameter("N/m", 50.0, 5000.0, ge=0, le=1e6)
+    depth_m: NotNegative = parameter("m", 0.001, 0.05, le=1.0)  # d, where it is reached [m]
+
+    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+        return self.stiffness_n_m * max(depth_m - self.depth_m, 0.0)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        left, share = scale.depth_left(strength, 0.06), generator.uniform(0.35, 0.6)
+        reached_m = left * scale.depth_m
+        return cls(
+            stiffness_n_m=(1.0 - left) * scale.force_n / ((1.0 - share) * reached_m),
+            depth_m=share * reached_m,
+        )
+
+
+class HiddenHuntCrossley(_Material):
+    """F += (k + b dx/dt) x^n at depth x: nothing at touch, more and more on the way in.
+
+    Hunt and Crossley, J. Appl. Mech. 42 (1975), eq. 2; on top of the object's own law.
+    """
+
+    name = "hunt_crossley"
+    damping: Number = parameter("N s/m^(n+1)", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # b [N s/m^(n+1)]
+    stiffness: Number = parameter("N/m^n", 100.0, 1e4, ge=0, le=1e9, default=0.0)  # k [N/m^n]
+    exponent: Number = parameter("-", 1.0, 2.5, ge=1, le=4, default=1.5)  # n [-]
+
+    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+        return (self.stiffness + self.damping * rate_m_s) * float(depth_m**self.exponent)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        unit = scale.contact_noise_n / (0.2 * scale.depth_m**1.5 * scale.speed_m_s)
+        return cls(damping=strength * unit, exponent=1.5)
+
+
+class HiddenQuadraticDamping(_Material):
+    """F += c2 v |v| below the surface, v the rate of depth: a fluid that is pushed out through pores.
+
+    Turbulent drag; Forchheimer's term in Bear, "Dynamics of Fluids in Porous Media", 1972, sec. 5.11.
+    """
+
+    name = "quadratic_damping"
+    damping_n_s2_m2: Number = parameter("N s^2/m^2", 10.0, 1000.0, ge=0, le=5000)  # c2 [N s^2/m^2]
+
+    def added_n(self, depth_m: float, rate_m_s: float) -> float:
+        return self.damping_n_s2_m2 * rate_m_s * abs(rate_m_s)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        return cls(damping_n_s2_m2=strength * scale.contact_noise_n / (0.7 * scale.speed_m_s**2))
+
+
+class HiddenContactOffset(ContactImperfection):
+    """The object feels x + d: its surface is higher than the scenario says by d.
+
+    Seen only by those who take the surface as given; a probing run that finds it by touch does not.
+    """
+
+    name = "contact_offset"
+    shows_in = ()
+    needs_force_law = True
+    offset_m: Number = parameter("m", -0.005, 0.005, ge=-0.5, le=0.5)  # d [m]
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(contact=(_Higher(self.offset_m),))
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; here for a surface that is taken as given."""
+        sign = generator.choice([-1.0, 1.0])
+        return cls(offset_m=sign * strength * scale.contact_noise_n * scale.depth_m / scale.force_n)
+
+
+class _Higher(MaterialEffect):
+    def __init__(self, offset_m: float) -> None:
+        self._offset_m = offset_m
+
+    def felt(self, state: ContactState) -> ContactState:
+        return state._replace(depth_m=state.depth_m + self._offset_m)
+
+
+T = TypeVar("T")
+
+
+class _Memory(ContactEffect, Generic[T]):
+    """Keeps what the last step that held left behind (`kept`), and what the last call would (`tried`)."""
+
+    def __init__(self, at_first: T) -> None:
+        self.kept = self.tried = at_first
+
+    def settle(self) -> None:
+        self.kept = self.tried
+
+
+class HiddenAdhesion(ContactImperfection):
+    """F -= A from touch on, also above the surface, where the neck of the bond thins out until it tears.
+
+    Above the surface the pull falls linearly from A to nothing at the neck's length. On approach nothing
+    pulls before touch. A is the pull-off force of Derjaguin, Muller and Toporov, J. Colloid Interface Sci. 53
+    (1975): a constant attraction on top of the elastic contact.
+    """
+
+    name = "adhesion"
+    pull_off_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # A [N]
+    # Height at which the bond tears [m].
+    neck_m: Positive = parameter("m", 1e-4, 5e-3, ge=1e-5, le=0.1, default=1e-3)
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(contact=(_Bond(self),))
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        return cls(pull_off_n=strength * scale.contact_noise_n, neck_m=0.1 * scale.depth_m)
+
+
+class _Bond(_Memory[bool]):
+    """Remembers whether it holds."""
+
+    def __init__(self, surface: HiddenAdhesion) -> None:
+        super().__init__(False)
+        self._surface = surface
+
+    def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        left = 1.0 + state.depth_m / self._surface.neck_m
+        self.tried = state.depth_m > 0.0 or (self.kept and left > 0.0)
+        return force_n - self._surface.pull_off_n * min(left, 1.0) if self.tried else force_n
+
+
+class HiddenDryFriction(ContactImperfection):
+    """F += z, dz/abs(dx) = (f sign(dx) - z) / s: against the motion, full after a way of a few s.
+
+    Dahl's model, "Solid friction damping of mechanical vibrations", AIAA J. 14 (1976): rate-independent
+    hysteresis. It is integrated exactly over each step, so that no stiffness f / s can make it unstable.
+    """
+
+    name = "dry_friction"
+    friction_n: NotNegative = parameter("N", 0.05, 3.0, le=50.0)  # f [N]
+    # s, way in which the bristles give way [m].
+    slip_m: Number = parameter("m", 2e-5, 1e-3, ge=1e-6, le=0.1, default=2e-4)
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(contact=(_Bristles(self),))
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        return cls(friction_n=strength * scale.contact_noise_n / 0.5, slip_m=0.01 * scale.depth_m)
+
+
+class _Bristles(_Memory[tuple[float, float]], MaterialEffect):
+    """Remembers depth [m] and force [N]."""
+
+    def __init__(self, friction: HiddenDryFriction) -> None:
+        super().__init__((0.0, 0.0))
+        self._friction = friction
+
+    def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        before_m, before_n = self.kept
+        depth_m = max(state.depth_m, 0.0)
+        way_m = depth_m - before_m
+        full_n = self._friction.friction_n if way_m > 0.0 else -self._friction.friction_n
+        bent_n = full_n + (before_n - full_n) * exp(-abs(way_m) / self._friction.slip_m)
+        self.tried = depth_m, bent_n if depth_m else 0.0
+        return force_n + self.tried[1]
+
+
+class HiddenStressRelaxation(ContactImperfection):
+    """F += sum of F_i, dF_i/dt = k_i dx/dt - F_i / tau_i: one or two Maxwell branches beside the spring.
+
+    The generalised Maxwell (Wiechert) solid; Ferry, "Viscoelastic Properties of Polymers", 1980, ch. 1. The
+    object's own spring is what is left in the end. The branches go on relaxing when the tip has left.
+    """
+
+    name = "stress_relaxation"
+    stiffness_n_m: Number = parameter("N/m", 20.0, 2000.0, ge=0, le=1e6)  # k_1 [N/m]
+    time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3)  # tau_1 [s]
+    # k_2; zero for one branch only [N/m].
+    second_stiffness_n_m: Number = parameter("N/m", 0.0, 2000.0, ge=0, le=1e6, default=0.0)
+    second_time_s: Number = parameter("s", 0.02, 2.0, ge=1e-3, le=1e3, default=1.0)  # tau_2 [s]
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        branches = [_MaxwellBranch(self.stiffness_n_m, self.time_s)]
+        if self.second_stiffness_n_m:
+            branches.append(_MaxwellBranch(self.second_stiffness_n_m, self.second_time_s))
+        return HiddenEffects(contact=tuple(branches))
+
+    def values(self) -> dict[str, tuple[float, str]]:
+        """See `Imperfection.values`; a second branch only where there is one."""
+        return {
+            name: value
+            for name, value in super().values().items()
+            if self.second_stiffness_n_m or not name.startswith("second_")
+        }
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        return cls(
+            stiffness_n_m=strength * scale.contact_noise_n / (0.08 * scale.depth_m),
+            time_s=float(np.exp(generator.uniform(np.log(0.08), np.log(0.5)))),
+        )
+
+
+class _MaxwellBranch(_Memory[tuple[float, float]], MaterialEffect):
+    """Remembers depth [m] and force [N]; exact where depth changes at a constant rate within the step."""
+
+    def __init__(self, stiffness_n_m: float, time_s: float) -> None:
+        super().__init__((0.0, 0.0))
+        self._stiffness_n_m = stiffness_n_m
+        self._time_s = time_s
+
+    def contact_force_n(self, state: ContactState, force_n: float) -> float:
+        before_m, before_n = self.kept
+        depth_m = max(state.depth_m, 0.0)
+        steps = state.step_s / self._time_s
+        fade = exp(-steps)
+        own_n = fade * before_n + self._stiffness_n_m * (depth_m - before_m) * (1.0 - fade) / steps
+        self.tried = depth_m, own_n
+        return force_n + own_n if depth_m else force_n
+
+
+class HiddenPlasticSet(ContactImperfection):
+    """The surface sinks with the deepest indentation: its dent is s max(x), and the object feels x - dent.
+
+    Loading for the first time is softer by 1 - s than unloading and loading again, which begin at the dent.
+    As unloading after plastic contact in Johnson, "Contact Mechanics", 1985, sec. 6.4. A foam
+    recovers; with a recovery time the dent fades while nothing presses.
+    """
+
+    name = "plastic_set"
+    needs_force_law = True
+    share: Number = parameter("-", 0.01, 0.4, ge=0, le=0.9)  # s, dent over indentation [-]
+    # Time in which a dent fades to 1/e; zero is never [s].
+    recovery_s: NotNegative = parameter("s", 0.0, 60.0, default=0.0)
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(contact=(_Dent(self),))
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        return cls(share=min(strength * scale.contact_noise_n / (0.15 * scale.force_n), 0.6))
+
+
+class _Dent(_Memory[float], MaterialEffect):
+    """Remembers its depth [m]."""
+
+    def __init__(self, surface: HiddenPlasticSet) -> None:
+        super().__init__(0.0)
+        self._surface = surface
+
+    def felt(self, state: ContactState) -> ContactState:
+        share, recovery_s = self._surface.share, self._surface.recovery_s
+        dent_m, dent_rate_m_s = self.kept, 0.0
+        if recovery_s:
+            dent_m *= exp(-state.step_s / recovery_s)
+            dent_rate_m_s = -dent_m / recovery_s
+        if share * state.depth_m > dent_m:
+            dent_m, dent_rate_m_s = share * state.depth_m, share * state.rate_m_s
+        self.tried = dent_m
+        return state._replace(depth_m=state.depth_m - dent_m, rate_m_s=state.rate_m_s - dent_rate_m_s)
+
+
+_EXACT_N = 1e-9
+_EXACT_M = 1e-15
+_MOST_TRIES = 60
+_RIGID_M_N = 1e-12
+
+
+class HiddenToolCompliance(ContactImperfection):
+    """A spring in series: the tool is compressed by u = C F, and the object feels x - u at the rate of x - u.
+
+    Both springs carry the same force, which is solved for at each physics step.
+    """
+
+    name = "tool_compliance"
+    shows_in = ()  # by itself it is a softer object
+    needs_force_law = True
+    # C, one over the tool's stiffness; zero is rigid [m/N].
+    compliance_m_n: NotNegative = parameter("m/N", 1e-5, 1e-3, le=0.01)
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        gives_way = self.compliance_m_n > _RIGID_M_N
+        return HiddenEffects(tool=(_SeriesSpring(self.compliance_m_n),)) if gives_way else HiddenEffects()
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; here of what would pass for a softer object."""
+        squeeze_m = strength * scale.contact_noise_n * scale.depth_m / scale.force_n
+        return cls(compliance_m_n=squeeze_m / scale.force_n)
+
+
+class _SeriesSpring(ToolEffect):
+    """Solves u = C S(x - u, dx/dt - du/dt) for u, where S is the object's answer.
+
+    S grows with depth and rate, so that S(u) - u / C falls with u, and the root lies between nothing and what
+    the object would answer to a rigid tool. Regula falsi with the Illinois rule (Dowell and Jarratt, BIT 11,
+    1971) cannot leave that bracket where S jumps; begun at the root of the last step's secant, it is there at
+    once where S is linear.
+    """
+
+    def __init__(self, compliance_m_n: float) -> None:
+        self._stiffness_n_m = 1.0 / compliance_m_n
+        self._squeeze_m = self._tried_squeeze_m = 0.0
+        self._slope_n_m = 0.0  # of S(u), by the last step's secant
+
+    def contact_force_n(self, state: ContactState, surface_n: Callable[[ContactState], float]) -> float:
+        stiffness, before_m = self._stiffness_n_m, self._squeeze_m
+        time_s, step_s, depth_m, rate_m_s = state
+
+        def left_n(squeeze_m: float) -> float:
+            rate = rate_m_s - (squeeze_m - before_m) / step_s
+            answer_n = surface_n(ContactState(time_s, step_s, depth_m - squeeze_m, rate))
+            return answer_n - stiffness * squeeze_m
+
+        rigid_n = left_n(0.0)
+        squeeze_m = self._root(left_n, rigid_n) if rigid_n else 0.0
+        self._tried_squeeze_m = squeeze_m
+        return stiffness * squeeze_m
+
+    def _root(self, left_n: Callable[[float], float], rigid_n: float) -> float:
+        """Where the balance `left_n` is zero, given that of no squeeze; the last one asked for [m]."""
+        near_m, near_n = 0.0, rigid_n
+        far_m = rigid_n / (self._stiffness_n_m - self._slope_n_m)
+        far_n = left_n(far_m)
+        if far_n * rigid_n > 0.0:  # not far enough
+            near_m, near_n, far_m = far_m, far_n, rigid_n / self._stiffness_n_m
+            far_n = left_n(far_m)
+        for _ in range(_MOST_TRIES):
+            if abs(far_n) < _EXACT_N or abs(far_m - near_m) < _EXACT_M:
+                break
+            squeeze_m = (near_m * far_n - far_m * near_n) / (far_n - near_n)
+            now_n = left_n(squeeze_m)
+            if now_n * far_n < 0.0:
+                near_m, near_n = far_m, far_n
+            else:
+                near_n *= 0.5
+            far_m, far_n = squeeze_m, now_n
+        self._slope_n_m = min((far_n - rigid_n) / far_m + self._stiffness_n_m, 0.0)
+        return far_m
+
+    def settle(self) -> None:
+        self._squeeze_m = self._tried_squeeze_m
