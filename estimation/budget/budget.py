@@ -52,6 +52,7 @@ class ErrorBudget:
     entries: tuple[BudgetEntry, ...]  # the largest share first
     left: float  # share that these kinds leave
     flexible: float  # share that all kinds together leave
+    alternatives: tuple[Kinds, ...] = ()  # further sets of as few kinds that explain about as much
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -88,7 +89,8 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
         return ErrorBudget(0.0, (), 1.0, 1.0)
     every = frozenset(error.kinds)
     sets = _Sets(error, _relevant(error, every) if only is None else only & every)
-    chosen = sets.smallest() if only is None else only & every
+    smallest = sets.smallest() if only is None else [only & every]
+    chosen = smallest[0]
     values = _shapley(sets, chosen, error.counts[:, None])[0]
     weights = rng.multinomial(error.runs, np.full(error.runs, 1.0 / error.runs), size=_DRAWS).T.astype(
         np.float64
@@ -111,7 +113,7 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
         )
     entries.sort(key=lambda entry: -entry.share)
     left = sets.least(chosen) / base
-    return ErrorBudget(float(np.sqrt(base)), tuple(entries), left, everything / base)
+    return ErrorBudget(float(np.sqrt(base)), tuple(entries), left, everything / base, tuple(smallest[1:]))
 
 
 def _ordered(kinds: Kinds) -> list[Kind]:
@@ -153,24 +155,19 @@ class _Sets:
         """Mean squared error of the best set within these kinds."""
         return float(self.by_run(kinds).sum() / self.error.counts.sum())
 
-    def smallest(self) -> Kinds:
-        """The smallest set that explains about as much as all kinds do; of several, the best one."""
+    def smallest(self) -> list[Kinds]:
+        """The smallest sets that explain about as much as all kinds do, the best first."""
         base, best = self.error.mean_square(), self.least(self.relevant)
         limit = best + _CLOSE * (base - best) + _CLOSE_TO_LEFT * best
         if base <= limit:
-            return frozenset()
-        for size in range(1, min(_MOST_NAMED, len(self.relevant)) + 1):
+            return [frozenset()]
+        most = min(_MOST_NAMED, len(self.relevant))
+        for size in range(1, most + 1):
             some = [frozenset(kinds) for kinds in combinations(_ordered(self.relevant), size)]
             close = [kinds for kinds in some if self.error.mean_square(kinds) <= limit]
-            if close:
-                return min(close, key=self.error.mean_square)
-        return min(
-            (
-                frozenset(kinds)
-                for kinds in combinations(_ordered(self.relevant), min(_MOST_NAMED, len(self.relevant)))
-            ),
-            key=self.least,
-        )
+            if close or size == most:
+                return sorted(close, key=self.error.mean_square) or [min(some, key=self.least)]
+        return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
         """Kinds in whose place this one explains hardly more, beside the rest of the chosen ones."""

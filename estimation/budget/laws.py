@@ -66,7 +66,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
     fade = _fading(time_s, run, touching, is_contact=is_contact)
     laws = [
         _law(Kind.ELASTIC_SHAPE, curves(depth)),
-        _law(Kind.RATE_DEPENDENCE, unit_speed, unit_speed * np.abs(unit_speed), unit_speed**3),
+        _law(Kind.RATE_DEPENDENCE, *_dissipation(unit_speed), nonnegative=True),
         _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
         _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
@@ -121,6 +121,16 @@ def _fading(
         return [np.asarray(strain - low_pass(strain, time_s, run, tau)) for tau in taus]
 
     return fade
+
+
+def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
+    """Forces against the motion that grow with speed: in proportion, faster, and slower."""
+    return [
+        unit_speed,
+        unit_speed * np.abs(unit_speed),
+        unit_speed**3,
+        unit_speed / (1.0 + np.abs(unit_speed)),
+    ]
 
 
 def _friction(

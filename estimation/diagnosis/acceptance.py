@@ -29,6 +29,7 @@ _RIVALS = 5  # looked at in the place of an effect; each must explain half of wh
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
 _DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
 _SURE = float(ndtri(1.0 - 0.5 * LEVEL) / ndtri(0.975))  # times a 95 % interval: that of `LEVEL`
+_RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
 
@@ -100,7 +101,10 @@ def accept_forms(
         failed = [
             test
             for test in tests
-            if not test.is_known or test.taken < least or not search.is_sound(end, test.effect)
+            if not test.is_known
+            or test.taken < least
+            or not search.is_sound(end, test.effect)
+            or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
         ]
         if not failed:
             return end, tests

@@ -122,7 +122,7 @@ def diagnose_channel(
         @cache
         def forms() -> FitResult:
             progress(f"{data.name}: comparing forms within kinds", 0.0)
-            return named_forms(analyse_kinds(coarse, frozenset(kinds().kinds)))
+            return named_forms(analyse_kinds(coarse))
 
         found = select_effects(search, checks.in_every_respect, part, forms)
     varied = add_run_variation(search, found)
@@ -153,7 +153,7 @@ def _accept(
         if end is not search.start:
             end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
             return end, form_tests(kinds(), end)
-        if found is search.start:
+        if found is search.start or checks.in_every_respect(search.start):
             return end, []
     return accept_forms(search, kinds(), found)
 

@@ -35,6 +35,7 @@ _HALF = 0.5  # of that, which a form must take to be tried in a model with all f
 _NEAR = 0.95  # of what a form takes, from which another one draws the same curve
 _EXACT = 0.01  # of what a form takes, that its kind's law may add
 _NEEDED = 0.05  # of the base model's squared error: a form that takes less changes nothing
+_MOST_SETS = 4  # of kinds, whose forms are compared
 _ROUNDS = 2  # of seeking each kind's form beside the others'
 
 
@@ -139,17 +140,28 @@ def _base_columns(start: FitResult) -> BaseColumns:
 def named_forms(partial: PartiallyLinear) -> FitResult:
     """The base model with the best form of each kind that has one, all parameters fitted together.
 
-    Each kind's forms are sought beside those of the others and flexible laws of the others (backfitting).
+    Where several sets of kinds explain about as much by their flexible laws, their forms decide.
     """
+    exchanged = [
+        partial.kinds - {entry.kind} | {other}
+        for entry in partial.budget.entries
+        for other in entry.replaceable_by
+    ]
+    sets = list(dict.fromkeys((partial.kinds, *partial.budget.alternatives, *exchanged)))[:_MOST_SETS]
+    return min((_forms_of(partial, kinds) for kinds in sets), key=lambda fit: fit.solution.held_out)
+
+
+def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
+    """Seek each kind's form beside those of the others and flexible laws of the others (backfitting)."""
     search = partial.search
     chosen: dict[Kind, tuple[Effect, dict[str, float]]] = {}
     for _ in range(_ROUNDS):
         before = {kind: effect.name for kind, (effect, _) in chosen.items()}
-        for kind in partial.budget.kinds:
+        for kind in sorted(kinds, key=list(Kind).index):
             if kind in {Kind.RUN_DIFFERENCES, Kind.RECORDED_CONTEXT}:
                 continue
             others = [pair for other, pair in chosen.items() if other is not kind]
-            found = _best_form(partial, kind, others)
+            found = _best_form(partial, kind, kinds, others)
             chosen.pop(kind, None)
             if found is not None:
                 chosen[kind] = found
@@ -159,11 +171,11 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
     for effect, inner in chosen.values():
         model, parameters = model.with_effect(effect), {**parameters, **inner}
     fit = search.fitted(model, parameters) if chosen else search.start
-    return _with_run_differences(partial, fit)
+    return _with_run_differences(partial, kinds, fit)
 
 
-def _with_run_differences(partial: PartiallyLinear, fit: FitResult) -> FitResult:
-    if Kind.RUN_DIFFERENCES not in partial.kinds:
+def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult) -> FitResult:
+    if Kind.RUN_DIFFERENCES not in kinds:
         return fit
     search, tried = partial.search, [fit]
     for effect in search.effects:
@@ -176,22 +188,21 @@ def _with_run_differences(partial: PartiallyLinear, fit: FitResult) -> FitResult
 
 
 def _best_form(
-    partial: PartiallyLinear, kind: Kind, others: Sequence[tuple[Effect, dict[str, float]]]
+    partial: PartiallyLinear, kind: Kind, kinds: Kinds, others: Sequence[tuple[Effect, dict[str, float]]]
 ) -> tuple[Effect, dict[str, float]] | None:
     """The simplest of the forms that take nearly as much as the best, and its inner parameters."""
     start = partial.search.start
     model, parameters = start.solution.model, dict(start.solution.parameters)
     for effect, inner in others:
         model, parameters = model.with_effect(effect), {**parameters, **inner}
-    problem = partial.beside(frozenset({kind}), partial.kinds, start.problem, start.solution)
+    problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
     none = solve_gains(problem, model, parameters, rounds=2)
-    effects = [
-        one for one in applicable_effects(start.data, model, partial.search.effects) if one.kind is kind
-    ]
+    library = applicable_effects(start.data, model, partial.search.effects)
+    effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     if not effects:
         return None
     tried = [one for one in screen_effects(FitResult(start.data, problem, none), effects) if one.possible]
-    taken = none.held_out - _with_law(problem, none, partial.law_columns(frozenset({kind}), partial.kinds))
+    taken = none.held_out - _with_law(problem, none, partial.law_columns(frozenset({kind}), kinds))
     most = max((none.held_out - one.held_out for one in tried), default=0.0)
     if most <= _HALF * taken or most <= 0.0:
         return None
@@ -210,7 +221,7 @@ def closest_forms(partial: PartiallyLinear, kind: Kind, count: int = 2) -> list[
     problem = partial.beside(frozenset({kind}), partial.kinds, start.problem, start.solution)
     none = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
-    effects = [effect for effect in library if effect.kind is kind]
+    effects = [effect for effect in library if kind in effect.also | {effect.kind}]
     tried = screen_effects(FitResult(start.data, problem, none), effects, refined=0) if effects else []
     telling = [one for one in tried if one.possible and one.held_out < (1.0 - SMALL) * none.held_out]
     return [candidate.effect.name for candidate in telling[:count]]

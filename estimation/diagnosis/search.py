@@ -380,10 +380,9 @@ def select_effects(
         needs_nothing = not whole.added_effects(found) or found.rmse <= (1.0 + SMALL) * found.floor()
         return (needs_nothing or found.explainable_share() < _LITTLE) and is_complete(found)
 
-    rough = _forward_selection(coarse, coarse.start)
-    if rough.explainable_share() > SMALL:
-        rough = coarse.ordered([rough, _forward_selection(coarse, backward_step(coarse, forms()))])[0]
-    best = on_all(rough)
+    best = on_all(_forward_selection(coarse, coarse.start))
+    if not is_enough(best):
+        best = whole.ordered([best, on_all(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
     if enough and len(whole.added_effects(best)) > _PAIR:
         best = backward_step(whole, sufficient(best))

@@ -180,8 +180,8 @@ def test_bumps_make_up_any_kinked_line_but_no_constant_of_their_own(low):
     assert (bumps >= 0.0).all()
     assert bumps.sum(axis=1).max() == pytest.approx(1.0)
     nearest = np.argmin(np.abs(values))
-    assert hats[nearest].sum() < 0.1  # of the knot at zero, or nearest to it, none is left
-    assert 10 < hats.shape[1] < 22
+    assert bumps[nearest].sum() < 0.1  # of the knot at zero, or nearest to it, none is left
+    assert 10 < bumps.shape[1] < 22
     assert hats(np.full(10, low)).shape == (10, 1)
     crowded = np.append(np.zeros(900), np.linspace(0.0, 1.0, 100))
     assert np.linalg.cond(np.column_stack([np.ones(1000), bumps(crowded)])) < 1e4
