@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from estimation.base_model import ModelContext
 from estimation.data.numbers import LARGEST
 from estimation.diagnosis.result import ParameterValue
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
+from estimation.study.kept_file import clean, read_kept
 from robot_io.errors import InputError
 from robot_io.files.whole_file import whole_file
 
@@ -102,7 +103,8 @@ class Revisions:
                 made = make(number)
                 try:
                     with whole_file(self._folder / _name(number), replace=False) as unfinished:
-                        unfinished.write_text(made.model_dump_json(indent=2) + "\n", encoding="utf-8")
+                        text = Revision(**clean(made.model_dump())).model_dump_json(indent=2)
+                        unfinished.write_text(text + "\n", encoding="utf-8")
                 except FileExistsError:  # another program was quicker
                     number += 1
                 else:
@@ -129,15 +131,10 @@ def _name(number: int) -> str:
 
 
 def _read(file: Path) -> Revision:
-    if not file.is_file():  # a pipe might never end
-        raise _damaged(file, "it is no regular file")
     try:
-        revision = Revision.model_validate_json(file.read_text(encoding="utf-8"))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise _damaged(file, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise _damaged(file, "it cannot be read") from error
+        revision = read_kept(file, Revision)
+    except ValueError as error:
+        raise _damaged(file, str(error)) from error
     if wrong := next(_flaws(revision, int(file.stem)), None):
         raise _damaged(file, wrong)
     return revision

@@ -9,6 +9,7 @@ from nicegui import events, ui
 from palpate.workbench import curves, words
 from palpate.workbench.bench import Bench, Shown
 from palpate.workbench.curves import Motion
+from palpate.workbench.elements import heading, set_props
 from palpate.workbench.plot import Plot
 from robot_io.types import FloatArray
 
@@ -33,17 +34,17 @@ class Centre:
         """Put the elements where they are; raw curves are there before, and whatever, the analysis says."""
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
-                ui.html("<h2>Curves</h2>", sanitize=False).props(f'title="{words.CURVES}"')
+                heading("Curves", words.CURVES)
                 self._runs()
             self._time = Plot(curves.time_figure(self._motion, None, None))
             self._time.on("zoom", self._zoomed)
             self._time.on("point", self._clicked)
             self._cursor_bar()
         with ui.element("section").classes("card"):
-            ui.html("<h2>Over the state</h2>", sanitize=False).props(f'title="{words.STATE}"')
+            heading("Over the state", words.STATE)
             self._state = Plot(curves.state_figure(self._motion, None))
         with ui.element("section").classes("card") as self._map_card:
-            ui.html("<h2>Residual over the state</h2>", sanitize=False).props(f'title="{words.MAP}"')
+            heading("Residual over the state", words.MAP)
             self._map: Plot | None = None
 
     def show(self, shown: Shown) -> None:
@@ -135,9 +136,9 @@ class Centre:
 
     def _cursor_bar(self) -> None:
         with ui.row().classes("bar cursors"):
-            ui.label("cursors").props(f'title="{words.CURSORS}"').classes("quiet")
+            set_props(ui.label("cursors").classes("quiet"), title=words.CURSORS)
             self._at = {name: self._cursor_input(name) for name in ("A", "B")}
-            self._reading = ui.html("", sanitize=False).classes("reading").mark("reading")
+            self._reading = ui.html("").classes("reading").mark("reading")
 
     def _cursor_input(self, name: str) -> ui.number:
         def typed(event: events.ValueChangeEventArguments[Any]) -> None:
@@ -187,8 +188,10 @@ class Centre:
 def _select(
     options: dict[int, str], label: str, name: str, said: str, value: Sequence[int] = ()
 ) -> ui.select:
-    props = f'dense outlined options-dense clearable use-chips aria-label="{name}" title="{said}"'
-    return ui.select(options, multiple=True, label=label, value=list(value)).props(props).classes("runs")
+    made = ui.select(options, multiple=True, label=label, value=list(value)).classes("runs")
+    return set_props(
+        made.props("dense outlined options-dense clearable use-chips"), aria_label=name, title=said
+    )
 
 
 def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:

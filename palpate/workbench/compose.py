@@ -1,6 +1,7 @@
 """What stands on the page: a bench with its diagnosis, or a place to begin where there is no data yet."""
 
 import asyncio
+import secrets
 import shlex
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
@@ -11,12 +12,15 @@ from nicegui import run, ui
 
 from estimation.data.channels import is_session
 from estimation.data.import_options import ImportOptions
+from palpate import console
 from palpate.files import output_folder, write_text
 from palpate.next_plan import plan_text, same_world
 from palpate.runs.options import SESSIONS
+from palpate.words import safe
 from palpate.workbench import words
 from palpate.workbench.bench import Bench
 from palpate.workbench.diagnosis import DiagnosisCard
+from palpate.workbench.elements import set_props
 from palpate.workbench.gallery import Gallery
 from palpate.workbench.home import Home
 from palpate.workbench.live import Live, newest_growing, ran
@@ -25,6 +29,7 @@ from palpate.workbench.page import Page
 from robot_io.errors import PalpateError
 
 _NEXT = "next-experiment.yaml"
+_CODE_DIGITS = 6
 
 
 async def compose(home: Home) -> None:
@@ -64,7 +69,7 @@ async def compose(home: Home) -> None:
 def _begin(home: Home) -> None:
     """Where nothing is open: drop a file, choose one, or probe."""
     with ui.element("div").classes("begin"):
-        ui.html('<b class="brand">palpate workbench</b>', sanitize=False)
+        ui.label("palpate workbench").classes("brand")
         if home.error:
             ui.label(home.error).classes("bad").mark("refused")
         drop = _choose(home)
@@ -193,13 +198,12 @@ def _next_step(home: Home, bench: Bench) -> None:
         arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
         if simulated:
             await _probe(home, arguments, place, join=True)
-        elif await _permitted(following.plan.force_limit_n, arguments):
+        elif await _permitted(following.plan.force_limit_n, ["palpate", "probe", *arguments]):
             await _probe(home, [*arguments, "--yes"], place, join=True)
 
     if simulated:
-        _once("Resolve: probe until one explanation is left", lambda: _resolve(home, world, place)).props(
-            f'dense outline no-caps title="{words.RESOLVE}"'
-        ).mark("resolve")
+        resolve = _once("Resolve: probe until one explanation is left", lambda: _resolve(home, world, place))
+        set_props(resolve.props("dense outline no-caps").mark("resolve"), title=words.RESOLVE)
     text = "Run it on the simulated arm" if simulated else "Run it on the robot"
     _once(text, go).props("dense outline no-caps").mark("next")
 
@@ -219,14 +223,28 @@ def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
 
 
 async def _permitted(force_n: float, arguments: list[str]) -> bool:
-    """The question before a real arm gets power, as `palpate probe` asks it."""
+    """The question before a real arm gets power, as `palpate probe` asks it.
+
+    The answer needs a number that only the terminal shows: whoever else reaches the page, a script in it or
+    another user of this machine, cannot give it.
+    """
+    code, command = f"{secrets.randbelow(10**_CODE_DIGITS):0{_CODE_DIGITS}}", shlex.join(arguments)
+    console.stderr().print(
+        f"the page asks to power the arm: {safe(command)}\nto allow that, type {code} there"
+    )
     with ui.dialog().props("persistent") as dialog, ui.card():
         ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
         ui.label("Keep clear of it, also from below, with its switch in your hand. Power the arm now?")
-        ui.label(shlex.join(["palpate", "probe", *arguments])).classes("code")
+        ui.label(command).classes("code")
+        typed = ui.input("number that the terminal shows").props("dense outlined autofocus")
         with ui.row():
-            ui.button("No", on_click=lambda: dialog.submit(False)).props("outline no-caps autofocus")
+            ui.button("No", on_click=lambda: dialog.submit(False)).props("outline no-caps")
             ui.button("Yes, power it", on_click=lambda: dialog.submit(True)).props(
                 "unelevated no-caps color=negative"
             )
-    return bool(await dialog)
+    if not await dialog:
+        return False
+    if secrets.compare_digest(str(typed.value).strip().encode(), code.encode()):
+        return True
+    ui.notify("that is not the number that the terminal shows: nothing has moved", type="warning")
+    return False

@@ -12,6 +12,7 @@ from palpate.outcome import as_json
 from palpate.render.sentences import diagnosed
 from palpate.workbench import words
 from palpate.workbench.bench import Bench
+from palpate.workbench.elements import heading, set_props
 from palpate.workbench.elsewhere import Elsewhere
 from robot_io.errors import InputError, PalpateError
 
@@ -33,18 +34,12 @@ class DiagnosisCard:
         self._more = more
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
-                ui.html("<h2>What is missing?</h2>", sanitize=False).props(f'title="{words.DIAGNOSE}"')
+                heading("What is missing?", words.DIAGNOSE)
                 ui.space()
-                self._start = (
-                    ui.button("Diagnose", on_click=self.start)
-                    .props(f'dense unelevated no-caps title="{words.DIAGNOSE}"')
-                    .mark("diagnose")
-                )
-                self._stop = (
-                    ui.button("Stop", on_click=self._stopped)
-                    .props(f'dense outline no-caps title="{words.STOP}"')
-                    .mark("stop")
-                )
+                self._start = ui.button("Diagnose", on_click=self.start).mark("diagnose")
+                set_props(self._start.props("dense unelevated no-caps"), title=words.DIAGNOSE)
+                self._stop = ui.button("Stop", on_click=self._stopped).mark("stop")
+                set_props(self._stop.props("dense outline no-caps"), title=words.STOP)
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
             self._what = ui.label().classes("quiet").mark("progress")
             self._answer = ui.element("div")
@@ -126,19 +121,14 @@ class DiagnosisCard:
             return
         said = diagnosed(found)
         with self._answer:
-            with (
-                ui.element("div")
-                .classes(f"verdict {said.word}")
-                .props(f'title="{words.VERDICTS[said.word]}"')
-                .mark("verdict")
-            ):
+            verdict = ui.element("div").classes("verdict").classes(said.word).mark("verdict")
+            with set_props(verdict, title=words.VERDICTS[said.word]):
                 ui.label(said.sentence)
                 for remark in said.remarks:
                     ui.label(remark).classes("quiet")
             self._buttons = ui.element("div").classes("steps")
             self.offer(self._bench.choice.effects)
             if found.next_experiment is not None:
-                ui.label(f"Next: {found.next_experiment.instruction}").props(
-                    f'title="To {found.next_experiment.purpose}."'
-                ).classes("q-mt-sm")
+                following = ui.label(f"Next: {found.next_experiment.instruction}").classes("q-mt-sm")
+                set_props(following, title=f"To {found.next_experiment.purpose}.")
             self._more()

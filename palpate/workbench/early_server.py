@@ -5,6 +5,8 @@ waits in the open socket, which the page's server then takes over.
 """
 
 import socket
+from base64 import b64encode
+from hashlib import sha256
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -17,7 +19,24 @@ _POLL_S = 0.02
 _PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>palpate workbench</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
 <style>{style}</style></head><body><div id="waiting">{body}</div>
-<script>addEventListener("load", () => setTimeout(() => location.reload(), 200))</script></body></html>"""
+<script>{script}</script></body></html>"""
+_SCRIPT = 'addEventListener("load", () => setTimeout(() => location.reload(), 200))'
+
+CLOSED = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+"""Content-Security-Policy: nothing is loaded but what is added to it; no other page may frame this one."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""Of every answer: other pages can neither load it nor keep a handle of it."""
+
+_POLICY = (
+    f"{CLOSED}; style-src 'unsafe-inline'; img-src data:; "
+    f"script-src 'sha256-{b64encode(sha256(_SCRIPT.encode()).digest()).decode()}'"
+)
 
 
 class EarlyServer(ThreadingTCPServer):
@@ -42,7 +61,7 @@ class EarlyServer(ThreadingTCPServer):
 
     def answer_with(self, body: str) -> None:
         """Answer the first visitor with this HTML."""
-        self.page, self._answers = _PAGE.format(body=body, style=STYLE).encode(), True
+        self.page, self._answers = _PAGE.format(body=body, style=STYLE, script=_SCRIPT).encode(), True
         Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 
     def release_socket(self) -> socket.socket:
@@ -76,6 +95,8 @@ class _Reply(BaseHTTPRequestHandler):
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", "text/html; charset=utf-8")
         self.send_header("Cache-Control", "no-store")
+        for name, value in {**HEADERS, "Content-Security-Policy": _POLICY}.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(self.server.page)
         self.server.shutdown()

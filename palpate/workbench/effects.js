@@ -6,7 +6,8 @@ export default {
            :class="{ chosen: row.chosen, alike: row.alike, last: row.together }" :style="{ order: row.order }">
         <q-checkbox dense :label="row.label" :title="row.physics" :model-value="row.chosen"
                     @update:model-value="tick(row)" />
-        <div class="evidence" v-html="row.mark"></div>
+        <div class="evidence" :title="row.about"><span :class="row.look">
+          <i v-if="row.share !== null" :style="{ width: row.share + 'px' }"></i>{{ row.mark }}</span></div>
         <div class="picture" role="button" tabindex="0" :title="hint" :aria-label="'picture of ' + row.name"
              v-html="row.picture || 'about'" @click="$emit('picture', row.name)"
              @keydown.enter="$emit('picture', row.name)"></div>

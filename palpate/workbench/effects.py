@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from html import escape
 from typing import Any
 
 from nicegui import events, ui
@@ -15,9 +14,11 @@ from palpate.render import palette
 from palpate.workbench import words
 from palpate.workbench.ahead import Ahead
 from palpate.workbench.bench import TELLING, Bench, Evidence, evidence_of, groups
+from palpate.workbench.elements import heading, set_props
 from palpate.workbench.picture import picture
 from robot_io.errors import PalpateError
 
+_BAR_PX = 44  # what takes all of the error away
 _PAUSE_S = 0.1  # between looks whether another model was chosen
 Tick = Callable[[str], Awaitable[None]]
 Row = dict[str, Any]  # of the list, as effects.js has it
@@ -72,11 +73,10 @@ class Effects:
     def build(self) -> None:
         """Put the heading and the place of the list."""
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
-            ui.html("<h2>Effects</h2>", sanitize=False).props(f'title="{words.EFFECTS}"')
+            heading("Effects", words.EFFECTS)
             ui.space()
-            ui.input(placeholder="filter", on_change=self._narrow).props(
-                "dense outlined clearable aria-label='filter effects'"
-            ).classes("filter")
+            narrow = ui.input(placeholder="filter", on_change=self._narrow).classes("filter")
+            set_props(narrow.props("dense outlined clearable"), aria_label="filter effects")
 
     def fill(self) -> None:
         """List the library for the channel, those in the model ticked."""
@@ -123,8 +123,7 @@ class Effects:
                 await ahead.fit((*beside, name))
                 one = await asyncio.to_thread(evidence_of, study, channel, beside, name)
             except PalpateError as error:
-                why = escape(str(error), quote=True)
-                self._rows.change({name: {"mark": f'<span class="quiet" title="{why}">–</span>'}})
+                self._rows.change({name: {"mark": "–", "look": "quiet", "about": str(error), "share": None}})
                 continue
             found.append(one)
             self._last[name] = one.falls
@@ -169,12 +168,12 @@ class Effects:
 
     def _mark(self, one: Evidence) -> None:
         falls = max(one.falls, 0.0)
-        strong = "strong" if one.falls > TELLING else "quiet"
-        mark = (
-            f'<span class="{strong}" title="{words.EVIDENCE}"><i style="width:{44 * falls:.0f}px"></i>'
-            f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %</span>"
-        )
-        change: Row = {"mark": mark}
+        change: Row = {
+            "mark": f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %",
+            "look": "strong" if one.falls > TELLING else "quiet",
+            "about": words.EVIDENCE,
+            "share": round(_BAR_PX * falls),
+        }
         if not self._evidence:  # later the list keeps still until all are weighed again
             change["order"] = _rank(one.falls, chosen=one.effect in self._bench.choice.effects)
         self._rows.change({one.effect: change})
@@ -195,7 +194,7 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
         "picture": _drawn(effect, kind),
         "chosen": False,
         "order": 1000,
-        "mark": "",
+        **{"mark": "", "look": "quiet", "about": "", "share": None},  # what it takes from the error
         "seen": True,
         **_APART,
     }

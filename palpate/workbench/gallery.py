@@ -12,6 +12,7 @@ from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.workbench.bench import Bench
 from palpate.workbench.curves import Motion, axis, curve, layout_of, near, picked
+from palpate.workbench.elements import heading, set_props
 from palpate.workbench.plot import Figure, Plot, Restyle
 from robot_io.errors import PalpateError
 
@@ -35,7 +36,7 @@ class Gallery:
             ui.notify(str(error), type="warning")
             return
         with ui.dialog() as dialog, ui.card().classes("gallery"):
-            ui.html(f"<h2>{name.replace('_', ' ')}</h2>", sanitize=False)
+            heading(name.replace("_", " "))
             ui.label(effect.physics)
             ui.label(f"What one sees: {effect.signature}.")
             ui.label(effect.equation).classes("code")
@@ -108,6 +109,5 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
     )
     with ui.row().classes("bar no-wrap"):
         said = ui.label(f"{parameter.name} = {start:.3g} {unit}").style("min-width: 170px")
-        ui.slider(min=0.0, max=_STEPS, step=1.0, value=min(max(share, 0.0), 1.0) * _STEPS).props(
-            f'dense aria-label="{name}"'
-        ).on("update:model-value", moved, throttle=0.05)
+        slider = ui.slider(min=0.0, max=_STEPS, step=1.0, value=min(max(share, 0.0), 1.0) * _STEPS)
+        set_props(slider.props("dense"), aria_label=name).on("update:model-value", moved, throttle=0.05)

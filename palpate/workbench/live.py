@@ -7,7 +7,6 @@ import asyncio
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
-from html import escape
 from itertools import count, cycle
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from control.loop.tick_record import STREAM_NAME
 from palpate.render import palette
 from palpate.render.thinning import peaks
 from palpate.workbench.curves import axis, curve, layout_of, picked
+from palpate.workbench.elements import heading
 from palpate.workbench.foxglove_feed import Feed, online_residual
 from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
@@ -84,7 +84,7 @@ class Live:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card"):
-            ui.html(f"<h2>Live: {escape(self._session.name)}</h2>", sanitize=False)
+            heading(f"Live: {self._session.name}")
             self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
             self._plot = Plot({"data": [], "layout": {"height": 460}})
         self._timer = ui.timer(PERIOD_S, self._follow)

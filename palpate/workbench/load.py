@@ -18,6 +18,7 @@ from estimation.data.quantities import QUANTITIES, RUN, si_unit
 from estimation.data.table import Table, read_table
 from estimation.data.units import SI
 from palpate.files import output_folder, whole_file
+from palpate.workbench.elements import set_props
 from robot_io.errors import InputError, PalpateError
 
 DROPPED = Path("sessions")  # where a dropped file is kept, beside what is probed and imported
@@ -174,15 +175,14 @@ class Drop:
     def _column_row(one: Column, choices: list[str]) -> None:
         with ui.element("tr"):
             with ui.element("td"):
-                ui.label(one.name).props(f'title="{one.why}"')
+                set_props(ui.label(one.name), title=one.why)
             with ui.element("td"):
                 known = choices if one.quantity in {*choices, ""} else [*choices, one.quantity]
                 quantity = ui.select(known, value=one.quantity or NOTHING).props(_SELECT)
-                # by key: within a text, a column's name could end the quotes and set properties of its own
-                quantity.props["aria-label"] = f"quantity of {one.name}"
+                set_props(quantity, aria_label=f"quantity of {one.name}")
             with ui.element("td"):
                 unit = ui.select(units_of(one.quantity), value=one.unit or None).props(_SELECT)
-                unit.props["aria-label"] = f"unit of {one.name}"
+                set_props(unit, aria_label=f"unit of {one.name}")
             with ui.element("td"):
                 ui.label(one.values).classes("quiet")
 

@@ -17,6 +17,7 @@ from palpate.workbench import words
 from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
 from palpate.workbench.centre import Centre, UseRuns
 from palpate.workbench.effects import Effects
+from palpate.workbench.elements import heading, set_props
 from palpate.workbench.parameters import Error, Lines, Parameters, judged
 from robot_io.errors import InputError, PalpateError
 
@@ -227,7 +228,7 @@ class Page:
     def _header(self, refused: str | None) -> None:
         study, choice = self.bench.study, self.bench.choice
         with ui.element("div").classes("top"):
-            ui.html('<b class="brand">palpate</b>', sanitize=False)
+            ui.label("palpate").classes("brand")
             ui.label(study.source.name).classes("file")
             if not refused:
                 self._error.build_number()
@@ -308,7 +309,7 @@ class Page:
     def _list_revisions(self) -> None:
         self._revisions.clear()
         with self._revisions:
-            ui.html("<h2>Revisions</h2>", sanitize=False).props(f'title="{words.REVISIONS}"')
+            heading("Revisions", words.REVISIONS)
             kept = [one for one in self.bench.study.revisions if one.channel == self.bench.choice.channel][
                 -8:
             ]
@@ -324,10 +325,9 @@ class Page:
 
 def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:
     """A button of the header."""
-    made = ui.button(text, icon=icon, on_click=work).mark(text.lower()).props(f"{look} dense no-caps")
-    made.props["aria-label"] = text  # a narrow window shows the icon alone
-    made.props["title"] = f"{text}: {about}"
-    return made
+    made = ui.button(text, icon=icon, on_click=work).mark(text.lower()).props("dense no-caps")
+    # a narrow window shows the icon alone
+    return set_props(made, aria_label=text, title=f"{text}: {about}", **{look: True})
 
 
 def gates(bench: Bench) -> None:
@@ -337,7 +337,7 @@ def gates(bench: Bench) -> None:
     one = bench.channel
     found = checklist(one.to_fit, one.model)
     with ui.element("section").classes("card"):
-        ui.html("<h2>Is this data fit to be judged?</h2>", sanitize=False).props(f'title="{words.GATES}"')
+        heading("Is this data fit to be judged?", words.GATES)
         rows = []
         for kind, text in words.GATE.items():
             if kind not in found:
@@ -346,4 +346,4 @@ def gates(bench: Bench) -> None:
                 rows.append(f'<li class="bad">✗ {text}<br><span>{escape(found[kind])}</span></li>')
             else:
                 rows.append(f'<li class="good">✓ {text}</li>')
-        ui.html(f'<ul class="gates">{"".join(rows)}</ul>', sanitize=False).mark("gates")
+        ui.html(f'<ul class="gates">{"".join(rows)}</ul>').mark("gates")

@@ -13,6 +13,7 @@ from palpate.render.view import NOISE
 from palpate.words import NOT_DETERMINED
 from palpate.workbench import words
 from palpate.workbench.bench import Bench, Choice, Shown
+from palpate.workbench.elements import heading, set_props
 from robot_io.errors import InputError
 
 Choose = Callable[[Choice], Awaitable[None]]
@@ -43,14 +44,14 @@ class Error:
 
     def build_number(self) -> None:
         """Put the number where it is always in sight."""
-        self._number = ui.html("…", sanitize=False).classes("error").mark("error").props("aria-live=polite")
+        self._number = ui.html("…").classes("error").mark("error").props("aria-live=polite")
 
     def build(self) -> None:
         """Put what explains the number."""
         with ui.element("section").classes("card waterfall"):
-            ui.html("<h2>Error in held-out runs</h2>", sanitize=False).props(f'title="{words.ERROR}"')
+            heading("Error in held-out runs", words.ERROR)
             self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
-            self._fall = ui.html("", sanitize=False).props(f'title="{words.FALL}"').mark("waterfall")
+            self._fall = set_props(ui.html("").mark("waterfall"), title=words.FALL)
 
     def show(self, shown: Shown) -> None:
         """State the error of a fit; whether that is good is said by `judge`."""
@@ -123,11 +124,10 @@ class Parameters:
         """Put the elements."""
         with ui.element("section").classes("card sliders"):
             with ui.row().classes("bar"):
-                ui.html("<h2>Parameters</h2>", sanitize=False).props(f'title="{words.SLIDER}"')
+                heading("Parameters", words.SLIDER)
                 ui.space()
-                self._back = ui.button("back to the fit", on_click=self._reset).props(
-                    f'flat dense no-caps title="{words.BACK}"'
-                )
+                self._back = ui.button("back to the fit", on_click=self._reset).props("flat dense no-caps")
+                set_props(self._back, title=words.BACK)
                 self._back.set_visibility(False)
             self._list = ui.element("div").classes("parameters")
 
@@ -203,18 +203,14 @@ class Parameters:
         assert self._shown is not None  # noqa: S101, set by `show`
         value = self._values[name]
         effect, _, parameter = name.partition(".")
-        with ui.element("div").classes("parameter").props(f'data-parameter="{name}"'):
-            ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>", sanitize=False).classes(
-                "name"
-            )
+        with set_props(ui.element("div").classes("parameter"), data_parameter=name):
+            ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>").classes("name")
             self._numbers[name] = ui.label(self._worded(name, value)).classes("value")
-            self._intervals[name] = (
-                ui.label(self._interval(name)).classes("interval").props(f'title="{words.INTERVAL}"')
-            )
+            interval = ui.label(self._interval(name)).classes("interval")
+            self._intervals[name] = set_props(interval, title=words.INTERVAL)
             low, high = self._ends(name, self._shown.fitted.values[name])
-            slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props(
-                f'dense aria-label="{name}" title="{words.SLIDER}"'
-            )
+            slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props("dense")
+            set_props(slider, aria_label=name, title=words.SLIDER)
             slider.on(
                 "update:model-value",
                 lambda event, name=name: self._pulled(name, float(event.args)),
@@ -223,12 +219,12 @@ class Parameters:
             slider.on("change", lambda event, name=name: self._released(name, float(event.args)))
             self._sliders[name] = slider
             held = name in self._bench.choice.held
-            ui.button(
+            lock = ui.button(
                 icon="lock" if held else "lock_open", on_click=lambda name=name: self._hold(name)
-            ).props(f'flat dense size=sm title="{words.HOLD}" aria-label="hold {name}"')
-            ui.button(icon="unfold_more", on_click=lambda: self._ask_bounds(name, low, high)).props(
-                f'flat dense size=sm title="{words.BOUND}" aria-label="bound {name}"'
             )
+            set_props(lock.props("flat dense size=sm"), title=words.HOLD, aria_label=f"hold {name}")
+            arrows = ui.button(icon="unfold_more", on_click=lambda: self._ask_bounds(name, low, high))
+            set_props(arrows.props("flat dense size=sm"), title=words.BOUND, aria_label=f"bound {name}")
 
     def _ask_bounds(self, name: str, low: float, high: float) -> None:
         with self._list, ui.dialog() as dialog, ui.card().classes("bounds"):
@@ -286,7 +282,7 @@ class Lines:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card same"):
-            ui.html("<h2>The same without this page</h2>", sanitize=False).props(f'title="{words.SAME}"')
+            heading("The same without this page", words.SAME)
             self._command = ui.label().classes("code").mark("command")
             self._python = ui.label().classes("code").mark("python")
 

@@ -12,6 +12,7 @@ from palpate.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo
 from palpate.runs.hiding import open_answer
 from palpate.runs.robots import DEFAULT_SCENARIO
 from palpate.workbench.bench import Bench
+from palpate.workbench.elements import heading
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario
@@ -76,7 +77,7 @@ class RiddleCard:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card"):
-            ui.html("<h2>Riddle</h2>", sanitize=False)
+            heading("Riddle")
             ui.label(
                 "The arm pressed an object that is a spring and a damper, and one thing more. Tick what you "
                 "think it is until the error falls to the noise floor; then say so."

@@ -13,6 +13,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from palpate.workbench.early_server import STYLE
 from palpate.workbench.home import Home
 from palpate.workbench.plot import Plot
+from palpate.workbench.protection import OwnPageOnly
 
 _POLL_S = 0.03
 _CONNECT_S = 30.0
@@ -25,7 +26,7 @@ def serve(home: Home, listening: socket) -> None:
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:
-        ui.add_css(STYLE)
+        ui.add_head_html(f"<style>{STYLE}</style>")
         ui.colors(primary="#2a6fb0")
         if home.reading:
             await _wait(home)
@@ -47,7 +48,9 @@ def serve(home: Home, listening: socket) -> None:
     app.on_shutdown(lambda: _end(home))
     served = FastAPI()
     # A foreign page whose name points here (DNS rebinding) must not press buttons: one powers an arm.
-    served.add_middleware(TrustedHostMiddleware, allowed_hosts=[listening.getsockname()[0], "localhost"])
+    host, port = listening.getsockname()
+    served.add_middleware(TrustedHostMiddleware, allowed_hosts=[host, "localhost"])
+    served.add_middleware(OwnPageOnly, origins=(f"http://{host}:{port}", f"http://localhost:{port}"))
     ui.run_with(
         served,
         favicon="◎",

@@ -33,10 +33,23 @@ def started(folder):
         process.wait()
 
 
-def status(port, host):
+def answer(port, path="/", host="127.0.0.1", **headers):
+    """What the server answers; header_name sets header-name."""
     connection = HTTPConnection("127.0.0.1", port)
-    connection.request("GET", "/", headers={"Host": f"{host}:{port}"})
-    return connection.getresponse().status
+    given = {name.replace("_", "-"): value.format(port=port) for name, value in headers.items()}
+    connection.request("GET", path, headers={"Host": f"{host}:{port}", **given})
+    return connection.getresponse()
+
+
+def status(port, host):
+    return answer(port, host=host).status
+
+
+def socket_status(port, **headers):
+    """What a websocket's first request is answered, on which everything else goes."""
+    asked = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec_WebSocket_Version": "13"}
+    path = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    return answer(port, path, **asked, Sec_WebSocket_Key="dGhlIHNhbXBsZSBub25jZQ==", **headers).status
 
 
 @pytest.mark.parametrize(
@@ -73,3 +86,62 @@ def test_a_page_of_another_name_that_points_here_is_refused(tmp_path):
         assert status(port, "127.0.0.1") == HTTPStatus.OK
         assert status(port, "localhost") == HTTPStatus.OK
         assert status(port, "evil.example") == HTTPStatus.BAD_REQUEST
+
+
+@pytest.fixture(scope="module")
+def port(tmp_path_factory):
+    """Of a server that has taken over from the first answer."""
+    with started(tmp_path_factory.mktemp("empty")) as port:
+        while "nicegui" not in answer(port).read().decode():
+            time.sleep(0.1)
+        yield port
+
+
+@pytest.mark.parametrize(
+    ("headers", "expected"),
+    [
+        ({"Origin": "http://127.0.0.1:{port}"}, HTTPStatus.SWITCHING_PROTOCOLS),
+        ({"Origin": "http://localhost:{port}"}, HTTPStatus.SWITCHING_PROTOCOLS),
+        ({"Origin": "http://evil.example"}, HTTPStatus.FORBIDDEN),
+        ({"Origin": "http://127.0.0.1:1"}, HTTPStatus.FORBIDDEN),  # another program's page on this machine
+        ({"Origin": "https://127.0.0.1:{port}"}, HTTPStatus.FORBIDDEN),
+        ({"Origin": "null"}, HTTPStatus.FORBIDDEN),  # a page in a sandbox, or a file
+        ({}, HTTPStatus.FORBIDDEN),
+    ],
+)
+def test_no_other_page_opens_a_socket(port, headers, expected):
+    assert socket_status(port, **headers) == expected
+
+
+@pytest.mark.parametrize(
+    ("headers", "expected"),
+    [
+        ({"Sec_Fetch_Site": "none", "Sec_Fetch_Mode": "navigate"}, HTTPStatus.OK),
+        ({"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": "navigate"}, HTTPStatus.OK),  # a link
+        ({"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": "no-cors"}, HTTPStatus.FORBIDDEN),
+        ({"Sec_Fetch_Site": "same-site", "Sec_Fetch_Mode": "cors"}, HTTPStatus.FORBIDDEN),
+        ({"Origin": "http://evil.example"}, HTTPStatus.FORBIDDEN),
+    ],
+)
+def test_no_other_page_loads_anything(port, headers, expected):
+    assert answer(port, **headers).status == expected
+
+
+def policy_of(headers):
+    """The directives of the Content-Security-Policy."""
+    pairs = (one.split() for one in headers["Content-Security-Policy"].split(";"))
+    return {name: values for name, *values in pairs}
+
+
+def test_the_page_runs_its_own_scripts_alone_and_is_framed_by_none(port):
+    reply = answer(port)
+    page, policy = reply.read().decode(), policy_of(reply.headers)
+    assert policy["frame-ancestors"] == policy["default-src"] == policy["base-uri"] == ["'none'"]
+    assert policy["connect-src"] == ["'self'", f"ws://127.0.0.1:{port}", f"ws://localhost:{port}"]
+    assert reply.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    own, nonce, *_ = policy["script-src"]
+    assert own == "'self'"
+    scripts = re.findall("<script[^>]*>", page)
+    assert len(scripts) > 5
+    assert all('nonce="{}"'.format(nonce[len("'nonce-") : -1]) in one for one in scripts)
+    assert policy_of(answer(port).headers)["script-src"][1] != nonce  # of each answer

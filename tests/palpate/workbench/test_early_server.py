@@ -1,6 +1,9 @@
 """What is answered at the page's address before the page can be served."""
 
+import re
+from base64 import b64encode
 from contextlib import closing
+from hashlib import sha256
 from http import HTTPStatus
 from http.client import HTTPConnection
 from socket import create_connection
@@ -56,3 +59,12 @@ def test_many_who_ask_meanwhile_are_kept():
         for one in waiting:
             taken.accept()[0].close()
             one.close()
+
+
+def test_the_first_answer_runs_its_own_script_alone_and_is_framed_by_none(early):
+    reply = asked(early).getresponse()
+    script = re.search("<script>(.*)</script>", reply.read().decode())[1]
+    policy = reply.headers["Content-Security-Policy"]
+    assert b64encode(sha256(script.encode()).digest()).decode() in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe-inline" not in policy.partition("script-src")[2]

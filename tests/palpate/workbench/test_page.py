@@ -1,5 +1,6 @@
 """The page in a real browser without a window: a user's way through it, by mouse and by keyboard."""
 
+import json
 import re
 import signal
 import socket
@@ -10,8 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from estimation.study.kept_diagnosis import RESULT
 from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
+from tests.palpate.workbench.test_foreign_texts import HOSTILE, MARK, hostile, keep_diagnosis
 
 CHROMIUM = Path("/usr/bin/chromium")
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -432,3 +435,19 @@ def test_nothing_that_lies_beside_a_recording_is_executed(opened, tmp_path, tmp_
         tab.page.click("button:has-text('Open')")
         tab.page.click("text=Probe the simulated arm")
         tab.page.wait_for_selector(".file:has-text('workbench-1.mcap')")
+
+
+def test_texts_of_a_strangers_diagnosis_are_shown_and_run_nothing(opened, press):
+    """A quote in a text would end the text of a property, and begin one that the browser evaluates."""
+    folder = press.parent / "press-palpate"
+    folder.mkdir()
+    keep_diagnosis(press, folder)
+    kept = folder / RESULT
+    kept.write_text(json.dumps(hostile(json.loads(kept.read_text()))))
+    page = opened(press).page
+    page.wait_for_selector(f"text=Next: instruction: {MARK}")
+    page.wait_for_selector(".gates .good")  # all is drawn
+    assert page.evaluate(f"() => typeof globalThis.{MARK}") == "undefined"
+    title = page.locator(f"text=Next: instruction: {MARK}").get_attribute("title")
+    assert title == f"To purpose: {HOSTILE}."
+    assert page.locator("img[src=x]").count() == 0

@@ -1,0 +1,62 @@
+"""Reads back what palpate wrote as JSON, and anybody may have changed since."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+MOST_BYTES = 16_000_000
+MOST_TEXT = 4000  # characters
+Kept = TypeVar("Kept", bound=BaseModel)
+
+
+def read_kept(file: Path, model: type[Kept]) -> Kept:
+    """Read one file; texts are short, and have no control characters and no marks of direction.
+
+    Raises:
+        ValueError: why it is not what palpate wrote, in a few words.
+    """
+    try:
+        if not file.is_file():  # a pipe might never end
+            raise ValueError("it is no regular file")
+        if file.stat().st_size > MOST_BYTES:
+            raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
+        kept = model.model_validate_json(file.read_bytes(), strict=True)
+    except OSError as error:
+        raise ValueError(f"it cannot be read ({error.strerror})") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(clean_text(str(part)) for part in first["loc"])
+        raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
+    for text in _texts(kept.model_dump(mode="json")):
+        if len(text) > MOST_TEXT:
+            raise ValueError(f"a text has {len(text)} characters, at most {MOST_TEXT}")
+        if text != clean_text(text):
+            raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
+    return kept
+
+
+def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
+    """The same with texts as `read_kept` takes them."""
+    if isinstance(content, str):
+        return clean_text(content)[:MOST_TEXT]
+    if isinstance(content, Mapping):
+        return {clean(key): clean(value) for key, value in content.items()}
+    return [clean(value) for value in content] if isinstance(content, list) else content
+
+
+def clean_text(text: str) -> str:
+    """A text with a question mark for each character that cannot be printed."""
+    return "".join(char if char.isprintable() else "?" for char in text)
+
+
+def _texts(content: Any) -> Iterator[str]:  # noqa: ANN401, whatever JSON can hold
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from (key, *_texts(value))
+    elif isinstance(content, list):
+        for value in content:
+            yield from _texts(value)

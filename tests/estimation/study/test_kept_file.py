@@ -1,0 +1,98 @@
+"""Files that palpate wrote and reads again: what anybody has put there since is refused."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimation.study.kept_file import MOST_BYTES, MOST_TEXT, clean, read_kept
+from estimation.study.revisions import Revision
+from tests.revisions import revision
+
+
+def texts_of(content, path=()):
+    """The path of each text."""
+    if isinstance(content, str):
+        yield path
+    for key, value in content.items() if isinstance(content, dict) else ():
+        yield from texts_of(value, (*path, key))
+    for place, value in enumerate(content if isinstance(content, list) else ()):
+        yield from texts_of(value, (*path, place))
+
+
+def changed(content, path, value):
+    """The same with another value at a path."""
+    if not path:
+        return value
+    made = content.copy()
+    made[path[0]] = changed(content[path[0]], path[1:], value)
+    return made
+
+
+def written(tmp_path, content):
+    file = tmp_path / "kept.json"
+    file.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+    return file
+
+
+KEPT = revision(
+    effects=["bias"], added="bias", user_effects=["mine.py:Mine"], effort_unit="N", data_sha256="ab"
+).model_dump(mode="json")
+
+
+def test_what_was_written_is_read(tmp_path):
+    assert read_kept(written(tmp_path, KEPT), Revision).model_dump(mode="json") == KEPT
+
+
+@pytest.mark.parametrize("path", list(texts_of(KEPT)), ids=str)
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("a\nforce_limit_n: 500", "cannot be printed"),
+        ("\x1b[2J", "cannot be printed"),
+        ("\u202e", "cannot be printed"),
+        ("a" * (MOST_TEXT + 1), "characters, at most"),
+        (1.0, "valid string"),
+    ],
+)
+def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
+    with pytest.raises(ValueError, match=why):
+        read_kept(written(tmp_path, changed(KEPT, path, text)), Revision)
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (changed(KEPT, ("rmse",), "0.1"), "rmse: Input should be a valid number"),
+        (KEPT | {"more\n": 1}, r"more\?: Extra"),
+        (b"[" * 100_000, "recursion"),
+        (b"\xff\xfe", "Invalid JSON"),
+        (b" " * (MOST_BYTES + 1), "more than 16 MB"),
+        (b"", "Invalid JSON"),
+    ],
+)
+def test_what_is_no_such_file_is_refused(content, why, tmp_path):
+    with pytest.raises(ValueError, match=why) as caught:
+        read_kept(written(tmp_path, content), Revision)
+    assert str(caught.value).isprintable()
+
+
+@given(
+    st.recursive(
+        st.text() | st.none() | st.floats(), lambda one: st.lists(one) | st.dictionaries(st.text(), one)
+    )
+)
+def test_cleaned_content_has_nothing_else(content):
+    made = clean(content)
+    assert all(text.isprintable() for text in _texts(made))
+    assert clean(made) == made or made != made
+
+
+def _texts(content):
+    if isinstance(content, str):
+        yield content
+    for each in (
+        content if isinstance(content, list) else content.items() if isinstance(content, dict) else ()
+    ):
+        yield from _texts(list(each) if isinstance(each, tuple) else each)
