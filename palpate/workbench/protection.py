@@ -37,8 +37,7 @@ class OwnPageOnly:
     def __init__(self, app: ASGIApp, origins: tuple[str, ...]) -> None:
         self._app, self._origins = app, origins
         self._sockets = " ".join(origin.replace("http:", "ws:") for origin in origins)
-        environment = client.templates.env
-        environment.loader = _WithNonce(environment.loader)
+        client.templates.env.loader = _WithNonce(client.templates.env.loader)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request or connection."""
@@ -75,12 +74,14 @@ class OwnPageOnly:
 class _WithNonce(jinja2.BaseLoader):
     """NiceGUI's templates with the nonce of the request in their own scripts; what is filled in has none."""
 
-    def __init__(self, templates: jinja2.BaseLoader) -> None:
+    def __init__(self, templates: jinja2.BaseLoader | None) -> None:
+        assert templates is not None  # noqa: S101, NiceGUI loads them from a folder
         self._templates = templates
 
     def get_source(
         self, environment: jinja2.Environment, template: str
     ) -> tuple[str, str | None, Callable[[], bool] | None]:
         """One template; see `jinja2.BaseLoader`."""
-        source, *rest = self._templates.get_source(environment, template)
-        return source.replace("<script", f'<script nonce="{{{{ request.state.{_NONCE} }}}}"'), *rest
+        source, file, is_current = self._templates.get_source(environment, template)
+        own = source.replace("<script", f'<script nonce="{{{{ request.state.{_NONCE} }}}}"')
+        return own, file, is_current

@@ -3,11 +3,12 @@
 import asyncio
 from http import HTTPStatus
 from socket import socket
+from types import SimpleNamespace
 
 import uvicorn
 from fastapi import FastAPI, HTTPException
 from fastapi.responses import FileResponse
-from nicegui import app, ui
+from nicegui import app, ui, ui_run_with
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from palpate.workbench.early_server import STYLE
@@ -60,7 +61,11 @@ def serve(home: Home, listening: socket) -> None:
         tailwind=False,  # it looks through the page at every change
         show_welcome_message=False,
     )
-    uvicorn.Server(uvicorn.Config(served, log_level="warning", ws="wsproto")).run([listening])
+    server = uvicorn.Server(uvicorn.Config(served, log_level="warning", ws="wsproto"))
+    # NiceGUI looks for its server among all objects of the program. That holds tuples which the thread that
+    # reads the data is just building, and Python then raises SystemError there.
+    vars(ui_run_with)["gc"] = SimpleNamespace(get_objects=lambda: [server])
+    server.run([listening])
 
 
 async def _wait(home: Home) -> None:
