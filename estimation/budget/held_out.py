@@ -17,6 +17,7 @@ _MOST_BLOCKS = 6000  # more are thinned out evenly
 _ROUNDS = 6  # of dropping coefficients of the wrong sign
 _PIECES = 6  # of a run; every second one tells the run's own gain and zero for the others
 _SINGULAR = 1e-9
+_WEAK = 1e-3  # of the largest singular value, below which a run does not tell a coefficient
 
 Kinds = frozenset[Kind]
 
@@ -51,16 +52,18 @@ class HeldOutError:
         """Put all columns side by side, of unit size, and prepare the products by fold."""
         rows = np.flatnonzero(self.used)
         rows = rows[:: -(-len(rows) // _MOST_BLOCKS)]
-        parts = [self.base.columns, *(law.columns for law in self.laws)]
+        shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
+        self._of_runs = {law.kinds: law.columns[rows] for law in self.laws if law not in shared}
+        parts = [self.base.columns, *(law.columns for law in shared)]
         columns = np.hstack(parts)[rows]
         size = np.sqrt(np.mean(columns**2, axis=0))
         self._columns: FloatArray = columns / np.where(size > 0.0, size, 1.0)
         self._target: FloatArray = self.target[rows]
         needs: list[Kinds] = [frozenset()] * self.base.columns.shape[1]
-        for law in self.laws:
+        for law in shared:
             needs += [law.kinds] * law.columns.shape[1]
         self._needs = needs
-        signs = [self.base.lower >= 0.0, *(law.nonnegative for law in self.laws)]
+        signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
         self._half: IntArray = _alternating_pieces(self._run)
@@ -73,6 +76,8 @@ class HeldOutError:
     def kinds(self) -> list[Kind]:
         """Kinds that have a law of their own, and differences between runs where there are several."""
         own = [kind for kind in Kind if any(law.kinds == {kind} for law in self.laws)]
+        if Kind.PERIODIC not in own and self._of_runs:
+            own.append(Kind.PERIODIC)
         return [*own, Kind.RUN_DIFFERENCES] if self.runs > 1 else own
 
     @property
@@ -92,6 +97,11 @@ class HeldOutError:
             error = self._target - predicted
             if Kind.RUN_DIFFERENCES in kinds:
                 adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
+                adjusted += [  # a predicted phase of all runs would stand in the way
+                    fit_each_run(self._target - self._predicted(kinds - own), columns, self._run)
+                    for own, columns in self._of_runs.items()
+                    if own <= kinds
+                ]
                 error = min((error, *adjusted), key=lambda left: float(left @ left))
             self._errors[kinds] = np.asarray(np.bincount(self._run, weights=error**2), dtype=np.float64)
         return self._errors[kinds]
@@ -136,6 +146,28 @@ def _nonnegative_solution(system: FloatArray, moment: FloatArray, nonnegative: B
             break
         free &= ~wrong
     return solution
+
+
+def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:
+    """Fit columns with coefficients of each run in every second piece of it, and judge the other pieces.
+
+    Args:
+        signal: shape (n,).
+        columns: shape (n, k).
+        run: number of each sample's run, from 0, shape (n,).
+
+    Returns:
+        What is left, shape (n,); the signal itself in runs too short to be fitted.
+    """
+    half, left = _alternating_pieces(run), signal.copy()
+    for number in range(int(run.max()) + 1):
+        for side in (0, 1):
+            there = np.flatnonzero((run == number) & (half != side))
+            here = np.flatnonzero((run == number) & (half == side))
+            if len(there) > 2 * columns.shape[1]:
+                coefficients = np.linalg.lstsq(columns[there], signal[there], rcond=_WEAK)[0]
+                left[here] -= columns[here] @ coefficients
+    return left
 
 
 def _alternating_pieces(run: IntArray) -> IntArray:

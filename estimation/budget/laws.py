@@ -26,6 +26,7 @@ _SHORTEST_S = 0.01
 _REACHES = (0.02, 0.06, 0.2)  # of the deepest contact, over which adhesion fades
 _FULL_SCALE = 0.95  # of the largest reading, above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
+_MOST_RUNS = 30  # of which each may have waves of its own
 _WAVES = 10  # of a periodic law
 _WAVE_SHARE = 0.02  # of what is left, that one more wave must take away
 _BINS = 8192  # over the range or the turn
@@ -80,8 +81,11 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
         laws.append(_law((Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE), *products))
     else:
-        waves = periodic_columns(position, residual, is_angle=data.kind is ChannelKind.REVOLUTE)
-        laws.append(_law(Kind.PERIODIC, waves))
+        is_angle = data.kind is ChannelKind.REVOLUTE
+        laws.append(_law(Kind.PERIODIC, periodic_columns(position, residual, is_angle=is_angle)))
+        if 1 < len(np.unique(run)) <= _MOST_RUNS:
+            of_runs = periodic_columns(position, residual, is_angle=is_angle, run=run)
+            laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), of_runs))
         load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
         if data.kind is ChannelKind.REVOLUTE and np.ptp(position) > _GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
@@ -165,7 +169,9 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray) -> Law:
     return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) > 0)
 
 
-def periodic_columns(position: FloatArray, residual: FloatArray, *, is_angle: bool) -> FloatArray:
+def periodic_columns(
+    position: FloatArray, residual: FloatArray, *, is_angle: bool, run: IntArray | None = None
+) -> FloatArray:
     """Choose sines and cosines over the position that a residual is made of.
 
     On an axis that covers about a turn, any whole number of waves a turn; else whole numbers over the
@@ -176,6 +182,8 @@ def periodic_columns(position: FloatArray, residual: FloatArray, *, is_angle: bo
         position: shape (m,) [rad or m].
         residual: shape (m,) [effort].
         is_angle: whether the axis is revolute.
+        run: shape (m,), where the waves have a phase and size of their own in each run; None where they are
+            the same in all.
 
     Returns:
         Shape (m, 2 waves); no columns where the position takes too few values.
@@ -189,20 +197,31 @@ def periodic_columns(position: FloatArray, residual: FloatArray, *, is_angle: bo
     place = place % 1.0 if turns else place - place.min()
     bins = np.minimum((place * _BINS).astype(np.int64), _BINS - 1)
     most = min(len(np.unique(bins)) // 3, _BINS // 4)
+    parts = [np.arange(len(position))] if run is None else rows_of_runs(run)
     smooth = np.column_stack([np.ones(len(position)), position - position.mean()])
     columns, chosen = list[FloatArray](), list[int]()
-    left = residual - residual.mean()
+    left = _without(smooth, residual, parts)
     while len(chosen) < _WAVES and most > least:
-        power = np.abs(np.fft.rfft(np.bincount(bins, weights=left, minlength=_BINS))[:most]) ** 2
+        spectra = [np.fft.rfft(np.bincount(bins[p], weights=left[p], minlength=_BINS))[:most] for p in parts]
+        power = np.sum(np.abs(spectra) ** 2, axis=0)
         power[:least] = 0.0
         power[chosen] = 0.0
         wave = int(np.argmax(power))
         angle = position * unit * wave
-        trial = np.column_stack([smooth, *columns, np.sin(angle), np.cos(angle)])
-        after = residual - trial @ np.linalg.lstsq(trial, residual, rcond=None)[0]
+        after = _without(np.column_stack([smooth, *columns, np.sin(angle), np.cos(angle)]), residual, parts)
         if after @ after > (1.0 - _WAVE_SHARE) * (left @ left):
             break
         chosen.append(wave)
         columns += [np.sin(angle), np.cos(angle)]
         left = after
     return np.column_stack(columns) if columns else np.empty((len(position), 0))
+
+
+def _without(columns: FloatArray, signal: FloatArray, parts: list[IntArray]) -> FloatArray:
+    """What columns (m, k) leave of a signal (m,), fitted to each part by itself."""
+    left = np.empty(len(signal))
+    for rows in parts:
+        left[rows] = (
+            signal[rows] - columns[rows] @ np.linalg.lstsq(columns[rows], signal[rows], rcond=None)[0]
+        )
+    return left

@@ -92,7 +92,8 @@ class PartiallyLinear:
         """Project a problem on what laws of the kinds other than an effect's own cannot explain."""
         others = kinds - own
         blocked = problem.blocked
-        columns = [law.columns for law in self.laws if law.kinds <= others]
+        shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
+        columns = [law.columns for law in shared if law.kinds <= others]
         empty = np.empty((len(blocked), 0))
         by_run = empty
         if Kind.RUN_DIFFERENCES in others:
@@ -102,7 +103,8 @@ class PartiallyLinear:
 
     def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
         """Columns of the laws of some kinds and of their interactions with the others, shape (m, k)."""
-        laws = [law.columns for law in self.laws if own & law.kinds and law.kinds <= kinds | own]
+        shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
+        laws = [law.columns for law in shared if own & law.kinds and law.kinds <= kinds | own]
         return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
 
 
@@ -179,7 +181,8 @@ def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult
         return fit
     search, tried = partial.search, [fit]
     for effect in search.effects:
-        if isinstance(effect, RunVariation) and effect.name != "run_ripple" and effect.applies_to(fit.data):
+        is_of_runs = isinstance(effect, RunVariation) and effect.applies_to(fit.data)
+        if is_of_runs and (effect.name != "run_ripple" or Kind.PERIODIC in kinds):
             start = {f"{effect.name}.{n}": v for n, v in effect.starts(fit.data)[-1].items()}
             model = fit.solution.model.with_effect(effect)
             tried.append(search.fitted(model, {**fit.solution.parameters, **start}))

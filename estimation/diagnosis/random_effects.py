@@ -42,7 +42,12 @@ def add_run_variation(search: Search, found: FitResult) -> FitResult:
 def _varied(search: Search, found: FitResult) -> Iterator[FitResult]:
     """The model with each of the effects that differ from run to run."""
     for effect in search.effects:
-        if isinstance(effect, RunGain | RunOffset) and effect.applies_to(found.data):
+        present = {part.name for part in found.solution.model.effects}
+        if (
+            isinstance(effect, RunGain | RunOffset)
+            and effect.name not in present
+            and effect.applies_to(found.data)
+        ):
             start = {f"{effect.name}.share": effect.starts(found.data)[-1]["share"]}
             yield search.fitted(
                 found.solution.model.with_effect(effect), {**found.solution.parameters, **start}

@@ -9,6 +9,8 @@ from itertools import islice
 
 import numpy as np
 
+from estimation.budget.held_out import fit_each_run
+from estimation.budget.laws import periodic_columns
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
 from estimation.fit.blocks import BlockedData, is_moving
@@ -30,6 +32,8 @@ _LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks m
 _FEW_DRAWS = 4  # whose largest is compared
 _BLOCKS = 40  # in contact and in free air, in motion and at rest, with fewer of which nothing is said
 _PROMINENT = 40.0  # times the median around it, that a line rises to in a spectrum; noise reaches 10
+_MOST_RUNS = 30  # that may have waves of their own
+_OWN_WAVES = 0.7  # of the error, below which such waves leave it
 _PEAK = 0.2  # share of the variance in one frequency that makes it worth naming
 
 
@@ -58,6 +62,11 @@ def check_residuals(
     apart = run_heterogeneity(end.problem.blocked, end.solution)
     if not complete and not (apart and apart.alone < _CLEARLY * end.floor()):
         return None
+    if complete and (left := _left_by_own_waves(end)) is not None:
+        return ResidualFinding(
+            f"the error ripples over the position, with a phase of its own in each run: waves of each run
+            would " f"leave {left:.3g} {unit}; begin each run at one reference position", "run", left,
+        )
     if apart and _is_no_chance(apart, end, measurement, rng):
         return ResidualFinding(
             f"the runs do not follow one law: run {apart.run} is off by {apart.run_predicted:.3g} {unit} "
@@ -78,6 +87,20 @@ def check_residuals(
         "time",
         free_air_noise(end.data) or excess.expected,
     )
+
+
+def _left_by_own_waves(end: FitResult) -> float | None:
+    """Error that waves over the position, with coefficients of each run, leave; None if they do not help."""
+    blocked, used = end.problem.blocked, end.problem.used
+    runs = len(np.unique(blocked.run[used]))
+    if end.data.kind is ChannelKind.CONTACT or not 1 < runs <= _MOST_RUNS:
+        return None
+    run, position = blocked.run[used], blocked.reduce(end.data.position)[used]
+    residual = end.solution.residual[used]
+    waves = periodic_columns(position, residual, is_angle=end.data.kind is ChannelKind.REVOLUTE, run=run)
+    columns = np.column_stack([np.ones(len(residual)), waves])
+    left = fit_each_run(residual, columns, np.unique(run, return_inverse=True)[1])
+    return end.rmse * rmse(left) / rmse(residual) if rmse(left) < _OWN_WAVES * rmse(residual) else None
 
 
 @dataclass(frozen=True)
