@@ -64,8 +64,10 @@ def check_residuals(
         return None
     if complete and (left := _left_by_own_waves(end)) is not None:
         return ResidualFinding(
-            f"the error ripples over the position, with a phase of its own in each run: waves of each run
-            would " f"leave {left:.3g} {unit}; begin each run at one reference position", "run", left,
+            "the error ripples over the position, with a phase of its own in each run: waves of each run "
+            f"would leave {left:.3g} {unit}; begin each run at one reference position",
+            "run",
+            left,
         )
     if apart and _is_no_chance(apart, end, measurement, rng):
         return ResidualFinding(

@@ -419,7 +419,7 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
 def _refined(whole: Search, rough: FitResult) -> FitResult:
     """What was found on a coarse copy, on the channel itself."""
     found = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
-    if found.explainable_share() > _LITTLE:  # no effect that only the full rate shows makes up for that
+    if whole.added_effects(found) and found.explainable_share() > _LITTLE:
         return found
     return _forward_selection(whole, backward_step(whole, found))
 
