@@ -40,7 +40,7 @@ from estimation.design import Choice, Experiment
 from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
-from estimation.study.rivals import is_undecided
+from estimation.study.undecided_models import is_undecided
 from palpate.resolving.designing import NextProbe, feasible, next_probe
 from palpate.resolving.resolve import Budget, Decision, End, resolve
 from palpate.runs.probing import ProbingJob, run_probing
@@ -130,7 +130,7 @@ def is_inseparable(done: dict[str, Any]) -> bool:
         parts = {one.name: one.parts for one in study.effects}
         laws = {frozenset(law) for law in product(*done["left"])}
         laws = {law.difference(*(parts[one] for one in law)) for law in laws}
-        errors = [study.fit(channel, sorted(law)).result.solution.held_out for law in laws]
+        errors = [study.fit(channel, sorted(law)).solution.held_out for law in laws]
         return 1.0 - math.sqrt(min(errors) / max(errors)) <= SMALL
 
 

@@ -6,7 +6,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.model import Model
 from estimation.signals.blocks import since_their_start
-from estimation.study import engine
+from estimation.study.fitting import fit_base
 
 _BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
 
@@ -27,5 +27,5 @@ def relaxes_afresh(data: ChannelData, model: Model) -> bool:
     if data.kind is not ChannelKind.CONTACT or (afresh.time_s == data.time_s).all():
         return False
     relaxing = model.without(StressRelaxation.name).with_effect_first(StressRelaxation())
-    one_clock, own_clocks = (engine.fit(way, relaxing).rmse for way in (data, afresh))
+    one_clock, own_clocks = (fit_base(way, relaxing).rmse for way in (data, afresh))
     return own_clocks < _BETTER * one_clock

@@ -8,8 +8,8 @@ import numpy as np
 from control.probing.plan import ProbingPlan
 from estimation.study import ChannelEstimates, ChannelResult
 from estimation.study.channels import CONTACT_MODEL
-from estimation.study.engine import Progress
-from estimation.study.kept_diagnosis import RESULT
+from estimation.study.fitting import Progress
+from estimation.study.saved_diagnosis import RESULT
 from palpate.files import output_folder
 from palpate.outcome import as_json, write_outcome
 from palpate.render.inspection import RECORDING, look_into

@@ -8,8 +8,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect
 from estimation.effects import EFFECTS
+from estimation.fit.fit_result import FitResult
 from estimation.model import Model
-from estimation.study.engine import Fitted
 from robot_io.types import FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
@@ -46,7 +46,7 @@ class Example:
         return made if np.any(made.effort() != data.effort) else None
 
     @classmethod
-    def beside(cls, fitted: Fitted, effect: Effect) -> "Example":
+    def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
         """The effect added to a fitted model, on a few runs of its motion."""
         there = fitted.data.runs
         few = there[np.unique(np.linspace(0, len(there) - 1, _RUNS).astype(int))]

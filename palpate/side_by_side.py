@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from estimation.study.channels import ALL_CHANNELS
+from estimation.study.paired_comparison import Grown, side_by_side
 from estimation.study.revisions import Revision
-from estimation.study.sides import Grown, side_by_side
 from palpate.data_options import DataArguments
 from palpate.files import output_folder, whole_set
 from palpate.outcome import REPORT, as_json

@@ -3,7 +3,7 @@
 import pytest
 
 from estimation.effects import EFFECTS
-from estimation.study import fits
+from estimation.study import study
 
 FEW = (
     *("cubic_stiffness", "layered_stiffness", "stress_relaxation", "contact_offset", "bias", "lag"),
@@ -15,4 +15,4 @@ FEW = (
 
 def try_few_effects(patch: pytest.MonkeyPatch) -> None:
     """Studies that are made from now on know no other effects, beside the user's own."""
-    patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in FEW))
+    patch.setattr(study, "effect_library", lambda: tuple(EFFECTS[name]() for name in FEW))

@@ -18,8 +18,8 @@ from estimation.diagnosis.candidates import Candidate, parameter_count
 from estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
 from estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from estimation.effect import Effect
-from estimation.fit.fit_result import FitResult
-from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.fit_result import FitResult, final_solution
+from estimation.fit.intervals import estimate_parameters
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.kinds import Kind
 

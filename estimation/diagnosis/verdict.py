@@ -27,8 +27,8 @@ from estimation.diagnosis.result import (
 )
 from estimation.diagnosis.search import Search
 from estimation.effects.run_variation import RunVariation
-from estimation.fit.fit_result import FitResult
-from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.fit_result import FitResult, final_solution
+from estimation.fit.intervals import estimate_parameters
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.kinds import Kind, separating_experiment
 

@@ -1,40 +1,154 @@
-"""Where a diagnosis stands: a model, its fit, the noise's colour, and what could still be explained."""
+"""Fit a model to a channel by bounded variable projection, and keep what follows from the fit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
+from estimation.display import DisplayTable, TableDisplay, interval_text
+from estimation.estimate import ParameterEstimate
 from estimation.fit.ar_noise import WHITE, estimate_ar_noise
-from estimation.fit.blocks import block_average, exclude_boundaries
+from estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
-from estimation.fit.flexible_regression import DifferentiationFilter, FlexibleRegression, fit_flexible
+from estimation.fit.flexible_regression import (
+    DifferentiationFilter,
+    FlexibleRegression,
+    fit_flexible,
+    is_plausible_bias,
+    smoothing_bias,
+)
 from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.intervals import estimate_parameters
 from estimation.fit.joint_load import with_load
 from estimation.fit.measurement_model import identify_measurement_model
+from estimation.fit.threads import single_threaded
 from estimation.model import Model
-from robot_io.types import BoolArray, IntArray
+from estimation.physical import unphysical
+from robot_io.types import BoolArray, FloatArray, IntArray
 
-_DIGITS = 1e-7  # of the effort: single precision keeps 6e-8, and the fit's own shrinkage leaves some 1e-9
-_SHARE = 0.4  # of the most telling signal's share; signals with less are not named
-_LEAST = 0.01
-_OF_VELOCITY = frozenset({"velocity", "direction"})
+_ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9
+_NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains
+_LEAST_SHARE = 0.01  # of the squared error, that a named signal explains at least
+_BETTER = 0.9  # times the squared error in held-out runs, beside what smoothing took off
+_NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
+_RATE_SIGNALS = frozenset({"velocity", "direction"})
 
 
 @dataclass(frozen=True, eq=False)
-class FitResult:
-    """A model fitted to a channel, and what it leaves.
+class Validation:
+    """Runs that a model is not fitted to, on which alone it is scored."""
 
-    Parameters come from plain least squares: as long as an effect is missing, prewhitening would treat its
-    share of the residual as noise and give it little weight. The noise model serves to test the residual.
+    data: ChannelData  # the channel with all runs, those fitted to among them
+    good: BoolArray  # samples that are fit for use, shape (n,)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitResult(TableDisplay):
+    """A model fitted to a channel, with its cross-validated residual, noise model and parameter intervals.
+
+    Each quantity is computed when it is first asked for. Parameters come from plain least squares: as long as
+    an effect is missing, prewhitening would treat its share of the residual as noise and give it little
+    weight. `parameters` are prewhitened once no more than noise is left.
+
+    Attributes:
+        training: the channel that the model was fitted to, with its load.
+        problem: its blocks without prewhitening.
+        solution: the model fitted there.
+        validation: runs excluded from the fit and used only for scoring; None to score each run by the
+            others.
     """
 
-    data: ChannelData  # the channel with its load
-    problem: FitProblem  # blocks without prewhitening
-    solution: Solution  # the model fitted there
+    training: ChannelData
+    problem: FitProblem
+    solution: Solution
+    validation: Validation | None = None
+
+    @cached_property
+    def data(self) -> ChannelData:
+        """All runs of the channel, with the signals that were derived for the model."""
+        if self.validation is None:
+            return self.training
+        return with_load(self.validation.data, self.model, self.solution.parameters)
+
+    @cached_property
+    def training_fit(self) -> "FitResult":
+        """The same fit, scored by cross-validation on the runs that it was fitted to."""
+        return self if self.validation is None else replace(self, validation=None)
+
+    @property
+    def model(self) -> Model:
+        """The fitted model."""
+        return self.solution.model
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Parameters by "effect.parameter", without intervals: the prewhitened ones once they are known."""
+        return self._final[1].parameters if "_final" in vars(self) else self.solution.parameters
+
+    @cached_property
+    def parameters(self) -> Mapping[str, ParameterEstimate]:
+        """Parameters by "effect.parameter", with 95 % intervals."""
+        with single_threaded():
+            return estimate_parameters(*self._final)
+
+    @cached_property
+    def _final(self) -> tuple[FitProblem, Solution]:
+        with single_threaded():
+            return final_solution(self.training_fit)
+
+    @cached_property
+    def unphysical(self) -> tuple[str, ...]:
+        """Gains whose whole interval lies beyond their physical bounds, each in words."""
+        solution = self._final[1]
+        gains = self.model.gains
+        return tuple(unphysical(gains, self.parameters.values(), solution.columns, solution.target).values())
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        """Effort that the model predicts, shape (n,)."""
+        return self.predict(self._final[1].parameters)
+
+    def predict(self, parameters: Mapping[str, float]) -> FloatArray:
+        """Predict the effort with other parameters.
+
+        Args:
+            parameters: all of them, by "effect.parameter".
+
+        Returns:
+            Effort, shape (n,), in the channel's unit.
+        """
+        return self.model.predict(self.data, parameters)
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Effort less prediction from gains fitted to the other runs, shape (n,); NaN where not scored."""
+        if self.validation is None:
+            return held_out_residual(self.problem.blocked, self.solution)
+        whole, good = self.validation.data, self.validation.good
+        blocked = fit_problem(whole, self.model, self.solution.parameters, good, FitCache()).blocked
+        rows = blocked.rows[blocked.trusted].ravel()
+        rows = rows[~np.isin(whole.run[rows], self.training.runs)]
+        residual = np.full(len(whole), np.nan)
+        residual[rows] = (self.data.effort - self.predict(self.solution.parameters))[rows]
+        return residual
+
+    @property
+    def judged(self) -> BoolArray:
+        """Samples that are scored, shape (n,)."""
+        return np.isfinite(self.residual)
+
+    @property
+    def residual_on_blocks(self) -> FloatArray:
+        """Residual of the fit itself on blocks, shape (m,); zero where not scored."""
+        return np.where(self.problem.blocked.trusted, self.solution.residual, 0.0)
+
+    @cached_property
+    def rmse(self) -> float:
+        """Held-out error: root mean square of `residual`."""
+        return rmse(self.residual)
 
     @property
     def mean_square(self) -> float:
@@ -48,55 +162,78 @@ class FitResult:
 
     @property
     def filters(self) -> DifferentiationFilter:
-        """That velocity and acceleration went through, as far as the model depends on these."""
-        measurement = identify_measurement_model(self.data)
-        first, second = (() if one is None else (one,) for one in measurement.filters)
-        felt = {signal for effect in self.solution.model.effects for signal in effect.signals}
+        """Filters that derived velocity and acceleration, as far as the model depends on these."""
+        measurement = identify_measurement_model(self.training)
+        first, second = (() if half is None else (half,) for half in measurement.filters)
+        signals = {signal for effect in self.model.effects for signal in effect.signals}
         both = (*first, *second) if measurement.is_of_velocity else second
-        return first if felt & _OF_VELOCITY else (), both if "acceleration" in felt else ()
+        return first if signals & _RATE_SIGNALS else (), both if "acceleration" in signals else ()
 
     @cached_property
     def flexible(self) -> FlexibleRegression:
-        """What any smooth law could explain beyond the model."""
+        """The flexible regression beside the model: what any smooth law could still explain."""
         return fit_flexible(self.problem, self.solution, self.filters)
 
     @cached_property
     def whitened_problem(self) -> FitProblem:
-        """The same blocks with the colour of what the flexible regression leaves."""
+        """The same blocks, prewhitened by the noise that the flexible regression leaves."""
         blocked = self.problem.blocked
         return FitProblem(blocked, estimate_ar_noise(self.flexible.residual, blocked.run, blocked.trusted))
 
     @cached_property
-    def rmse(self) -> float:
-        """Error in held-out runs, sample by sample."""
-        return rmse(held_out_residual(self.problem.blocked, self.solution))
+    def coarse_problem(self) -> FitProblem:
+        """The same problem with one sample a block: a solution there costs a fraction.
+
+        A model that is solved on blocks has one too, since a further effect may need samples.
+        """
+        blocked = self.problem.blocked
+        rows = np.arange(len(blocked))[:, None]
+        return FitProblem(
+            BlockedData(decimate(blocked), rows, blocked.run, blocked.fold, blocked.trusted), WHITE
+        )
 
     @property
     def is_exact(self) -> bool:
-        """Whether no more than the last digits of the numbers is left: the data were made without noise.
+        """Whether the error is no more than rounding of the numbers: the data were made without noise.
 
-        That is smaller than any reader's noise, and has a shape all the same: rounding and the fit's own
-        shrinkage depend on the signals. It is no law of the object.
+        Such an error still has a structure, since rounding and the fit's shrinkage depend on the signals. It
+        is no law of the object.
         """
-        return self.rmse <= _DIGITS * float(np.sqrt(np.mean(self.data.effort**2)))
+        return self.rmse <= _ROUNDING * float(np.sqrt(np.mean(self.training.effort**2)))
 
     @property
     def depends_on(self) -> list[str]:
-        """Signals that the remaining error depends on in held-out runs, the most telling first."""
+        """Signals that the remaining held-out error depends on, the strongest first."""
         shares = self.flexible.by_signal
         most = max(shares.values(), default=0.0)
-        if most < _LEAST:
+        if most < _LEAST_SHARE:
             return []
-        told = [name for name, share in shares.items() if share >= max(_SHARE * most, _LEAST)]
-        return sorted(told, key=lambda name: -shares[name])
+        least = max(_NAMED_SHARE * most, _LEAST_SHARE)
+        return sorted(
+            (name for name, share in shares.items() if share >= least), key=lambda name: -shares[name]
+        )
+
+    @cached_property
+    def noise_floor(self) -> float:
+        """Held-out error that a complete model would leave, in the unit of the effort."""
+        with single_threaded():
+            if self.validation is None:
+                return self.floor()
+            whole, good = self.validation.data, self.validation.good
+            every = fit_model(whole, self.model, self.solution.parameters, good)
+            return every.floor_in_runs(np.setdiff1d(whole.runs, self.training.runs))
 
     def floor(self) -> float:
-        """The error that would be left, sample by sample, if all that can be explained were known."""
+        """Cross-validated error less what the flexible regression explains, in the unit of the effort."""
         count = max(int(self.problem.blocked.trusted.sum()), 1)
         return float(np.sqrt(max(self.rmse**2 - max(self.flexible.explained, 0.0) / count, 0.0)))
 
     def floor_in_runs(self, runs: IntArray) -> float:
-        """The same in some of the runs alone, each still judged by the others."""
+        """The same in some of the runs alone, each still scored by the others.
+
+        Args:
+            runs: their numbers.
+        """
         blocked = self.problem.blocked
         chosen = blocked.trusted & np.isin(blocked.run, runs)
         left = held_out_residual(blocked, self.solution)[blocked.rows[chosen]]
@@ -105,8 +242,15 @@ class FitResult:
         return float(np.sqrt(max(float(np.mean(left**2)) - max(explainable, 0.0), 0.0)))
 
     def explainable_share(self) -> float:
-        """Share of the error in held-out runs, on blocks, that can be explained; see `floor`."""
+        """Share of the held-out error on blocks that the flexible regression explains."""
         return self.flexible.share_of(self.solution)
+
+    def _table(self) -> DisplayTable:
+        rows = [(name, f"{p.value:.5g} {p.unit}", interval_text(p)) for name, p in self.parameters.items()]
+        names = " + ".join(effect.name for effect in self.model.effects)
+        unit = self.data.kind.effort_unit
+        caption = f"{names} of {self.data.name}: {self.rmse:.4g} {unit} in held-out runs"
+        return DisplayTable(caption, ("parameter", "value", "95 % interval"), rows)
 
 
 def fit_model(
@@ -119,11 +263,11 @@ def fit_model(
     """Fit a model to a channel, starting from given parameters.
 
     Args:
-        data: the channel, without a `load` that was derived.
+        data: the channel, without a derived `load`.
         model: what to fit.
-        parameters: inner parameters, and gains where they are known.
+        parameters: inner parameters, and gains where they are known, by "effect.parameter".
         good: samples that are fit for use, shape (n,); None for all.
-        cache: of other fits to this channel.
+        cache: columns that other fits to this channel computed.
     """
     cache = cache or FitCache()
     known = dict.fromkeys(model.gains, 0.0) | {n: inner.beginning for n, inner in model.inner.items()}
@@ -144,8 +288,51 @@ def fit_problem(
     good: BoolArray | None,
     cache: FitCache,
 ) -> FitProblem:
-    """The blocks of a channel on which a model with these parameters is judged; see `fit`."""
+    """Build the blocks on which a model with these parameters is fitted and scored; see `fit_model`."""
     blocked = block_average(with_load(data, model, parameters), good, cache)
     if data.kind is not ChannelKind.CONTACT:
         return FitProblem(blocked, WHITE)
     return FitProblem(exclude_boundaries(blocked, model.moved(blocked.data, parameters)), WHITE)
+
+
+def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
+    """Fit the parameters once more with prewhitening, where that is safe.
+
+    Prewhitened parameters are the most exact, but only once nothing is missing: a missing effect would pass
+    for coloured noise. They are taken only near the plain fit, since with a badly known noise model another
+    place may leave as little.
+
+    Returns:
+        The problem, with or without prewhitening, and its solution.
+    """
+    if fit.training.shared is not None or fit.rmse > _NOISE_ALONE * fit.floor():
+        return fit.problem, fit.solution
+    whitened_problem = fit.whitened_problem
+    solution = optimize_inner(
+        whitened_problem, solve_gains(whitened_problem, fit.solution.model, fit.solution.parameters)
+    )
+    used = fit.problem.used
+    plain, whitened = (float(np.sum(each.residual[used] ** 2)) for each in (fit.solution, solution))
+    if whitened > _NOISE_ALONE**2 * plain:
+        return fit.problem, fit.solution
+    return whitened_problem, _beside_smoothing(whitened_problem, solution, fit.filters)
+
+
+def _beside_smoothing(problem: FitProblem, solution: Solution, filters: DifferentiationFilter) -> Solution:
+    """A joint's model with the gains that it has beside what windows took off its motion.
+
+    A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
+    """
+    if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
+        return solution
+    taken = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
+    names = list(solution.model.gains)
+    every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
+    fitted = problem.solve(np.hstack([solution.columns, taken]), solution.target, every, solution.model.held)
+    own = len(names)
+    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(
+        taken, fitted.gains[own:]
+    ):
+        return solution
+    gains = dict(zip(names, fitted.gains.tolist(), strict=False))
+    return replace(solution, parameters={**solution.parameters, **gains})

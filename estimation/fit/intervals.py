@@ -8,23 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel import ChannelKind
 from estimation.effect import Parameter
 from estimation.estimate import ParameterEstimate
 from estimation.fit.acceleration_noise import inflate_acceleration_noise
 from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.fit_result import FitResult
-from estimation.fit.flexible_regression import DifferentiationFilter, is_plausible_bias, smoothing_bias
-from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.fit_problem import FitProblem, Solution
 from estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
 SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # of the motion, drawn again
-_NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
-_BETTER = 0.9  # times the squared error in held-out runs, beside what smoothing took off
 _STEP = 1e-3  # of an inner parameter in a difference quotient, relative to its value or typical range
 _NOTHING = 1e-10  # of the largest eigenvalue: a way to change parameters together that changes nothing
 _FREE = 1e-6  # share of a parameter in such ways, from which on the data do not determine it
@@ -147,43 +141,3 @@ def _errors(slopes: FloatArray, residual: FloatArray, run: IntArray) -> FloatArr
     free = np.sum(ways[:, ~known] ** 2, axis=1) > _FREE
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.where(width > 0.0, width, 1.0)
     return np.where(free, np.nan, errors)
-
-
-def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
-    """The last word on a model's parameters, and where it was said.
-
-    With the noise's colour taken out they are most exact; but only once nothing is missing, since what is
-    missing would pass for coloured noise, and only near where the model stands: a colour that is badly known
-    may leave another place as little.
-    """
-    if fit.data.shared is not None or fit.rmse > _NOISE_ALONE * fit.floor():
-        return fit.problem, fit.solution
-    whitened_problem = fit.whitened_problem
-    solution = optimize_inner(
-        whitened_problem, solve_gains(whitened_problem, fit.solution.model, fit.solution.parameters)
-    )
-    used = fit.problem.used
-    here, there = (float(np.sum(one.residual[used] ** 2)) for one in (fit.solution, solution))
-    if there > _NOISE_ALONE**2 * here:
-        return fit.problem, fit.solution
-    return whitened_problem, _beside_smoothing(whitened_problem, solution, fit.filters)
-
-
-def _beside_smoothing(problem: FitProblem, solution: Solution, filters: DifferentiationFilter) -> Solution:
-    """A joint's model with the gains that it has beside what windows took off its motion.
-
-    A mass makes up for peaks that were rounded off its acceleration, and a weight for the mass.
-    """
-    if problem.blocked.data.kind is ChannelKind.CONTACT or filters == ((), ()):
-        return solution
-    taken = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, filters)
-    names = list(solution.model.gains)
-    every = [*names, *(f"taken off {number}" for number in range(taken.shape[1]))]
-    fitted = problem.solve(np.hstack([solution.columns, taken]), solution.target, every, solution.model.held)
-    own = len(names)
-    if fitted.held_out.sum() > _BETTER * solution.held_out or not is_plausible_bias(
-        taken, fitted.gains[own:]
-    ):
-        return solution
-    gains = dict(zip(names, fitted.gains.tolist(), strict=False))
-    return replace(solution, parameters={**solution.parameters, **gains})

@@ -2,7 +2,6 @@
 
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
-from estimation.study.engine import Fitted
 from estimation.study.estimates import ChannelEstimates
 from estimation.study.patterns import Part
 from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
@@ -16,7 +15,6 @@ __all__ = [
     "ChannelEstimates",
     "ChannelResult",
     "Comparison",
-    "Fitted",
     "Part",
     "Revision",
     "Revisions",

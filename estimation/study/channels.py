@@ -20,6 +20,7 @@ CONTACT_MODEL = "kelvin_voigt"
 ARM_MODEL = "rigid_body"
 FITTED_ARM_MODEL = "rigid_body_fitted"
 LOOSE_JOINT_MODEL = "inertia"
+ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 ALL_CHANNELS = "all"
 _IN_WORDS = {
     ChannelKind.CONTACT: "contact",
@@ -59,6 +60,11 @@ class StudyChannel:
     def name(self) -> str:
         """Such as "contact" or "joint_1"."""
         return self.measured.name
+
+    @property
+    def key(self) -> ChannelKey:
+        """Identifies the data and base model that a fit is about."""
+        return self.name, self.model.name, self.sha256
 
     @property
     def kind(self) -> ChannelKind:

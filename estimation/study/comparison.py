@@ -7,11 +7,12 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bootstrap import SMALL
+from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
+from estimation.fit.fit_result import FitResult
 from estimation.physical import UNPHYSICAL
-from estimation.study.engine import Fitted, likeliest
+from estimation.study.fitting import rank_effects
 from estimation.study.patterns import Part, Pattern, patterns
-from estimation.study.shown import Shown, Table
 from estimation.study.split import splits
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray
@@ -21,13 +22,13 @@ _MOST_SPLITS = 3  # that are put into words
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Shown):
+class Comparison(TableDisplay):
     """A fitted model beside a measurement."""
 
     channel: str  # its name
     effort_unit: str  # unit of all errors
     model: str  # its name, with the effects that were added
-    fitted: Fitted  # the model; what it leaves is on runs that the fit has not seen
+    fitted: FitResult  # the model; what it leaves is on runs that the fit has not seen
     noise_floor: float  # of the channel, whatever the model: see `Study.noise_floor`
     # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
@@ -67,7 +68,7 @@ class Comparison(Shown):
             "or end of a run, or a reading that is not fit for use."
         )
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (by, part.label, f"{part.rmse:.3g}", f"{part.mean:+.2g}", f"{part.excess:.1f}")
             for by, parts in self.parts.items()
@@ -75,11 +76,11 @@ class Comparison(Shown):
         ]
         unit = self.effort_unit
         caption = f"{self.model} beside {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
-        return Table(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
+        return DisplayTable(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
 
 
 @dataclass(frozen=True, repr=False)
-class Comparisons(Shown):
+class Comparisons(TableDisplay):
     """The channels of a study beside their models."""
 
     channels: tuple[Comparison, ...]  # one for each channel that can be judged
@@ -94,7 +95,7 @@ class Comparisons(Shown):
             raise UnknownNameError(f"no channel '{channel}' is compared. There are: {', '.join(found)}")
         return found[channel]
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (
                 one.channel,
@@ -107,10 +108,10 @@ class Comparisons(Shown):
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
         columns = ("channel", "model", "held-out error", "x noise floor", "not judged")
-        return Table("Models beside the measurement", columns, rows)
+        return DisplayTable("Models beside the measurement", columns, rows)
 
 
-def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
+def compare(fitted: FitResult, model: str, noise_floor: float) -> Comparison:
     """Put a fitted model beside the measurement, and split the error.
 
     Args:
@@ -125,7 +126,7 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     seen = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
     # the likeliest effects first; of runs none can tell
     found = tuple(
-        one if one.by == "run" else replace(one, effects=likeliest(fitted, one.effects)) for one in seen
+        one if one.by == "run" else replace(one, effects=rank_effects(fitted, one.effects)) for one in seen
     )
     first, *where = _words(fitted.rmse, noise_floor, parts, unit)
     if fitted.unphysical:
@@ -134,7 +135,7 @@ def compare(fitted: Fitted, model: str, noise_floor: float) -> Comparison:
     return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
 
 
-def _parts(fitted: Fitted, floor: float) -> dict[str, tuple[Part, ...]]:
+def _parts(fitted: FitResult, floor: float) -> dict[str, tuple[Part, ...]]:
     """The error by each way of splitting that leaves more than one part with samples."""
     found = {}
     for by, masks in splits(fitted.data).items():

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.display import DisplayTable, TableDisplay, interval_text
 from estimation.estimate import Estimate, Identifiability
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
 from estimation.fit.fit_problem import Solution
 from estimation.model import Model
 from estimation.models import MODELS
-from estimation.study.shown import Shown, Table, interval_text
 from estimation.study.source import NO_ARM, Arm, Source
 from estimation.surface import Surface
 from robot_io.errors import InputError
@@ -26,7 +26,7 @@ OFFSET = "contact_offset.offset"
 
 
 @dataclass(frozen=True, repr=False)
-class ChannelEstimates(Shown):
+class ChannelEstimates(TableDisplay):
     """One channel with what the estimators made of it."""
 
     channel: ChannelData  # all samples
@@ -66,14 +66,14 @@ class ChannelEstimates(Shown):
         """The best estimate's effort for the whole channel, shape (n,)."""
         return self.model.predict(self.channel, {p.name: p.value for p in self.best.parameters})
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (one.estimator, p.name, f"{p.value:.5g} {p.unit}", interval_text(p))
             for one in self.estimates
             for p in one.parameters
         ]
         columns = ("estimator", "parameter", "value", "95 % interval")
-        return Table(f"{self.model.name} of {self.channel.name}", columns, rows)
+        return DisplayTable(f"{self.model.name} of {self.channel.name}", columns, rows)
 
 
 def choose_estimators(names: str | Sequence[str]) -> list[str]:

@@ -1,35 +1,35 @@
 """Makes a diagnosis state the study's own numbers, so that no other command can state others."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.result import Accepted, ParameterValue, Ranked, Verdict
 from estimation.diagnosis.result import Fitted as FittedEntry
 from estimation.estimate import ParameterEstimate
+from estimation.fit.fit_result import FitResult
 from estimation.study.channels import StudyChannel
-from estimation.study.engine import Fitted
-from estimation.study.fits import Fits
 from robot_io.errors import InputError
 
+Fit = Callable[[Sequence[str]], FitResult]  # from the effects that are added to the base model
 MOST_FITTED = 3  # candidates that are fitted as `add` would
 
 
-def reconcile(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+def reconcile(fit: Fit, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The answer with errors, parameters and floor from the fits that all other commands show."""
     if channel.held_out:  # a diagnosis judges each run that is fitted by the others
         return found
     if found.baseline is None or found.noise_floor is None:
         return found
     names = [entry.effect for entry in found.accepted]
-    fits = [study.fit(channel, names[:count]) for count in range(len(names) + 1)]
+    fits = [fit(names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]
     last = fits[-1].rmse
     value = last if found.complete else found.noise_floor
     times = last / value if value > 0.0 else 1.0
     floor, left = found.floor, found.remaining
-    ranking = _ranking(study, channel, found.ranking)
+    ranking = _ranking(fit, found.ranking)
     return found.model_copy(
         update={
             "reason": _with_errors(reason_of(found, ranking), found, fits[0].rmse, last),
@@ -62,7 +62,7 @@ def _with_errors(reason: str, found: ChannelDiagnosis, base: float, last: float)
     return re.sub("|".join(map(re.escape, told)), lambda one: told[one[0]], reason) if told else reason
 
 
-def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
+def _accepted(entry: Accepted, before: FitResult, after: FitResult) -> Accepted:
     prefix = f"{entry.effect}."
     own = {n.removeprefix(prefix): p for n, p in _values(after.parameters).items() if n.startswith(prefix)}
     return entry.model_copy(
@@ -74,12 +74,12 @@ def _accepted(entry: Accepted, before: Fitted, after: Fitted) -> Accepted:
     )
 
 
-def _ranking(study: Fits, channel: StudyChannel, ranked: Sequence[Ranked]) -> list[Ranked]:
+def _ranking(fit: Fit, ranked: Sequence[Ranked]) -> list[Ranked]:
     """Those that promise to take away more than a small share of the error, as `add` would fit them."""
-    base, fitted = study.fit(channel).rmse, list[Ranked]()
+    base, fitted = fit([]).rmse, list[Ranked]()
     for entry in [one for one in ranked if one.score >= SMALL][:MOST_FITTED]:
         try:
-            error = study.fit(channel, [entry.effect]).rmse
+            error = fit([entry.effect]).rmse
         except InputError:  # it cannot be fitted alone
             error = entry.rmse_held_out
         score = 1.0 - error / base if base > 0.0 else 0.0
@@ -87,7 +87,7 @@ def _ranking(study: Fits, channel: StudyChannel, ranked: Sequence[Ranked]) -> li
     return sorted(fitted, key=lambda one: one.rmse_held_out)
 
 
-def _entry(fitted: Fitted) -> FittedEntry:
+def _entry(fitted: FitResult) -> FittedEntry:
     return FittedEntry(rmse=fitted.rmse, parameters=_values(fitted.parameters))
 
 

@@ -3,19 +3,19 @@
 from dataclasses import dataclass
 
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
+from estimation.fit.fit_result import FitResult
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
-from estimation.study.engine import Fitted
 from estimation.study.revisions import Revision
-from estimation.study.shown import Shown, Table
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
     """One stage of a model."""
 
-    fitted: Fitted  # the model at this stage
+    fitted: FitResult  # the model at this stage
     added: str = ""  # effect that this stage added; empty for the base model
     number: int | None = None  # of the revision that it is kept as; None where it is not kept
 
@@ -31,7 +31,7 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChannelResult(Shown):
+class ChannelResult(TableDisplay):
     """One channel with all that is known about it."""
 
     channel: StudyChannel  # the channel and its base model
@@ -60,7 +60,7 @@ class ChannelResult(Shown):
         """The fullest model beside the measurement."""
         return self.grown or self.comparison
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         floor, unit = self.noise_floor or float("nan"), self.channel.effort_unit
         rows = [
             (
@@ -72,38 +72,40 @@ class ChannelResult(Shown):
             for one in self.stages
         ]
         caption = f"{self.channel.name}: noise floor {floor:.4g} {unit}. {self.reason}"
-        return Table(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
+        return DisplayTable(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Change(Shown):
+class Change(TableDisplay):
     """What adding or removing effects did."""
 
     result: ChannelResult  # all stages of the channel, from the base model on
     revisions: tuple[Revision, ...]  # those that are new
     parent: Revision | None  # the revision that was continued; None for a new beginning
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         return self.result._table()
 
 
-class StudyDiagnosis(Shown, Diagnosis):
+class StudyDiagnosis(TableDisplay, Diagnosis):
     """A diagnosis whose errors and parameters are those of the study's own fits."""
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (one.channel, one.verdict, ", ".join(entry.effect for entry in one.accepted), one.reason)
             for one in self.channels
         ]
-        return Table(f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows)
+        return DisplayTable(
+            f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows
+        )
 
 
-class RevisionTable(Shown, tuple[Revision, ...]):
+class RevisionTable(TableDisplay, tuple[Revision, ...]):
     """Revisions, oldest first."""
 
     __slots__ = ()
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (
                 one.number,
@@ -116,4 +118,4 @@ class RevisionTable(Shown, tuple[Revision, ...]):
             for one in self
         ]
         columns = ("revision", "from", "channel", "model", "held-out error", "made")
-        return Table("Revisions", columns, rows)
+        return DisplayTable("Revisions", columns, rows)

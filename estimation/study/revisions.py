@@ -51,6 +51,11 @@ class Revision(BaseModel):
     created_utc: str  # when
     software_version: str  # by which palpate
 
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Channel, base model and SHA-256 of the data, as `StudyChannel.key`."""
+        return self.channel, self.model, self.data_sha256
+
 
 class Revisions:
     """All revisions of a study; several programs may keep some in one folder, and none is lost.

@@ -130,7 +130,7 @@ def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None 
     return source if arm is None else replace(source, arm=arm, notes=(*source.notes, *arm.notes))
 
 
-def of_bearable_length(source: Source, held_out: Sequence[int] = ()) -> Source:
+def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
     """The source with long recordings averaged where that loses nothing, and a note on each.
 
     Args:

@@ -1,49 +1,75 @@
 """One study: data, models, revisions and results, in which each number is computed once."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from threading import RLock
+from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.data_quality import quality_warnings, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.candidates import effect_library
+from estimation.display import DisplayTable, TableDisplay
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
-from estimation.study import engine
-from estimation.study.channels import StudyChannel, model_to_estimate, suited_names, unapplicable
+from estimation.fit.fit_problem import NOT_HELD
+from estimation.fit.fit_result import FitResult
+from estimation.shared_gains import with_shared_gains
+from estimation.study import fitting
+from estimation.study.channels import (
+    ALL_CHANNELS,
+    FITTED_ARM_MODEL,
+    ChannelKey,
+    StudyChannel,
+    channel_of,
+    described_by,
+    model_to_estimate,
+    suited_names,
+    unapplicable,
+    usual_model,
+)
+from estimation.study.comparison import Comparison, Comparisons, compare
 from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
-from estimation.study.fits import About, Fits, about
-from estimation.study.kept_diagnosis import diagnosis_data, read_diagnosis
 from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
-from estimation.study.source import NO_OPTIONS, Arm, of_bearable_length, open_source
+from estimation.study.saved_diagnosis import diagnosis_data, read_diagnosis
+from estimation.study.source import NO_OPTIONS, Arm, limit_length, open_source
 from robot_io.errors import InputError
 
+_FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
+NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_MOST_FITS = 90  # in the cache; the least recently used are dropped, and would be computed again
 
-class Study(Fits):
-    """Models of one measurement, compared, diagnosed, extended and gone back to.
 
-    A model is fitted once for each combination of data, base model and added effects. What `compare` shows of
-    the base model, revision 0, and the baseline of a diagnosis are that one fit. The noise floor of a channel
-    is one number too, see `noise_floor`. It may be used from several threads.
+class Study(TableDisplay):
+    """Models of one measurement: fit, compare, diagnose, extend, and go back to an earlier revision.
+
+    A model is fitted once for each combination of data, base model and added effects, and all methods share
+    that fit. The noise floor of a channel is one number too, see `noise_floor`. Methods may be called from
+    several threads.
 
     Args:
         data: see `estimation.study.source.open_source`.
-        model: base model; None for what suits each channel.
+        model: base model; None for the usual one of each channel.
         options: how to read a file or table.
-        arm: what the channels belong to, where the data does not say.
-        effects: of the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
-        folder: where revisions and the diagnosis are kept; None to keep them in memory.
-        held_out: see `Fits`.
-        now: the time at which a revision is made.
+        arm: the arm that the channels belong to, where the data does not say.
+        effects: the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
+        folder: where revisions and the diagnosis are saved; None to keep them in memory.
+        held_out: runs excluded from fitting and used only for scoring; none to score each run by the others.
+        now: clock for the creation time of revisions.
 
     Raises:
-        InputError: the data cannot be used, or the model does not describe it.
+        InputError: the data cannot be used, the model is unknown or does not describe it, or no run is left.
     """
 
     def __init__(
@@ -59,128 +85,362 @@ class Study(Fits):
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         own = effects or {}
-        source = of_bearable_length(open_source(data, options, arm), held_out)
-        super().__init__(source, model, list(own.values()), held_out)
+        self.source = limit_length(open_source(data, options, arm), held_out)
+        self.held_out = tuple(sorted(set(held_out)))
+        self.model = model
         self.folder = folder
+        self._library = {effect.name: effect for effect in (*effect_library(), *own.values())}
         self._own = {effect.name: place for place, effect in own.items()}
         self._revisions = Revisions(folder)
         self._now = now
-        self._diagnoses: dict[About, ChannelDiagnosis] = {}
+        self._lock = RLock()
+        self._channels: dict[tuple[str, str], StudyChannel] = {}
+        self._fits: dict[_FitKey, FitResult] = {}
+        self._comparisons: dict[tuple[_FitKey, float], Comparison] = {}
+        self._diagnoses: dict[ChannelKey, ChannelDiagnosis] = {}
+        measured = self.source.channels if model is None else described_by(self.source, model)
+        self.channels = self._with_shared_gains(tuple(self._channel(data, model) for data in measured))
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects that are tried: palpate's and the user's own."""
+        return tuple(self._library.values())
 
     @property
     def own_effects(self) -> tuple[Effect, ...]:
-        """Those of the user's own."""
+        """The user's own effects."""
         return tuple(self._library[name] for name in self._own)
 
     @property
-    def revisions(self) -> RevisionTable:
-        """All stages that were ever kept, oldest first.
+    def warnings(self) -> dict[str, list[str]]:
+        """Sentences on implausible data, by channel; only channels that have any."""
+        found = {one.name: quality_warnings(one.measured, one.model) for one in self.channels}
+        return {name: sentences for name, sentences in found.items() if sentences}
+
+    # Channels
+
+    def channel(self, name: str | None = None) -> StudyChannel:
+        """Select one channel.
+
+        Args:
+            name: its name; None for the only channel.
 
         Raises:
-            InputError: a file in the folder is not a revision.
+            InputError: there is no such channel, or there are several.
         """
-        return RevisionTable(self._revisions.all())
+        chosen = self.chosen(name)
+        if len(chosen) > 1:
+            there = ", ".join(channel.name for channel in chosen)
+            raise InputError(f"several channels: {there}; choose one with --channel")
+        return chosen[0]
+
+    def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
+        """Select channels.
+
+        Args:
+            name: of one channel; None or "all" for all of them.
+
+        Raises:
+            InputError: there is no such channel.
+        """
+        chosen = tuple(channel for channel in self.channels if name in {None, ALL_CHANNELS, channel.name})
+        if not chosen:
+            there = ", ".join(channel.name for channel in self.channels)
+            raise InputError(f"--channel {name}: no such channel. There are: {there}")
+        return chosen
+
+    def with_model(self, name: str, model: str) -> StudyChannel:
+        """Select a channel with another base model than the study's.
+
+        Args:
+            name: of the channel.
+            model: base model.
+
+        Raises:
+            InputError: there is no such channel, or the model is unknown, or lacks something.
+        """
+        data = next((one for one in self.source.channels if one.name == name), None)
+        if data is None:
+            there = ", ".join(one.name for one in self.source.channels)
+            raise InputError(f"channel '{name}' is not there. There are: {there}")
+        return self._channel(data, model)
+
+    def refusal(self, channel: StudyChannel) -> str:
+        """Return why a channel cannot be judged; an empty text if it can."""
+        return reject_reason(channel.to_fit, channel.model) or ""
+
+    # Fits
+
+    def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
+        """Fit the base model of a channel with added effects; from the cache if it was fitted before.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: the channel cannot be judged, or an effect is unknown, there, or does not apply.
+        """
+        channel = self._resolve(channel)
+        key = channel.key, tuple(effects)
+        with self._lock:
+            fit = self._fits.pop(key, None) or self._fit(channel, effects)
+            self._remember(key, fit)
+            return fit
+
+    def preview(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
+        """Approximate `fit` in a tenth of the time; return `fit` itself where that is in the cache.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: see `fit`.
+        """
+        channel = self._resolve(channel)
+        with self._lock:
+            if not effects or self.is_fitted(channel, effects):
+                return self.fit(channel, effects)
+            parent = self.preview(channel, effects[:-1])
+            return fitting.preview_extended(parent, self._suited_effect(effects[-1], parent))
+
+    def is_fitted(self, channel: StudyChannel, effects: Sequence[str]) -> bool:
+        """Return whether a fit is in the cache."""
+        with self._lock:
+            return (channel.key, tuple(effects)) in self._fits
+
+    def take_fit(self, channel: StudyChannel, effects: Sequence[str], packed: fitting.PackedFit) -> None:
+        """Add a fit to the cache that another process made of the same data.
+
+        Args:
+            channel: the channel.
+            effects: names of the added effects, in order.
+            packed: the fit.
+        """
+        with self._lock:
+            if not self.is_fitted(channel, effects):
+                fit = packed.unpack(channel.to_fit, self.fit(channel))
+                self._remember((channel.key, tuple(effects)), fit)
+
+    def fit_held(
+        self,
+        channel: StudyChannel | str,
+        effects: Sequence[str] = (),
+        held: Mapping[str, float] = NOT_HELD,
+        bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
+    ) -> FitResult:
+        """Fit the model of `fit` again with some parameters held.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+            held: values by "effect.parameter".
+            bounds: lowest and highest value of other parameters; one that would leave its bounds is held at
+                the nearer bound.
+
+        Raises:
+            InputError: see `fit`; or there is no such parameter, or a value is not finite.
+        """
+        channel = self._resolve(channel)
+        with self._lock:
+            free = self.fit(channel, effects)
+            given = [*held.items(), *((name, value) for name, pair in bounds.items() for value in pair)]
+            for name, value in given:
+                if name not in free.values:
+                    raise InputError(f"no parameter '{name}'. There are: {', '.join(free.values)}")
+                if not math.isfinite(value):
+                    raise InputError(f"{name}={value}: give a finite number")
+            fixed = dict(held)
+            while True:
+                fit = fitting.fit_held(channel.to_fit, free, fixed) if fixed else free
+                outside = {
+                    name: float(np.clip(fit.values[name], *pair))
+                    for name, pair in bounds.items()
+                    if name not in fixed and not pair[0] <= fit.values[name] <= pair[1]
+                }
+                if not outside:
+                    return fit
+                fixed |= outside
+
+    def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
+        """Return the held-out error that a complete model would leave: one number for a channel.
+
+        After a diagnosis it is that diagnosis's floor, which is the final error of a complete model. Without
+        a diagnosis, or where runs are held out by choice, it is estimated beside the base model. It never
+        exceeds the error that a model reaches.
+
+        Args:
+            channel: the channel, or its name.
+            reached: held-out errors of models that are compared with it, in the unit of the effort.
+
+        Returns:
+            Root mean square error in the unit of the effort.
+
+        Raises:
+            InputError: the channel cannot be judged.
+        """
+        channel = self._resolve(channel)
+        diagnosis = self.known_diagnosis(channel)
+        if diagnosis is not None and diagnosis.noise_floor is not None and not channel.held_out:
+            return min([diagnosis.noise_floor, *reached])
+        return min([self.fit(channel).noise_floor, *reached])
+
+    # Comparison with the measurement
+
+    def compare(self, channel: str | None = None) -> Comparisons:
+        """Compare the base models with the measurement.
+
+        Args:
+            channel: only this one; None for all.
+
+        Raises:
+            InputError: there is no such channel, or none can be judged.
+        """
+        compared, failures = [], {}
+        for one in self.chosen(channel):
+            try:
+                compared.append(self.comparison(one))
+            except InputError as error:
+                failures[one.name] = str(error)
+        if not compared:
+            raise InputError(next(iter(failures.values())))
+        return Comparisons(tuple(compared), failures)
+
+    def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
+        """Compare one model with the measurement.
+
+        Args:
+            channel: the channel.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: see `fit`.
+        """
+        with self._lock:
+            fit = self.fit(channel, effects)
+            floor = self.noise_floor(channel, fit.rmse)
+            key = (channel.key, tuple(effects)), floor
+            if key not in self._comparisons:
+                name = " + ".join([channel.model.name, *effects])
+                self._comparisons[key] = compare(fit, name, floor)
+            return self._comparisons[key]
+
+    # Diagnosis
 
     def diagnose(
         self,
         channel: str | None = None,
         *,
         apply: bool = False,
-        progress: engine.Progress = lambda what, share: None,
-        judge: engine.Judge = engine.diagnose,
+        progress: fitting.Progress = lambda what, share: None,
+        judge: fitting.Judge = fitting.diagnose,
     ) -> StudyDiagnosis:
-        """Say whether anything is missing in the base models, and which effect it is.
+        """Find out whether an effect is missing in the base models, and which.
 
         Args:
             channel: only this one; None for all.
-            apply: add what is missing, as revisions.
-            progress: called with what is being done, and which share of that is done.
+            apply: add the missing effects, as revisions.
+            progress: called with the current step and the share of it that is done.
             judge: does the work, such as in another process.
 
         Raises:
             InputError: there is no such channel.
         """
         chosen = self.chosen(channel)
-        unknown = [one for one in chosen if about(one) not in self._diagnoses]
-        if unknown:
+        if any(one.key not in self._diagnoses for one in chosen):
             data, models = [one.to_fit for one in chosen], [one.model for one in chosen]
             # Stretches of one recording are no runs, each of which might have met another zero or gain.
-            of_runs = RunVariation if self.source.stretches else ()
-            effects = [one for one in self.effects if not isinstance(one, of_runs)]
+            excluded = RunVariation if self.source.stretches else ()
+            effects = [effect for effect in self.effects if not isinstance(effect, excluded)]
             judged = judge(data, models, effects, progress, self._file)
-            found = [reconcile(self, *pair) for pair in zip(chosen, judged.channels, strict=True)]
-            said, warnings = self.source.averaged, self.warnings
-            found = [
-                one.model_copy(
+            entries = [
+                reconcile(partial(self.fit, one), one, entry)
+                for one, entry in zip(chosen, judged.channels, strict=True)
+            ]
+            averaged, warnings = self.source.averaged, self.warnings
+            entries = [
+                entry.model_copy(
                     update={
-                        "averaged": said.get(one.channel, ""),
-                        "warnings": list(warnings.get(one.channel, ())),
+                        "averaged": averaged.get(entry.channel, ""),
+                        "warnings": list(warnings.get(entry.channel, ())),
                     }
                 )
-                for one in found
+                for entry in entries
             ]
             with self._lock:
-                self._diagnoses |= dict(zip(map(about, chosen), found, strict=True))
-        answers = [self._diagnoses[about(one)] for one in chosen]
-        for one, answer in zip(chosen, answers, strict=True):
-            if apply and answer.accepted:
-                self._keep(one, [entry.effect for entry in answer.accepted], None)
+                self._diagnoses |= {one.key: entry for one, entry in zip(chosen, entries, strict=True)}
+        entries = [self._diagnoses[one.key] for one in chosen]
+        for one, entry in zip(chosen, entries, strict=True):
+            if apply and entry.accepted:
+                self._keep(one, [accepted.effect for accepted in entry.accepted], None)
         names = "+".join(dict.fromkeys(one.model.name for one in chosen))
-        return StudyDiagnosis(file=self._file, model=names, channels=answers)
-
-    def refusal(self, channel: StudyChannel) -> str:
-        """Why a channel cannot be judged; empty where it can."""
-        return reject_reason(channel.to_fit, channel.model) or ""
-
-    @property
-    def warnings(self) -> dict[str, list[str]]:
-        """What is implausible in the data, in sentences with figures, by channel; none where nothing is."""
-        found = {one.name: quality_warnings(one.measured, one.model) for one in self.channels}
-        return {name: sentences for name, sentences in found.items() if sentences}
-
-    def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
-        """The error that a complete model would leave: one number for a channel, in the unit of the effort.
-
-        What a diagnosis found, which is the error of the final model where that is complete; before there is
-        one, or where runs are held out by choice, an estimate beside the base model, or the least error of
-        models that stand beside it, where one of these reaches less.
-
-        Args:
-            channel: or its name.
-            reached: errors of those models.
-
-        Raises:
-            InputError: the channel cannot be judged.
-        """
-        one = self.channel(channel) if isinstance(channel, str) else channel
-        found = self.known_diagnosis(one)
-        if found is not None and found.noise_floor is not None and not one.held_out:
-            return min([found.noise_floor, *reached])
-        return super().noise_floor(one, *reached)
+        return StudyDiagnosis(file=self._file, model=names, channels=entries)
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
-        """A diagnosis as plain data, with what it is about; the keys are stable."""
+        """Return a diagnosis as plain data, with the data and models that it is about; keys are stable."""
         return diagnosis_data(diagnosis, self.channels)
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
-        """What was found in this data and base model, in this study or earlier; None if nobody asked.
+        """Return the diagnosis of this data and base model, made now or saved earlier; None without one.
 
         Raises:
             InputError: the file in the folder is damaged.
         """
-        key = about(channel)
-        return self._diagnoses.get(key) or read_diagnosis(self.folder).get(key)
+        return self._diagnoses.get(channel.key) or read_diagnosis(self.folder).get(channel.key)
+
+    # Estimates
+
+    def estimate(
+        self,
+        estimators: str | Sequence[str] = ALL,
+        channel: str | None = None,
+        runs: Sequence[int] | None = None,
+    ) -> tuple[ChannelEstimates, ...]:
+        """Estimate parameters with several methods, with 95 % intervals.
+
+        The force of a probing is tared: its value in free air is subtracted.
+
+        Args:
+            estimators: "all", names separated by commas, or a list of names.
+            channel: only this one; None for contacts, or for joints where there is no contact.
+            runs: only these; None for all.
+
+        Raises:
+            InputError: a name or run is unknown, or no estimator can work.
+        """
+        names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
+        data: Sequence[ChannelData] = [
+            one for one in self.source.tared() if one.name in models and channel in {None, one.name}
+        ]
+        if self.held_out:
+            data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
+        if not data:
+            raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
+        chosen = [one if runs is None else only_runs(one, runs, self.source) for one in data]
+        return tuple(estimate_with(one, models[one.name], names, self.source.arm) for one in chosen)
+
+    # Revisions
+
+    @property
+    def revisions(self) -> RevisionTable:
+        """All revisions, oldest first.
+
+        Raises:
+            InputError: a file in the folder is not a revision.
+        """
+        return RevisionTable(self._revisions.all())
 
     def add(
         self, *effects: str, channel: str | None = None, start: int | None = None, fresh: bool = False
     ) -> Change:
-        """Add effects, refitting everything at each stage, and keep each stage as a revision.
+        """Add effects one by one, refit all parameters at each stage, and save each stage as a revision.
 
         Args:
             effects: names, in order.
-            channel: where; None for the one that the effects suit.
+            channel: where; None for the channel that the effects suit.
             start: revision to continue; None for the channel's newest of this data.
-            fresh: begin with the base model again.
+            fresh: start from the base model.
 
         Raises:
             InputError: a name is unknown, an effect is there already or does not apply, or arguments
@@ -193,7 +453,7 @@ class Study(Fits):
         chosen = [self._effect(name) for name in effects]
         with self._lock:
             if start is None:
-                one = self._suited(chosen, channel, fresh=fresh)
+                one = self._suited_channel(chosen, channel, fresh=fresh)
                 parent = None if fresh else self.latest(one)
             else:
                 parent = self._revisions.get(start)
@@ -215,57 +475,85 @@ class Study(Fits):
             return Change(self.result(one, added, self.known_diagnosis(one)), new, parent)
 
     def remove(self, effect: str, channel: str | None = None) -> Change:
-        """Take an effect out of the newest model of a channel again; what was before is kept.
+        """Remove an effect from the newest model of a channel, as a further revision.
+
+        Args:
+            effect: its name.
+            channel: where; None for the channel whose newest model has it.
 
         Raises:
             InputError: that effect was added to no channel's newest model, or to those of several.
         """
         with self._lock:
             newest = [kept for one in self.chosen(channel) if (kept := self.newest(one)) is not None]
-            having = [kept for kept in newest if effect in kept.effects]
+            having = [revision for revision in newest if effect in revision.effects]
             if not having:
-                raise InputError(f"remove {effect!r}: was not added to any model. {_added_to(newest)}")
+                added = (f"{kept.channel} has {', '.join(kept.effects)}" for kept in newest if kept.effects)
+                known = "; ".join(added) or "Nothing was added yet"
+                raise InputError(f"remove {effect!r}: was not added to any model. {known}")
             if len(having) > 1:
-                there = ", ".join(kept.channel for kept in having)
+                there = ", ".join(revision.channel for revision in having)
                 raise InputError(f"remove {effect!r}: was added to {there}; choose one with --channel")
             (parent,) = having
             self._check_own(parent)
             one, left = self.channel_of(parent), [name for name in parent.effects if name != effect]
-            revision = self._kept(one, left, parent, removed=effect)
+            revision = self._keep_one(one, left, parent, removed=effect)
             return Change(self.result(one, left, self.known_diagnosis(one)), (revision,), parent)
 
-    def estimate(
-        self,
-        estimators: str | Sequence[str] = ALL,
-        channel: str | None = None,
-        runs: Sequence[int] | None = None,
-    ) -> tuple[ChannelEstimates, ...]:
-        """Parameters by every method, with 95 % intervals; the force in free air is taken off a probing's.
+    def latest(self, channel: StudyChannel) -> Revision | None:
+        """Return the newest revision of a channel's data and base model; None without one."""
+        same = (revision for revision in reversed(self.revisions) if revision.key == channel.key)
+        return next(same, None)
 
-        Args:
-            estimators: "all", names with commas between them, or a list of names.
-            channel: only this one; None for contacts, or joints where there is no contact.
-            runs: only these; None for all.
+    def newest(self, channel: StudyChannel) -> Revision | None:
+        """Return the newest revision of a channel's data, with any base model unless the study has one."""
+        if self.model is not None:
+            return self.latest(channel)
+        same = (
+            revision
+            for revision in reversed(self.revisions)
+            if (revision.channel, revision.data_sha256) == (channel.name, channel.sha256)
+        )
+        return next(same, None)
+
+    def revision(self, number: int) -> Revision:
+        """Return a revision by its number.
 
         Raises:
-            InputError: a name or run is unknown, or no estimator can work.
+            InputError: there is none, or it has an effect of the user's own that this study was not given.
         """
-        names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
-        wanted: Sequence[ChannelData] = [
-            one for one in self.source.tared() if one.name in models and channel in {None, one.name}
-        ]
-        if self.held_out:
-            wanted = replace(self.source, channels=tuple(wanted)).without(self.held_out).channels
-        if not wanted:
-            raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
-        chosen = [one if runs is None else only_runs(one, runs, self.source) for one in wanted]
-        return tuple(estimate_with(one, models[one.name], names, self.source.arm) for one in chosen)
+        revision = self._revisions.get(number)
+        self._check_own(revision)
+        return revision
+
+    def channel_of(self, revision: Revision) -> StudyChannel:
+        """Return the channel of a revision, with its base model.
+
+        Raises:
+            InputError: the channel is not there.
+        """
+        return self.with_model(revision.channel, revision.model)
+
+    def check(self, revision: Revision) -> None:
+        """Reject a revision of other data.
+
+        Raises:
+            InputError: it is of other data, or its channel is not there.
+        """
+        if self.channel_of(revision).sha256 != revision.data_sha256:
+            raise InputError(
+                f"revision {revision.number} is of other data (SHA-256 {revision.data_sha256[:12]}...). Give "
+                "the options that it was made with (--where, --unit, --urdf), add to this data first "
+                "(palpate diagnose --apply, palpate add --fresh), or name another folder"
+            )
+
+    # Results
 
     def results(self) -> tuple[ChannelResult, ...]:
-        """All that is known of each channel, with the newest revision of this data.
+        """Return everything known of each channel, with the newest revision of this data.
 
         Raises:
-            InputError: something in the folder is damaged.
+            InputError: a file in the folder is damaged.
         """
         return tuple(self._newest_result(self._current(one)) for one in self.channels)
 
@@ -276,13 +564,13 @@ class Study(Fits):
         diagnosis: ChannelDiagnosis | None = None,
         reason: str = "",
     ) -> ChannelResult:
-        """The base model of a channel and each stage of adding effects, beside the measurement.
+        """Return a channel's base model and each stage of adding effects, compared with the measurement.
 
         Args:
             channel: with its base model.
-            effects: that were added, in order.
-            diagnosis: what is missing, if anybody asked.
-            reason: why what was added is left out.
+            effects: names of the added effects, in order.
+            diagnosis: the diagnosis of the base model; None without one.
+            reason: why added effects are left out.
 
         Raises:
             InputError: an effect is unknown, there already, or does not apply.
@@ -291,134 +579,162 @@ class Study(Fits):
             base = self.comparison(channel)
         except InputError as error:
             return ChannelResult(channel, diagnosis, reason=str(error))
-        same = [kept for kept in self.revisions if _about_revision(kept) == about(channel)]
-        numbers = {tuple(kept.effects): kept.number for kept in same}
+        same = [revision for revision in self.revisions if revision.key == channel.key]
+        numbers = {tuple(revision.effects): revision.number for revision in same}
         chains = [tuple(effects[:count]) for count in range(len(effects) + 1)]
-        stages = [Stage(self.fit(channel, one), "".join(one[-1:]), numbers.get(one)) for one in chains]
+        stages = [
+            Stage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
+        ]
         grown = self.comparison(channel, effects) if effects else None
         floor = self.noise_floor(channel, *(stage.fitted.rmse for stage in stages))
         return ChannelResult(channel, diagnosis, base, tuple(stages), grown, floor, reason)
 
-    def latest(self, channel: StudyChannel) -> Revision | None:
-        """The newest revision of this channel, data and base model."""
-        same = (one for one in reversed(self.revisions) if _about_revision(one) == about(channel))
-        return next(same, None)
+    def _table(self) -> DisplayTable:
+        rows = [
+            (one.name, one.model.name, len(one.data.runs), len(one.data), one.sha256[:12])
+            for one in self.channels
+        ]
+        return DisplayTable(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
 
-    def newest(self, channel: StudyChannel) -> Revision | None:
-        """The newest revision of a channel's data, whatever its base model unless one was asked for."""
-        if self.model is not None:
-            return self.latest(channel)
-        same = (channel.name, channel.sha256)
-        kept = (one for one in reversed(self.revisions) if (one.channel, one.data_sha256) == same)
-        return next(kept, None)
+    @property
+    def _file(self) -> str:
+        return str(self.source.path or self.source.name)
 
-    def revision(self, number: int) -> Revision:
-        """A revision by its number.
+    def _resolve(self, channel: StudyChannel | str) -> StudyChannel:
+        return self.channel(channel) if isinstance(channel, str) else channel
+
+    def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
+        name = model or usual_model(data, self.source.arm)
+        if (data.name, name) not in self._channels:
+            held_out = self.source.runs_of(data, self.held_out)
+            self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)
+        return self._channels[data.name, name]
+
+    def _with_shared_gains(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
+        """Add to each joint whose masses are fitted what the other joints say of the same masses."""
+        joints = [one for one in channels if one.model.name == FITTED_ARM_MODEL]
+        shared = with_shared_gains([one.data for one in joints], [one.model for one in joints])
+        prepared = {one.name: replace(one, prepared=data) for one, data in zip(joints, shared, strict=True)}
+        self._channels.update({(one.name, one.model.name): one for one in prepared.values()})
+        return tuple(prepared.get(one.name, one) for one in channels)
+
+    def _fit(self, channel: StudyChannel, effects: Sequence[str]) -> FitResult:
+        if not effects:
+            whole = channel.data if channel.held_out else None
+            return fitting.fit_base(channel.to_fit, channel.model, whole)
+        parent = self.fit(channel, effects[:-1])
+        return fitting.fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
+
+    def _remember(self, key: _FitKey, fit: FitResult) -> None:
+        """Put a fit last in the cache, and drop the least recently used fits."""
+        self._fits[key] = fit
+        while len(self._fits) > _MOST_FITS:
+            oldest = next(iter(self._fits))
+            del self._fits[oldest]
+            for compared in [key for key in self._comparisons if key[0] == oldest]:
+                del self._comparisons[compared]
+
+    def _effect(self, name: str) -> Effect:
+        if name not in self._library:
+            known = suited_names(name, self.effects, [one.data for one in self.channels])
+            raise InputError(f"no effect is called '{name}'. {known}")
+        return self._library[name]
+
+    def _suited_effect(self, name: str, parent: FitResult) -> Effect:
+        """Return an effect in the form that suits a channel.
 
         Raises:
-            InputError: there is none, or it has an effect of the user's own that this study was not given.
+            InputError: it is unknown, there already, or does not apply.
         """
-        found = self._revisions.get(number)
-        self._check_own(found)
-        return found
+        effect = self._effect(name)
+        if why := unapplicable(effect, parent.data):
+            raise InputError(why)
+        return effect.suited_to(parent.training)
 
-    def channel_of(self, revision: Revision) -> StudyChannel:
-        """The channel that a revision is of, with its base model. InputError: it is not there."""
-        return self.with_model(revision.channel, revision.model)
+    def _suited_channel(self, effects: Sequence[Effect], name: str | None, *, fresh: bool) -> StudyChannel:
+        """Return the one channel to which these effects apply; the contact, if they apply to that too."""
+        chosen = self.chosen(name)
+        begun = chosen if fresh else tuple(map(self._current, chosen))
+        fitting_channels = [
+            one for one in begun if not any(unapplicable(effect, self._loaded(one)) for effect in effects)
+        ]
+        names = " and ".join(effect.name for effect in effects)
+        if not fitting_channels:
+            there = ", ".join(f"{one.name} ({one.kind})" for one in begun)
+            known = suited_names(effects[0].name, self.effects, [one.data for one in begun])
+            raise InputError(f"{names} can be in none of the channels: {there}. {known}")
+        contacts = [one for one in fitting_channels if one.kind is ChannelKind.CONTACT]
+        if len(fitting_channels) > 1 and len(contacts) != 1:
+            there = ", ".join(one.name for one in fitting_channels)
+            raise InputError(f"{names} can be in {there}: choose one with --channel")
+        return (contacts or fitting_channels)[0]
 
-    def check(self, revision: Revision) -> None:
-        """Refuse a revision of other data. InputError: it is, or its channel is not there."""
-        if self.channel_of(revision).sha256 != revision.data_sha256:
-            raise InputError(
-                f"revision {revision.number} is of other data (SHA-256 {revision.data_sha256[:12]}...). Give "
-                "the options that it was made with (--where, --unit, --urdf), add to this data first "
-                "(palpate diagnose --apply, palpate add --fresh), or name another folder"
-            )
+    def _loaded(self, channel: StudyChannel) -> ChannelData:
+        """Return the channel with the signals that a fit derives, such as the load of a joint."""
+        try:
+            return self.fit(channel).data
+        except InputError:  # it cannot be judged; whoever chooses it is told why
+            return channel.data
+
+    def _current(self, channel: StudyChannel) -> StudyChannel:
+        newest = self.newest(channel)
+        return channel if newest is None else self.channel_of(newest)
+
+    def _newest_result(self, channel: StudyChannel) -> ChannelResult:
+        newest, diagnosis = self.latest(channel), self.known_diagnosis(channel)
+        if newest is None:
+            return self.result(channel, (), diagnosis)
+        try:
+            self._check_own(newest)
+        except InputError as error:
+            left_out = f"{channel.name} is shown without what was added to it: {error}"
+            return self.result(channel, (), diagnosis, left_out)
+        return self.result(channel, newest.effects, diagnosis)
 
     def _check_own(self, revision: Revision) -> None:
-        """A revision names the user's effects, but their code is run only when the user says so now."""
+        """Reject a revision with an effect of the user's own whose code the user did not name now."""
         for place in revision.user_effects:
             if place not in self._own.values():
                 raise InputError(
                     f"revision {revision.number} has an effect of your own: add --effect {place}"
                 )
 
-    def _newest_result(self, channel: StudyChannel) -> ChannelResult:
-        newest, found = self.latest(channel), self.known_diagnosis(channel)
-        if newest is None:
-            return self.result(channel, (), found)
-        try:
-            self._check_own(newest)
-        except InputError as error:
-            left_out = f"{channel.name} is shown without what was added to it: {error}"
-            return self.result(channel, (), found, left_out)
-        return self.result(channel, newest.effects, found)
-
-    def _current(self, one: StudyChannel) -> StudyChannel:
-        newest = self.newest(one)
-        return one if newest is None else self.channel_of(newest)
-
-    def _suited(self, effects: Sequence[Effect], name: str | None, *, fresh: bool) -> StudyChannel:
-        """The one channel in which these effects can be; the contact, where they can be there too."""
-        chosen = self.chosen(name)
-        begun = chosen if fresh else tuple(map(self._current, chosen))
-        fitting = [one for one in begun if not any(unapplicable(e, self._loaded(one)) for e in effects)]
-        names = " and ".join(effect.name for effect in effects)
-        if not fitting:
-            there = ", ".join(f"{one.name} ({one.kind})" for one in begun)
-            known = suited_names(effects[0].name, self.effects, [one.data for one in begun])
-            raise InputError(f"{names} can be in none of the channels: {there}. {known}")
-        contacts = [one for one in fitting if one.kind is ChannelKind.CONTACT]
-        if len(fitting) > 1 and len(contacts) != 1:
-            there = ", ".join(one.name for one in fitting)
-            raise InputError(f"{names} can be in {there}: choose one with --channel")
-        return (contacts or fitting)[0]
-
     def _keep(
-        self, one: StudyChannel, effects: Sequence[str], parent: Revision | None
+        self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
-        """Keep each stage after the parent, or after the base model that is kept already."""
-        bases = (r for r in self.revisions if _about_revision(r) == about(one) and not r.effects)
+        """Save each stage after the parent, or after the base model that is saved already."""
+        bases = (one for one in self.revisions if one.key == channel.key and not one.effects)
         before = parent or next(bases, None)
-        self.fit(one, effects)  # nothing is kept of what cannot be added
+        self.fit(channel, effects)  # nothing is saved of what cannot be added
         kept: list[Revision] = []
         try:
             for count in range(0 if before is None else len(before.effects) + 1, len(effects) + 1):
-                kept.append(self._kept(one, effects[:count], kept[-1] if kept else before))
+                kept.append(self._keep_one(channel, effects[:count], kept[-1] if kept else before))
         except BaseException:  # a full disk, or Ctrl-C: all stages or none
             self._revisions.drop(kept)
             raise
         return tuple(kept)
 
-    def _kept(
-        self, one: StudyChannel, effects: Sequence[str], parent: Revision | None, *, removed: str = ""
+    def _keep_one(
+        self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None, *, removed: str = ""
     ) -> Revision:
-        fitted, made = self.fit(one, effects), self._now().isoformat(timespec="seconds")
+        fit, created = self.fit(channel, effects), self._now().isoformat(timespec="seconds")
         return self._revisions.keep(
             lambda number: Revision(
                 number=number,
                 parent=None if parent is None else parent.number,
-                channel=one.name,
-                model=one.model.name,
+                channel=channel.name,
+                model=channel.model.name,
                 added="" if removed else "".join(effects[-1:]),
                 removed=removed,
                 effects=list(effects),
                 user_effects=[self._own[name] for name in effects if name in self._own],
-                effort_unit=one.effort_unit,
-                rmse=fitted.rmse,
-                noise_floor=self.noise_floor(one),
-                parameters={name: KeptParameter.of(one) for name, one in fitted.parameters.items()},
-                data_sha256=one.sha256,
-                created_utc=made,
+                effort_unit=channel.effort_unit,
+                rmse=fit.rmse,
+                noise_floor=self.noise_floor(channel),
+                parameters={name: KeptParameter.of(value) for name, value in fit.parameters.items()},
+                data_sha256=channel.sha256,
+                created_utc=created,
                 software_version=version("palpate"),
             )
         )
-
-
-def _added_to(newest: Sequence[Revision]) -> str:
-    added = (f"{one.channel} has {', '.join(one.effects)}" for one in newest if one.effects)
-    return "; ".join(added) or "Nothing was added yet"
-
-
-def _about_revision(revision: Revision) -> About:
-    return revision.channel, revision.model, revision.data_sha256

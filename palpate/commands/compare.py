@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from estimation.study import ChannelResult, Comparison, Revision
-from estimation.study.other_models import FAR_BETTER, better_model
+from estimation.study.model_suggestions import FAR_BETTER, better_model
 from estimation.study.revisions import own_effects
 from palpate import console
 from palpate.completion import model_names

@@ -13,8 +13,8 @@ from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.fresh_runs import relaxes_afresh
 from estimation.study import StudyDiagnosis
 from estimation.study.channels import ALL_CHANNELS
-from estimation.study.kept_diagnosis import RESULT
-from estimation.study.other_models import better_explanation
+from estimation.study.model_suggestions import better_explanation
+from estimation.study.saved_diagnosis import RESULT
 from palpate import console
 from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 from palpate.derived import folder_to_fill

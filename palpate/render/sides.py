@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.statistics.correlation import Correlation
-from estimation.study.sides import ParameterDifference, Side, Sides
+from estimation.study.paired_comparison import ParameterDifference, Side, Sides
 from palpate.console import natural_width, table
 from palpate.render.terminal import safe_text
 from palpate.render.view import FAR, ChannelView

@@ -18,7 +18,7 @@ from estimation.design.next_experiment import FEW_READINGS, NextExperiment
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study import StudyChannel, StudyDiagnosis
 from estimation.study.channels import channel_of
-from estimation.study.rivals import rivals_of
+from estimation.study.undecided_models import rivals_of
 from palpate.resolving.experiments import Candidate, both, candidates
 from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.probing import PLAN

@@ -10,8 +10,8 @@ from typing import Any
 
 from control.probing.plan import ProbingPlan
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.study.kept_diagnosis import RESULT
-from estimation.study.rivals import is_undecided, with_the_simplest
+from estimation.study.saved_diagnosis import RESULT
+from estimation.study.undecided_models import is_undecided, with_the_simplest
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
 from palpate.resolving.designing import NextProbe, Progress, next_probe

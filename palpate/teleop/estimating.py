@@ -22,7 +22,7 @@ from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels
 from estimation.diagnosis import Diagnosis
 from estimation.study import ChannelEstimates, Revision
-from estimation.study.engine import diagnose
+from estimation.study.fitting import diagnose
 from estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
@@ -93,7 +93,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
 
 
-def _judge(*question: Any) -> Diagnosis:  # noqa: ANN401, see `estimation.study.engine.diagnose`
+def _judge(*question: Any) -> Diagnosis:  # noqa: ANN401, see `estimation.study.fitting.diagnose`
     """What is missing, without rivals of what is established: each would be fitted once more for a table."""
     found = diagnose(*question)
     channels = [one.model_copy(update={"ranking": []}) if one.accepted else one for one in found.channels]

@@ -1,6 +1,6 @@
 """Fits that the next tick may ask for, made ahead by another process while the page is idle.
 
-They are the same fits by the same engine from the same data, so that it makes no difference who made them.
+They are the same fits by the same functions from the same data, so that it makes no difference who made them.
 """
 
 import asyncio
@@ -11,7 +11,9 @@ from multiprocessing import get_context
 
 from estimation.effect import Effect
 from estimation.end_workers import end_with_parent, end_workers
-from estimation.study import StudyChannel, engine
+from estimation.fit.fit_result import FitResult
+from estimation.study import StudyChannel
+from estimation.study.fitting import PackedFit, fit_base, fit_extended
 from palpate.study import Study
 
 _NICE = 10
@@ -35,9 +37,9 @@ class Ahead:
         Raises:
             InputError: it cannot be fitted.
         """
-        if self._names.issuperset(effects) and not self._study.known(self._channel, effects):
+        if self._names.issuperset(effects) and not self._study.is_fitted(self._channel, effects):
             packed = await asyncio.wrap_future(self._pool.submit(_packed, tuple(effects)))
-            self._study.take(self._channel, effects, packed)
+            self._study.take_fit(self._channel, effects, packed)
 
     def close(self) -> None:
         """End the process, whatever it is doing. Can be called again."""
@@ -58,7 +60,7 @@ def close_all() -> None:
 
 _channel: StudyChannel
 _library: dict[str, Effect] = {}
-_fits: dict[tuple[str, ...], engine.Fitted] = {}
+_fits: dict[tuple[str, ...], FitResult] = {}
 
 
 def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
@@ -70,19 +72,19 @@ def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
     _library.update({one.name: one for one in effects})
 
 
-def _packed(effects: tuple[str, ...]) -> engine.Packed:
-    return engine.pack(_fitted(effects))
+def _packed(effects: tuple[str, ...]) -> PackedFit:
+    return PackedFit.of(_fitted(effects))
 
 
-def _fitted(effects: tuple[str, ...]) -> engine.Fitted:
-    """As `Fits.fit`, from the fits of this process."""
+def _fitted(effects: tuple[str, ...]) -> FitResult:
+    """As `Study.fit`, from the fits of this process."""
     made = _fits.pop(effects, None)
     if made is None and not effects:
-        made = engine.fit(_channel.to_fit, _channel.model)
+        made = fit_base(_channel.to_fit, _channel.model)
     elif made is None:
         parent = _fitted(effects[:-1])
-        model = parent.model.with_effect(_library[effects[-1]].suited_to(parent.data))
-        made = engine.fit(_channel.to_fit, model, parent)
+        effect = _library[effects[-1]].suited_to(parent.data)
+        made = fit_extended(_channel.to_fit, parent, effect)
     _fits[effects] = made
     while len(_fits) > _MOST:
         del _fits[next(iter(_fits))]

@@ -11,7 +11,8 @@ from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import applicable_effects
 from estimation.effect import Effect, Parameter
-from estimation.study import Fitted, Revision, StudyChannel
+from estimation.fit.fit_result import FitResult
+from estimation.study import Revision, StudyChannel
 from estimation.study.source import Source, joined, open_source
 from palpate.study import Study
 from palpate.words import as_shell_word
@@ -55,8 +56,8 @@ class Shown:
     """The chosen model beside the base model."""
 
     choice: Choice  # what was chosen
-    base: Fitted  # the base model
-    fitted: Fitted  # the chosen one; its intervals are computed when they are first asked for
+    base: FitResult  # the base model
+    fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
     floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
@@ -70,7 +71,7 @@ class Shown:
     def error_at(self, values: Mapping[str, float]) -> float:
         """Root mean square error of the model at other parameters, where the error is judged."""
         judged = self.base.judged
-        left = self.fitted.data.effort[judged] - self.fitted.at(values)[judged]
+        left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
         return float(np.sqrt(np.mean(left**2)))
 
 
@@ -121,7 +122,7 @@ class Bench:
         fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
         return self._shown(chosen, stages if fitted is stages[-1] else [*stages, fitted])
 
-    def _shown(self, choice: Choice, stages: Sequence[Fitted], *, is_rough: bool = False) -> Shown:
+    def _shown(self, choice: Choice, stages: Sequence[FitResult], *, is_rough: bool = False) -> Shown:
         """The last of some fits, which were made by adding one effect after the other."""
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
@@ -136,9 +137,9 @@ class Bench:
             InputError: it cannot be fitted.
         """
         one, names = self.study.channel(choice.channel), choice.effects
-        if self.study.known(one, names) or choice.held or choice.bounds:
+        if self.study.is_fitted(one, names) or choice.held or choice.bounds:
             return None
-        stages = [self.study.glance(one, names[:count]) for count in range(len(names) + 1)]
+        stages = [self.study.preview(one, names[:count]) for count in range(len(names) + 1)]
         return self._shown(choice, stages, is_rough=True)
 
     def choose(self, choice: Choice) -> Shown:

@@ -196,8 +196,8 @@ def _select(
 
 def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:
     """Effort that the fit expects, and what it leaves in held-out runs, (n,) each."""
-    return shown.fitted.at(shown.fitted.values), shown.fitted.residual
+    return shown.fitted.predict(shown.fitted.values), shown.fitted.residual
 
 
 def _of_base(shown: Shown) -> tuple[FloatArray, FloatArray]:
-    return shown.base.at(shown.base.values), shown.base.residual
+    return shown.base.predict(shown.base.values), shown.base.residual

@@ -6,7 +6,7 @@ from functools import partial
 
 from nicegui import ui
 
-from estimation.study.kept_diagnosis import RESULT
+from estimation.study.saved_diagnosis import RESULT
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
 from palpate.render.sentences import diagnosed

@@ -10,7 +10,7 @@ from estimation.diagnosis import Diagnosis
 from estimation.effect import Effect
 from estimation.end_workers import end_with_parent
 from estimation.model import Model
-from estimation.study import engine
+from estimation.study import fitting
 from robot_io.errors import PalpateError
 
 _POLL_S = 0.1
@@ -21,7 +21,7 @@ class StoppedError(PalpateError):
 
 
 class Elsewhere:
-    """Judges in another process, so that the page stays quick, and can be stopped; see `engine.diagnose`."""
+    """Judges in another process, so that the page stays quick, and can be stopped; see `fitting.diagnose`."""
 
     def __init__(self) -> None:
         self._stop = Event()
@@ -41,10 +41,10 @@ class Elsewhere:
         data: Sequence[ChannelData],
         models: Sequence[Model],
         effects: Sequence[Effect],
-        progress: engine.Progress,
+        progress: fitting.Progress,
         file: str,
     ) -> Diagnosis:
-        """See `engine.diagnose`.
+        """See `fitting.diagnose`.
 
         Raises:
             StoppedError: it was stopped.
@@ -64,7 +64,7 @@ class Elsewhere:
             process.join()
             here.close()
 
-    def _wait(self, here: Connection, progress: engine.Progress) -> Diagnosis:
+    def _wait(self, here: Connection, progress: fitting.Progress) -> Diagnosis:
         while True:
             if self._stop.is_set():
                 raise StoppedError("stopped; nothing was changed")
@@ -83,7 +83,7 @@ def _work(
     end_with_parent()
     try:
         there.send(
-            engine.diagnose(data, models, effects, lambda what, share: there.send((what, share)), file)
+            fitting.diagnose(data, models, effects, lambda what, share: there.send((what, share)), file)
         )
     except PalpateError as error:
         there.send(error)

@@ -221,7 +221,7 @@ class Page:
             self._centre.show_map()
 
     def _draw_pulled(self, shown: Shown) -> None:
-        self._centre.preview(shown.fitted.at(shown.values))
+        self._centre.preview(shown.fitted.predict(shown.values))
         unit = axes_of(shown.fitted.data.kind).effort_unit
         self._error.preview(shown.error_at(shown.values), unit, shown.floor)
 

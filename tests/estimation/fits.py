@@ -5,7 +5,8 @@ import numpy as np
 from estimation.base_model import ModelContext
 from estimation.diagnosis.candidates import effect_library
 from estimation.models import MODELS
-from estimation.study import comparison, engine
+from estimation.study import comparison
+from estimation.study.fitting import fit_base, fit_extended
 from tests.estimation.presses import kelvin_voigt
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())
@@ -19,14 +20,13 @@ def cubic(t, x, v, run):
 def fits(data, model, names=(), effects=None):
     """The base model, and one fit more for each effect that is added."""
     known = {effect.name: effect for effect in (effect_library() if effects is None else effects)}
-    found = [engine.fit(data, model)]
+    found = [fit_base(data, model)]
     for name in names:
-        effect = known[name].suited_to(found[-1].data)
-        found.append(engine.fit(data, found[-1].model.with_effect(effect), found[-1]))
+        found.append(fit_extended(data, found[-1], known[name].suited_to(found[-1].data)))
     return found
 
 
 def compare(data, model):
     """The model beside the measurement."""
-    fitted = engine.fit(data, model)
+    fitted = fit_base(data, model)
     return comparison.compare(fitted, model.name, fitted.noise_floor)

@@ -9,7 +9,7 @@ from control.arm.rigid_body import RigidBody
 from control.laws.gains import Gains
 from control.loop.task import Phase
 from control.probing.replay import References, ReplayTask
-from estimation.study.sides import side_by_side
+from estimation.study.paired_comparison import side_by_side
 from palpate.runs import replaying
 from palpate.runs.robots import find_robot
 from palpate.study import Study

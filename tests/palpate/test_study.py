@@ -153,7 +153,7 @@ def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
     (channel,) = others.source.channels
     alone = Study([channel.of_runs(np.array([0, 2]))], keep=False).fit("contact", effects)
     assert fitted.values == alone.values != every.values
-    left = every.data.effort - every.at(alone.values)  # the whole measurement, by what runs 0 and 2 say
+    left = every.data.effort - every.predict(alone.values)  # the whole measurement, by what runs 0 and 2 say
     judged = np.isfinite(every.residual) & np.isin(every.data.run, [1, 3])
     assert fitted.rmse == pytest.approx(np.sqrt(np.mean(left[judged] ** 2)), rel=0.02)
     assert set(fitted.data.run[fitted.judged]) == {1, 3}

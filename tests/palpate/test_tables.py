@@ -9,7 +9,7 @@ from rich.console import Console
 
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
-from estimation.study.sides import ParameterDifference
+from estimation.study.paired_comparison import ParameterDifference
 from palpate import console
 from palpate.render.estimates import estimate_table
 from palpate.render.sides import difference_table

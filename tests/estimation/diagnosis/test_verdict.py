@@ -14,8 +14,8 @@ from estimation.diagnosis.residual_checks import ResidualFinding
 from estimation.diagnosis.result import Verdict
 from estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
 from estimation.effects import EFFECTS
-from estimation.fit.fit_result import fit_model
-from estimation.fit.intervals import estimate_parameters, final_solution
+from estimation.fit.fit_result import final_solution, fit_model
+from estimation.fit.intervals import estimate_parameters
 from estimation.fit.measurement_model import identify_measurement_model
 from estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.effects import EFFECTS
-from estimation.fit import intervals
+from estimation.fit import fit_result
 from estimation.fit.acceleration_noise import inflate_acceleration_noise
 from estimation.fit.fit_problem import solve_gains
-from estimation.fit.fit_result import fit_model
-from estimation.fit.intervals import _errors, _without_jumps, estimate_parameters, final_solution
+from estimation.fit.fit_result import final_solution, fit_model
+from estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
 from estimation.model import Model
 from estimation.statistics.serial_covariance import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
@@ -104,7 +104,7 @@ def test_the_last_word_is_said_near_where_the_model_stands(found, transition, ta
     _, fit = found
     there = {**fit.solution.parameters, "coulomb_friction.transition": transition}
     monkeypatch.setattr(
-        intervals, "optimize_inner", lambda problem, solution: solve_gains(problem, solution.model, there)
+        fit_result, "optimize_inner", lambda problem, solution: solve_gains(problem, solution.model, there)
     )
     problem, solution = final_solution(fit)
     assert (solution.parameters["coulomb_friction.transition"] == transition) is taken

@@ -13,8 +13,8 @@ from estimation.fit.blocks import block_average
 from estimation.fit.long_data import shortened, within_blocks
 from estimation.model import Model
 from estimation.study import Study
-from estimation.study.engine import fit
-from estimation.study.source import Source, of_bearable_length
+from estimation.study.fitting import fit_base
+from estimation.study.source import Source, limit_length
 from robot_io.errors import InputError
 
 RATE_HZ, RUN_S, RUNS, NOISE_N = 1000.0, 20.0, 8, 0.02
@@ -71,7 +71,7 @@ def test_stiffness_damping_and_cubic_are_those_of_the_full_recording(recording):
     assert len(short) == len(recording) // short.averaged
     assert f"averaged by {short.averaged} to {len(short):,} at {RATE_HZ / short.averaged:.4g} Hz" in said
     model = Model("hardening", (Stiffness(), Damping(), CubicStiffness()))
-    full, coarse = (fit(one, model).parameters for one in (recording, short))
+    full, coarse = (fit_base(one, model).parameters for one in (recording, short))
     for name, value in TRUTH.items():
         assert abs(coarse[name].value - value) < 4.0 * coarse[name].std_err, name
         assert abs(coarse[name].value - full[name].value) < 3.0 * full[name].std_err, name
@@ -187,7 +187,7 @@ def test_a_rest_in_which_too_little_would_be_left_is_kept():
 
 
 def test_a_study_says_what_was_averaged(recording):
-    source = of_bearable_length(Source("presses.csv", (recording,), notes=("first",)))
+    source = limit_length(Source("presses.csv", (recording,), notes=("first",)))
     first, said = source.notes
     assert first == "first"
     assert source.averaged == {"contact": said}

@@ -34,12 +34,10 @@ def test_a_held_gain_stays_and_the_others_make_up_for_it(study: Study) -> None:
 def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held(
-        "contact", ["cubic_stiffness"], {"damping.c": free.result.solution.parameters["damping.c"]}
+        "contact", ["cubic_stiffness"], {"damping.c": free.solution.parameters["damping.c"]}
     )
     for name in ("stiffness.k", "cubic_stiffness.k3"):
-        assert held.result.solution.parameters[name] == pytest.approx(
-            free.result.solution.parameters[name], rel=1e-6
-        )
+        assert held.solution.parameters[name] == pytest.approx(free.solution.parameters[name], rel=1e-6)
     assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
 
 
@@ -67,12 +65,12 @@ def test_what_cannot_be_held_is_refused(study: Study, held: dict[str, float], sa
 
 def test_the_model_is_evaluated_at_any_parameters(study: Study) -> None:
     fitted = study.fit("contact")
-    soft = fitted.at({**fitted.values, "stiffness.k": 0.0, "damping.c": 0.0})
+    soft = fitted.predict({**fitted.values, "stiffness.k": 0.0, "damping.c": 0.0})
     assert np.abs(soft).max() == 0.0
 
 
 def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimation.study.fits._MOST_FITS", 2)
+    monkeypatch.setattr("estimation.study.study._MOST_FITS", 2)
     study = Study(presses(np.random.default_rng(2)))
     first = study.fit("contact", ["delay"]).rmse
     for effect in ("adhesion", "contact_offset", "quadratic_damping"):

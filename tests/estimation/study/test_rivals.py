@@ -10,7 +10,7 @@ from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import effect_library
 from estimation.diagnosis.result import Accepted
 from estimation.study import Study
-from estimation.study.rivals import rival_effects, with_the_simplest
+from estimation.study.undecided_models import rival_effects, with_the_simplest
 from tests.estimation.study.joints import joints
 
 

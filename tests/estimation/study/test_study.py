@@ -11,8 +11,10 @@ import pytest
 
 from estimation.data.import_options import ImportOptions
 from estimation.effects import EFFECTS
-from estimation.study import Study, engine
-from estimation.study.kept_diagnosis import RESULT
+from estimation.fit.fit_result import FitResult
+from estimation.study import Study, fitting
+from estimation.study.fitting import PackedFit
+from estimation.study.saved_diagnosis import RESULT
 from estimation.study.source import NO_ARM, Arm
 from robot_io.errors import InputError
 from tests.estimation.fits import cubic
@@ -51,7 +53,7 @@ def test_a_fit_sent_from_another_process_has_all_signals_that_it_was_derived_wit
     there, here = (Study(joints((0.4,)), "pendulum", effects=own) for _ in range(2))
     made, one = there.fit("joint_1", effects), here.channel("joint_1")
     assert "load_dependent_friction.link_share" in made.values  # the form that knows rotor and link apart
-    here.take(one, effects, engine.pack(made))
+    here.take_fit(one, effects, PackedFit.of(made))
     assert np.array_equal(here.fit(one, effects).predicted, made.predicted)
 
 
@@ -91,7 +93,7 @@ def test_a_channel_has_one_noise_floor(pressed):
 
 
 def test_what_a_model_reaches_is_no_less_than_the_noise_floor(monkeypatch):
-    monkeypatch.setattr(engine.Fitted, "noise_floor", 1e3)  # beside a base model it is an upper bound
+    monkeypatch.setattr(FitResult, "noise_floor", 1e3)  # beside a base model it is an upper bound
     study = Study(session(4, cubic), "kelvin_voigt")
     change = study.add("cubic_stiffness")
     least = min(stage.rmse for stage in change.result.stages)
@@ -189,17 +191,18 @@ def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
 
 
 def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
-    fitted, plain = [], engine.fit
+    calls = []
 
-    def counted(data, model, *more, **named):
-        fitted.append(model)
-        return plain(data, model, *more, **named)
+    def counted(name):
+        plain = getattr(fitting, name)
+        return lambda *args: calls.append(name) or plain(*args)
 
-    monkeypatch.setattr(engine, "fit", counted)
+    for name in ("fit_base", "fit_extended"):
+        monkeypatch.setattr(fitting, name, counted(name))
     study = Study(session(4))
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda _: study.fit("contact", ["bias"]), range(16)))
-    assert len(fitted) == 2
+    assert calls == ["fit_base", "fit_extended"]
     assert len({id(one) for one in found}) == 1
 
 

@@ -218,7 +218,7 @@ def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press, held_out):
             process.close()
 
     asyncio.run(ahead())
-    assert bench.study.known(bench.channel, ("cubic_stiffness", "delay"))
+    assert bench.study.is_fitted(bench.channel, ("cubic_stiffness", "delay"))
     theirs, own = bench.study, Study(press, keep=False, held_out=held_out)
     chain = ("cubic_stiffness", "delay")
     assert theirs.fit("contact", chain).values == own.fit("contact", chain).values

@@ -1,4 +1,4 @@
-"""Results as small tables: in a notebook as HTML, in a terminal as text, both from the same rows."""
+"""Display results as small tables: HTML in a notebook, text in a terminal, both from the same rows."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ _WIDTH = 110  # columns of a terminal that the text fills
 _NARROWEST = 30  # columns for the last cell of a row, which is wrapped
 
 
-class Table(NamedTuple):
+class DisplayTable(NamedTuple):
     """A caption, the names of the columns, and rows of what can be printed."""
 
     caption: str
@@ -26,14 +26,14 @@ def interval_text(estimated: ParameterEstimate) -> str:
     return "at its bound" if estimated.at_bound else f"{lower:.5g} to {upper:.5g}"
 
 
-class Shown(ABC):
-    """A result that prints, and shows itself in a notebook, as one table."""
+class TableDisplay(ABC):
+    """A result that prints as one table, also in a notebook."""
 
     __slots__ = ()
 
     @abstractmethod
-    def _table(self) -> Table:
-        """What is shown."""
+    def _table(self) -> DisplayTable:
+        """The table to display."""
 
     def _repr_html_(self) -> str:
         caption, columns, rows = self._table()

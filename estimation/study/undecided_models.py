@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.bootstrap import SMALL
@@ -14,8 +15,8 @@ from estimation.fit.fit_result import FitResult, fit_model
 from estimation.fit.joint_load import with_load
 from estimation.model import Model
 from estimation.study.channels import StudyChannel
-from estimation.study.fits import Fits
 from estimation.study.reconcile import reconcile
+from estimation.study.study import Study
 from robot_io.errors import InputError
 
 MOST = 6  # rivals that are compared with each other
@@ -62,7 +63,7 @@ def _with(names: Sequence[str], place: str, other: str, parts: Sequence[str]) ->
     return [*(name for name in names if name != place and name not in parts), other]
 
 
-def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, FitResult]]:
+def rivals_of(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, FitResult]]:
     """For each question, these models by their effects in words, fitted, and the best first.
 
     One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
@@ -77,25 +78,23 @@ def rivals_of(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> li
     return [fitted for one in asked if len(fitted := _fitted(study, channel, one)) > 1]
 
 
-def _fitted(study: Fits, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
+def _fitted(study: Study, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
     fitted = {}
     for effects in wanted:
         try:
-            fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).result
+            fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).training_fit
         except InputError:
             continue
     return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
 
 
-def _telling_most(study: Fits, channel: StudyChannel) -> list[str]:
-    base = study.fit(channel)
-    tried = screen_effects(
-        base.result, applicable_effects(base.data, base.model, study.effects)
-    )  # the best first
+def _telling_most(study: Study, channel: StudyChannel) -> list[str]:
+    base = study.fit(channel).training_fit
+    tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # the best first
     return [one.effect.name for one in tried[: _ALONE - 1]]
 
 
-def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+def with_the_simplest(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The diagnosis without rivals that are less simple than another and contain it.
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
@@ -110,12 +109,12 @@ def with_the_simplest(study: Fits, channel: StudyChannel, found: ChannelDiagnosi
 
 
 def _with_the_simplest_in(
-    study: Fits, channel: StudyChannel, found: ChannelDiagnosis, place: int
+    study: Study, channel: StudyChannel, found: ChannelDiagnosis, place: int
 ) -> ChannelDiagnosis:
     accepted, names = list(found.accepted), [one.effect for one in found.accepted]
     entry, known = accepted[place], {one.name: one for one in study.effects}
     models = {
-        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).result
+        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).training_fit
         for other in _group(entry)
     }
     kept: list[str] = []
@@ -126,7 +125,7 @@ def _with_the_simplest_in(
     effect = known[first]
     about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
     accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
-    return reconcile(study, channel, found.model_copy(update={"accepted": accepted}))
+    return reconcile(partial(study.fit, channel), channel, found.model_copy(update={"accepted": accepted}))
 
 
 def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:

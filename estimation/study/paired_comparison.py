@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from estimation.channel import ChannelData
+from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.signals.blocks import rows_of_runs
@@ -15,8 +16,7 @@ from estimation.statistics.correlation import Correlation, autocorrelation, cros
 from estimation.statistics.misfit import fit_percent
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
-from estimation.study.fits import Fits
-from estimation.study.shown import Shown, Table
+from estimation.study.study import Study
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -122,7 +122,7 @@ class ParameterDifference:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sides(Shown):
+class Sides(TableDisplay):
     """One channel on both sides."""
 
     first: Side
@@ -192,7 +192,7 @@ class Sides(Shown):
         first, second = ((one.fit_of(pair[0]), one.fit_of(pair[1])) for one in pair)
         return first, second
 
-    def _table(self) -> Table:
+    def _table(self) -> DisplayTable:
         rows = [
             (
                 d.name,
@@ -203,13 +203,13 @@ class Sides(Shown):
             for d in self.differences
         ]
         names = (self.first.name, self.second.name)
-        return Table(
+        return DisplayTable(
             f"{self.channel}: {names[1]} beside {names[0]}", ("parameter", *names, "difference", "+-"), rows
         )
 
 
 def side_by_side(
-    first: Fits, second: Fits, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
+    first: Study, second: Study, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
 ) -> tuple[Sides, ...]:
     """The channels that two studies share, with their base models or what these have grown to.
 
@@ -235,7 +235,7 @@ def side_by_side(
     return found
 
 
-def _side(name: str, study: Fits, channel: StudyChannel, effects: Sequence[str]) -> Side:
+def _side(name: str, study: Study, channel: StudyChannel, effects: Sequence[str]) -> Side:
     try:
         return Side(name, channel, effects, study.comparison(channel, effects))
     except InputError as error:
