@@ -15,7 +15,7 @@ _RIDGES = (1e-6, 1e-4, 1e-2)  # of the mean square of a column
 _COLLINEAR = 1e-9  # the same for the base model, which is not shrunken
 _MOST_BLOCKS = 6000  # more are thinned out evenly
 _ROUNDS = 6  # of dropping coefficients of the wrong sign
-_PIECES = 6  # of a run; every second one tells the run's own gain and zero for the others
+_PIECES = 16  # of a run; every second one tells the run's own gain and zero for the others
 _SINGULAR = 1e-9
 _WEAK = 1e-3  # of the largest singular value, below which a run does not tell a coefficient
 

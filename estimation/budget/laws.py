@@ -74,7 +74,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         _law(Kind.SENSOR_DYNAMICS, rate(effort, time_s, run)),
         _sensor_statics(effort, blocked.effort),
-        _law(Kind.DRIFT, *_clock(time_s)),
+        _law(Kind.DRIFT, time_s - time_s.mean()),
     ]
     if is_contact:
         laws.append(_contact_geometry(position, depth, touching, run))
@@ -104,11 +104,6 @@ def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool 
 def _unit(signal: FloatArray) -> FloatArray:
     """The signal over its root mean square."""
     return np.asarray(signal / (float(np.sqrt(np.mean(signal**2))) or 1.0))
-
-
-def _clock(time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    clock = (time_s - time_s.min()) / (float(np.ptp(time_s)) or 1.0)
-    return clock, clock**2
 
 
 def _fading(

@@ -97,7 +97,8 @@ def accept_forms(
     kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
     while search.added_effects(end):
         tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
-        least = SMALL * search.start.held_out_mean_square
+        rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
+        least = max(SMALL * search.start.held_out_mean_square, rest)
         failed = [
             test
             for test in tests

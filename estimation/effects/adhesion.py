@@ -21,7 +21,7 @@ class Adhesion(AdditiveEffect):
     signals = ("position", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
     one_sided = False
-    gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.05, 5.0)),)
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
     inner = (Parameter("reach", "{position}", 1e-05, 0.02, (0.0001, 0.005), log=True),)
     confused_with = {
         "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",

@@ -20,10 +20,10 @@ class AsymmetricFriction(CoulombFriction):
     signature = "the jump at reversal and the rise with speed differ between the two directions"
     signals = ("velocity", "direction")
     gains = (
-        Parameter("forward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
-        Parameter("backward", "{effort}", 0.0, 1e6, (0.001, 50.0)),
-        Parameter("viscous_forward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
-        Parameter("viscous_backward", "{effort} s/{position}", -10000.0, 10000.0, (0.001, 50.0)),
+        Parameter("forward", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("backward", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("viscous_forward", "{effort} s/{position}", -1e12, 1e12, (0.001, 50.0)),
+        Parameter("viscous_backward", "{effort} s/{position}", -1e12, 1e12, (0.001, 50.0)),
     )
     confused_with = {
         "bias": "let the joint rest: a bias stays, friction does not push",

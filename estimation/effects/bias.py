@@ -20,7 +20,7 @@ class Bias(AdditiveEffect):
     signals = ("offset",)
     channels = frozenset(ChannelKind)
     one_sided = False
-    gains = (Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),)
+    gains = (Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),)
     confused_with = {
         "run_offset": "record more runs: a bias is the same in all",
         "contact_offset": "record free air: a bias is there too",

@@ -33,7 +33,7 @@ class BoucWenHysteresis(AdditiveEffect):
     signature = "loops of effort over position of the same height at any speed, small ones inside large ones"
     signals = ("direction", "past motion")
     channels = frozenset(ChannelKind)
-    gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (
         Parameter("path", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
         Parameter("sharpness", "1", 0.5, 20.0, (1.0, 5.0), log=True),

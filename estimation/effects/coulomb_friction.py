@@ -24,7 +24,7 @@ class CoulombFriction(AdditiveEffect):
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
     signals: ClassVar[tuple[str, ...]] = ("direction",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner: ClassVar[tuple[Parameter, ...]] = (
         Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
     )

@@ -19,7 +19,7 @@ class Damping(AdditiveEffect):
     signature = "effort is higher while moving in than while moving out at the same depth, more so with speed"
     signals = ("velocity",)
     channels = frozenset(ChannelKind)
-    gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e5, (0.1, 500.0)),)
+    gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
         "viscous_friction": "none in one channel: it is the same term, named for a joint",

@@ -21,8 +21,8 @@ class Drift(AdditiveEffect):
     channels = frozenset(ChannelKind)
     one_sided = False
     gains = (
-        Parameter("rate", "{effort}/s", -1000.0, 1000.0, (-0.01, 0.01)),
-        Parameter("offset", "{effort}", -1e9, 1e9, (-1.0, 1.0)),
+        Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),
+        Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),
     )
     essential = ("rate",)
     confused_with = {

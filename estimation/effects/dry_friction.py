@@ -31,7 +31,7 @@ class DryFriction(AdditiveEffect):
     )
     signals = ("direction", "past motion")
     channels = frozenset({ChannelKind.CONTACT})
-    gains = (Parameter("force", "{effort}", 0.0, 1e6, (0.05, 5.0)),)
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
     inner = (
         Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),
         Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),

@@ -25,7 +25,7 @@ class ExponentialStiffness(AdditiveEffect):
     signature = "the slope of effort over position is a straight line over the effort, at any speed"
     signals = ("position",)
     channels = frozenset(ChannelKind)
-    gains = (Parameter("a", "{effort}", 0.0, 1e9, (1e-4, 10.0)),)
+    gains = (Parameter("a", "{effort}", 0.0, 1e12, (1e-4, 10.0)),)
     elastic = ("a",)
     inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
     confused_with = {

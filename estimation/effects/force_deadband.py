@@ -22,7 +22,7 @@ class ForceDeadband(AdditiveEffect):
     )
     signals = ("load",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("width", "N", 0.0, 10000.0, (0.01, 10.0)),)
+    gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
     needs = ("contact_torque_per_newton", "touching")
     confused_with = {
         "torque_gain": "press at several forces: a dead band takes the same from all",

@@ -30,7 +30,7 @@ class GravityTilt(AdditiveEffect):
     signals = ("position", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("tilt", "{effort} per unit", -10000.0, 10000.0, (0.001, 5.0)),
+        Parameter("tilt", "{effort} per unit", -1e12, 1e12, (0.001, 5.0)),
     )
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",

@@ -36,9 +36,9 @@ class JointCoupling(AdditiveEffect):
     signals = ("other joints", "velocity", "direction", "acceleration")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("inertia", "{effort} s^2/{position}", 0.0, 10000.0, (0.001, 5.0)),
-        Parameter("viscous", "{effort} s/{position}", 0.0, 10000.0, (0.001, 50.0)),
-        Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
+        Parameter("inertia", "{effort} s^2/{position}", 0.0, 1e12, (0.001, 5.0)),
+        Parameter("viscous", "{effort} s/{position}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
     )
     inner = (
         Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),

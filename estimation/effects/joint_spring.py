@@ -20,8 +20,8 @@ class JointSpring(AdditiveEffect):
     signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("k", "{effort}/{position}", -1000000.0, 1000000.0, (0.01, 1000.0)),
-        Parameter("preload", "{effort}", -1000000.0, 1000000.0, (-10.0, 10.0)),
+        Parameter("k", "{effort}/{position}", -1e12, 1e12, (0.01, 1000.0)),
+        Parameter("preload", "{effort}", -1e12, 1e12, (-10.0, 10.0)),
     )
     essential = ("k",)
     confused_with = {

@@ -28,7 +28,7 @@ class LayeredStiffness(AdditiveEffect):
     signature = "the slope of force over depth jumps at one depth, the same on the way in and out"
     signals = ("position",)
     channels = frozenset({ChannelKind.CONTACT})
-    gains = (Parameter("k2", "{effort}/{position}", -10000000.0, 10000000.0, (10.0, 20000.0)),)
+    gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)
     elastic = ("k2",)
     inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
     confused_with = {

@@ -26,9 +26,9 @@ class PositionDependentFriction(AdditiveEffect):
     signals = ("position", "direction")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("level", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
-        Parameter("sine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
-        Parameter("cosine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
+        Parameter("level", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("sine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
+        Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
     )
     essential = ("sine", "cosine")
     inner = (

@@ -25,7 +25,7 @@ class PreslidingFriction(AdditiveEffect):
     signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e6, (0.001, 50.0)),)
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
     path = "presliding"
     confused_with = {

@@ -19,7 +19,7 @@ class Stiffness(AdditiveEffect):
     signature = "effort grows in proportion to displacement, at any speed and on the way in as on the way out"
     signals = ("position",)
     channels = frozenset(ChannelKind)
-    gains = (Parameter("k", "{effort}/{position}", 0.0, 1e7, (10.0, 2e4)),)
+    gains = (Parameter("k", "{effort}/{position}", 0.0, 1e12, (10.0, 2e4)),)
     elastic = ("k",)
     confused_with = {
         "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",

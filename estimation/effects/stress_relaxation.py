@@ -26,7 +26,7 @@ class StressRelaxation(AdditiveEffect):
     signature = "force falls during a hold at constant depth, and is lower on the way out than on the way in"
     signals = ("past motion",)
     channels = frozenset({ChannelKind.CONTACT})
-    gains = (Parameter("k1", "{effort}/{position}", 0.0, 10000000.0, (10.0, 10000.0)),)
+    gains = (Parameter("k1", "{effort}/{position}", 0.0, 1e12, (10.0, 10000.0)),)
     inner = (Parameter("tau", "s", 0.005, 300.0, (0.03, 30.0), log=True),)
     confused_with = {
         "power_law_relaxation": "hold a hundred times as long: a power law goes on, a branch ends",

@@ -29,8 +29,8 @@ class StribeckFriction(AdditiveEffect):
     signals = ("velocity", "direction")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("coulomb", "{effort}", 0.0, 10000.0, (0.001, 50.0)),
-        Parameter("rise", "{effort}", -10000.0, 10000.0, (0.001, 50.0)),
+        Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("rise", "{effort}", -1e12, 1e12, (0.001, 50.0)),
     )
     essential = ("rise",)
     inner = (

@@ -36,8 +36,8 @@ class TorqueRipple(AdditiveEffect):
     signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("sine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
-        Parameter("cosine", "{effort}", -10000.0, 10000.0, (0.001, 5.0)),
+        Parameter("sine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
+        Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
     )
     inner = (Parameter("cycles", "1/{position}", 0.05, 100000.0, (2.0, 100.0)),)
     confused_with = {

@@ -17,7 +17,7 @@ class ViscousFriction(AdditiveEffect):
     signature = "effort is higher by an amount in proportion to speed, in either direction"
     signals = ("velocity",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("d", "{effort} s/{position}", 0.0, 100000.0, (0.001, 500.0)),)
+    gains = (Parameter("d", "{effort} s/{position}", 0.0, 1e12, (0.001, 500.0)),)
     confused_with = {
         "joint_coupling": "hold this joint still and move its neighbour",
         "delay": "move at two speeds with the same acceleration",

@@ -23,8 +23,8 @@ class Weight(AdditiveEffect):
     signals = ("position",)
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (
-        Parameter("g1", "N m", -10000.0, 10000.0, (-50.0, 50.0)),
-        Parameter("g2", "N m", -10000.0, 10000.0, (-50.0, 50.0)),
+        Parameter("g1", "N m", -1e12, 1e12, (-50.0, 50.0)),
+        Parameter("g2", "N m", -1e12, 1e12, (-50.0, 50.0)),
     )
     confused_with = {
         "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
