@@ -9,15 +9,14 @@ from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
-
 _STRAIGHT = 0.1  # from a power of one, within which the law is a straight line
 
 
 class PowerLawStiffness(AdditiveEffect):
     """F = k |x|^n sign(x), beside whatever other stiffness there is; in a contact only while pressed.
 
-    With n = 1.5 it is Hertz's contact of a sphere, with n = 2 Sneddon's of a cone; below 1 it softens, as rubber
-    does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
+    With n = 1.5 it is Hertz's contact of a sphere, with n = 2 Sneddon's of a cone; below 1 it softens, as
+    rubber does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
     """
 
     name = "power_law_stiffness"
