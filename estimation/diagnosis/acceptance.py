@@ -97,19 +97,23 @@ def accept_forms(
     kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
     while search.added_effects(end):
         tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
+        taken = {
+            test.effect: search.without(end, test.effect).held_out_mean_square - end.held_out_mean_square
+            for test in tests
+        }
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         least = max(SMALL * search.start.held_out_mean_square, rest)
         failed = [
-            test
+            test.effect
             for test in tests
             if not test.is_known
-            or test.taken < least
+            or taken[test.effect] < least
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
         ]
         if not failed:
             return end, tests
-        end = search.without(end, min(failed, key=lambda test: test.taken).effect)
+        end = search.without(end, min(failed, key=lambda name: taken[name]))
     return search.start, []
 
 

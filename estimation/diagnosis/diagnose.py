@@ -114,15 +114,15 @@ def diagnose_channel(
     search = prepare_search(data, model, usable(data), effects, rng, progress)
     checks = _Completeness(search)
     kinds = cache(lambda: analyse_kinds(search))
+    coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
     found = search.start
     if not found.is_exact:
         part = partial(smallest_sufficient_model, search, measurement=checks.measurement)
-        coarse = search.coarse or search
 
         @cache
         def forms() -> FitResult:
             progress(f"{data.name}: comparing forms within kinds", 0.0)
-            return named_forms(analyse_kinds(coarse))
+            return named_forms(coarse_kinds())
 
         found = select_effects(search, checks.in_every_respect, part, forms)
     varied = add_run_variation(search, found)
@@ -138,10 +138,8 @@ def diagnose_channel(
     objection, complete = checks.objection(end), checks.in_every_respect(end)
     if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)
-    partial_model = None if complete else kinds()
-    return decide_verdict(
-        Evidence(search, checks.measurement, end, complete, objection, tests, partial_model)
-    )
+    of_kinds = (None, None) if complete else (kinds(), coarse_kinds())
+    return decide_verdict(Evidence(search, checks.measurement, end, complete, objection, tests, *of_kinds))
 
 
 def _accept(

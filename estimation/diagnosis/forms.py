@@ -17,6 +17,7 @@ from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds
 from estimation.budget.laws import Law, flexible_laws
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
+from estimation.diagnosis.residual_checks import run_heterogeneity
 from estimation.diagnosis.search import Search
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
@@ -65,8 +66,11 @@ class FormTest:
 
     @property
     def is_known(self) -> bool:
-        """Whether the effect takes most of what its kind's law takes."""
-        return self.share >= MOST_OF_LAW
+        """Whether the effect takes most of what its kind's law takes.
+
+        A run's own value is told by the first part of the run, the law's by half of it: less is asked of it.
+        """
+        return self.share >= (_HALF if self.kind is Kind.RUN_DIFFERENCES else MOST_OF_LAW)
 
     @property
     def is_closed(self) -> bool:
@@ -177,7 +181,7 @@ def _forms_of(partial: PartiallyLinear, kinds: Kinds) -> FitResult:
 
 
 def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult) -> FitResult:
-    if Kind.RUN_DIFFERENCES not in kinds:
+    if Kind.RUN_DIFFERENCES not in kinds or run_heterogeneity(fit.problem.blocked, fit.solution) is None:
         return fit
     search, tried = partial.search, [fit]
     for effect in search.effects:
@@ -218,10 +222,10 @@ def _best_form(
     }
 
 
-def closest_forms(partial: PartiallyLinear, kind: Kind, count: int = 2) -> list[str]:
+def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
     """Names of a kind's effects that take most beside laws of the other kinds, the best first."""
     start = partial.search.start
-    problem = partial.beside(frozenset({kind}), partial.kinds, start.problem, start.solution)
+    problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
     none = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)
     library = applicable_effects(start.data, start.solution.model, partial.search.effects)
     effects = [effect for effect in library if kind in effect.also | {effect.kind}]
@@ -248,47 +252,57 @@ def form_tests(partial: PartiallyLinear, end: FitResult, kinds: Kinds = frozense
         end: base model and effects.
         kinds: further kinds whose laws stand beside each effect.
     """
-    model, known = end.solution.model, end.solution.parameters
     base = {effect.name for effect in partial.search.model.effects}
-    added = [effect for effect in model.effects if effect.name not in base]
+    added = [effect for effect in end.solution.model.effects if effect.name not in base]
     own = [effect for effect in added if not isinstance(effect, RunVariation)]
     kinds = partial.kinds | kinds | {effect.kind for effect in own}
     if len(own) < len(added):
         kinds -= {Kind.RUN_DIFFERENCES}  # the model has an effect for them
-    count = max(int(end.problem.used.sum()), 1)
     tests = []
     for effect in own:
-        kinds_of_it = effect.also | {effect.kind}
-        problem = partial.beside(kinds_of_it, kinds, end.problem, end.solution)
-        with_it = solve_gains(problem, model, known, rounds=2)
-        without = solve_gains(problem, model.without(effect.name), known, rounds=2)
-        columns = partial.law_columns(kinds_of_it, kinds)
-        law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
-        taken = without.held_out - with_it.held_out
-        tests.append(
-            FormTest(
-                effect.name,
-                effect.kind,
-                taken / count,
-                max(without.held_out - law, without.held_out - both, taken) / count,
-                (with_it.held_out - both) / count,
-                with_it.held_out / count,
-            )
-        )
-    tests += [_run_test(partial, end, effect.name) for effect in added if isinstance(effect, RunVariation)]
+        beside_all = _form_test(partial, end, effect, kinds)
+        # A law of a kind that no effect of the model belongs to may stand in for this effect.
+        beside_named = _form_test(partial, end, effect, frozenset(other.kind for other in own))
+        tests.append(max(beside_all, beside_named, key=lambda test: test.share))
+    tests += [_run_test(partial, end, kinds, e.name) for e in added if isinstance(e, RunVariation)]
     return tests
 
 
-def _run_test(partial: PartiallyLinear, end: FitResult, name: str) -> FormTest:
-    """Compare an effect that differs between runs with a gain and a zero of each run."""
-    model = end.solution.model
-    without = solve_gains(end.problem, model.without(name), end.solution.parameters, rounds=2)
+def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: Kinds) -> FormTest:
+    """Compare one effect with the flexible law of its kind, beside laws of these other kinds."""
+    model, known = end.solution.model, end.solution.parameters
+    own = effect.also | {effect.kind}
+    problem = partial.beside(own, kinds, end.problem, end.solution)
+    with_it = solve_gains(problem, model, known, rounds=2)
+    without = solve_gains(problem, model.without(effect.name), known, rounds=2)
+    columns = partial.law_columns(own, kinds)
+    law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
-    kinds = partial.kinds - {Kind.RUN_DIFFERENCES}
-    error = partial.error
-    by_law = error.mean_square(kinds) - error.mean_square(kinds | {Kind.RUN_DIFFERENCES})
-    taken = (without.held_out - end.solution.held_out) / count
-    return FormTest(name, Kind.RUN_DIFFERENCES, taken, max(by_law, taken), 0.0, end.solution.held_out / count)
+    taken = without.held_out - with_it.held_out
+    return FormTest(
+        effect.name,
+        effect.kind,
+        taken / count,
+        max(without.held_out - law, without.held_out - both, taken) / count,
+        (with_it.held_out - both) / count,
+        with_it.held_out / count,
+    )
+
+
+def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str) -> FormTest:
+    """Compare an effect that differs between runs with a gain and a zero of each, beside flexible laws."""
+    own = frozenset({Kind.RUN_DIFFERENCES})
+    model, known = end.solution.model, end.solution.parameters
+    problem = partial.beside(own, kinds, end.problem, end.solution)
+    with_it = solve_gains(problem, model, known, rounds=2).held_out
+    without = solve_gains(problem, model.without(name), known, rounds=2).held_out
+    of_each = partial.beside(frozenset(), kinds | own, end.problem, end.solution)
+    law = solve_gains(of_each, model.without(name), known, rounds=2).held_out
+    count = max(int(end.problem.used.sum()), 1)
+    taken = (without - with_it) / count
+    return FormTest(
+        name, Kind.RUN_DIFFERENCES, taken, max((without - law) / count, taken), 0.0, with_it / count
+    )
 
 
 @dataclass

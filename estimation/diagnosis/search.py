@@ -43,7 +43,8 @@ LOOKED_AT = 12  # candidates among which those are chosen
 _PAIR = 2
 BESIDE, PAIRS = 3, 4  # second effects looked at beside each first, and pairs that are fitted together
 _FOLDS = 0.6  # share of the folds in which an effect must help
-_CLEAR = 0.5  # of the energy that is left: noise of a thousand blocks and more gives no effect that much
+# Of the energy that is left: noise of a thousand blocks gives no effect that much, noise of more blocks less.
+_CLEAR, _LEAST_CLEAR = 0.5, 0.1
 _MANY = 1000
 SHORTLIST = 8  # effects tried on all samples
 _FINE = 4  # blocks within which a copy of blocks hardly tells times
@@ -51,7 +52,7 @@ NEAR = 1.5  # times the squared error that is left, from which another effect ma
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 _ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a sketch
-_MOST_BLOCKS = 4000  # of a sketch, before runs are chosen
+_MOST_BLOCKS = 2500  # of a sketch, before runs are chosen
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
@@ -319,7 +320,7 @@ class Search:
         kept = after.problem.used
         noise = after.flexible.residual[kept]
         observed = (before.solution.sse - after.solution.sse) / max(float(noise @ noise), 1e-300)
-        if observed > _CLEAR and len(noise) > _MANY:
+        if len(noise) > _MANY and observed > max(_CLEAR * _MANY / len(noise), _LEAST_CLEAR):
             return 0.0
         starts = (solution for candidate in self.screen(before) for solution in candidate.search.starts)
         columns = (solve_gains(before.problem, one.model, one.parameters).columns[kept] for one in starts)

@@ -47,6 +47,7 @@ class Evidence:
     objection: ResidualFinding | None  # what no signal of the data shows, and speaks against completeness
     tests: Sequence[FormTest] = ()  # of the effects' forms, where the model is not complete
     partial: PartiallyLinear | None = None  # the kinds that account for the error, where it is not complete
+    coarse: PartiallyLinear | None = None  # the same on a coarse copy
 
     @property
     def floor(self) -> float:
@@ -131,8 +132,8 @@ def _budget(found: Evidence) -> list[BudgetShare]:
     for entry in budget.entries:
         effects = named.get(entry.kind, [])
         form = max(map(found.form, effects), key=list(Form).index, default=Form.UNKNOWN)
-        if not effects and found.partial is not None:
-            effects = closest_forms(found.partial, entry.kind)
+        if not effects and found.coarse is not None:
+            effects = closest_forms(found.coarse, entry.kind, frozenset(budget.kinds))
         replaceable = list(entry.replaceable_by)
         shares.append(
             BudgetShare(
