@@ -36,6 +36,11 @@ class ChannelKind(StrEnum):
         """Unit of the position."""
         return "rad" if self is ChannelKind.REVOLUTE else "m"
 
+    @property
+    def inertia_unit(self) -> str:
+        """Unit of effort over acceleration."""
+        return "kg m^2" if self is ChannelKind.REVOLUTE else "kg"
+
 
 @dataclass(frozen=True)
 class SharedGains:

@@ -44,7 +44,7 @@ class Parameter:
     """One number that a fit finds."""
 
     name: str  # unique within its effect
-    unit: str  # SI unit; "{effort}" and "{position}" stand for those of the channel
+    unit: str  # SI unit; "{effort}", "{position}" and "{inertia}" stand for those of the channel
     lower: float  # smallest value that makes physical sense
     upper: float  # largest value that makes physical sense
     typical: tuple[float, float]  # range met in practice; for an inner parameter also where its search begins
@@ -54,6 +54,12 @@ class Parameter:
     def beginning(self) -> float:
         """Where a search begins that knows nothing: at nothing, where that makes sense, or mid range."""
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
+
+    def unit_of(self, kind: ChannelKind) -> str:
+        """The unit in a channel of this kind, such as "N m/rad"."""
+        return self.unit.format(
+            effort=kind.effort_unit, position=kind.position_unit, inertia=kind.inertia_unit
+        )
 
     def at_bound(self, value: float) -> bool:
         """Whether a search ended at a bound: the data would take it further, and say no value."""

@@ -9,11 +9,19 @@ from robot_io.types import BoolArray, FloatArray
 
 
 class Identifiability(StrEnum):
-    """Whether the data determine the parameters."""
+    """Whether the data determine all parameters; it says nothing of the model."""
 
     GOOD = "good"
     WEAK = "weak"  # some parameter is known only roughly; `note` says which and what to do
     NONE = "none"  # some parameter could be anything
+
+
+class Determined(StrEnum):
+    """Whether the data determine one parameter."""
+
+    YES = "yes"
+    ROUGHLY = "roughly"  # the standard error is more than a quarter of the value
+    NO = "no"  # the 95 % interval contains zero, or there is none
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,12 @@ class ParameterEstimate:
     std_err: float  # standard error, NaN if the method has none
     interval: tuple[float, float]  # 95 % confidence interval (lower, upper)
     at_bound: bool = False  # whether an inner parameter ended at a bound of its search: the data say no value
+    determined: Determined = Determined.YES  # by the data
+
+    @property
+    def half_interval(self) -> float:
+        """Half the length of the 95 % interval; NaN if there is none."""
+        return (self.interval[1] - self.interval[0]) / 2.0
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import contact_rows
 from estimation.data.numbers import SMALLEST
 from estimation.effects.contact_offset import ContactOffset
-from estimation.estimate import Estimate
+from estimation.estimate import Determined, Estimate, Identifiability
 from estimation.estimator import Estimator
 from estimation.fit.fit_problem import Solution
 from estimation.fit.samples import SampleFit, fit_samples
@@ -79,7 +79,10 @@ def estimate_channel(
     else:
         regression = model.regression(data, {}).select(used)
         found = estimator.fit(regression, rng=rng)
-    parameters = tuple(replace(p, at_bound=model.at_bound(p.name, p.value)) for p in found.parameters)
+    parameters = tuple(
+        replace(p, at_bound=True, determined=Determined.NO) if model.at_bound(p.name, p.value) else p
+        for p in found.parameters
+    )
     found = replace(found, parameters=parameters)
     return mark_coarse(_mark_unphysical(found, model, regression), data, used)
 
@@ -148,6 +151,7 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
         effort=data.effort[rows],
         residuals=given.residuals,
         covariance=Covariance(matrix, searched.covariance.degrees_of_freedom),
+        gain_count=gain_count,
         inliers=given.inliers,
         history=given.history,
         details=given.details,
@@ -182,5 +186,7 @@ def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> E
     beyond = unphysical(model.gains, found.parameters, regression.columns, regression.effort)
     if not beyond:
         return found
-    note = f"{found.note}; but {', '.join(beyond.values())}: {UNPHYSICAL}"
+    note = f"{', '.join(beyond)}: outside what is physical; {UNPHYSICAL}"
+    if found.identifiability is not Identifiability.GOOD:
+        note = f"{found.note}; {note}"
     return replace(found, note=note, unphysical=tuple(beyond))

@@ -108,7 +108,7 @@ class Model:
 
     def units(self, data: ChannelData) -> tuple[str, ...]:
         """Units of the gains, then of the inner parameters, in this channel."""
-        return tuple(_unit(p, data) for p in (*self.gains.values(), *self.inner.values()))
+        return tuple(p.unit_of(data.kind) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
         """The effort that the model expects, shape (n,).
@@ -241,7 +241,3 @@ def _moved(effect: Itself, data: Itself, inner: tuple[tuple[str, float], ...]) -
     """A channel moved by an effect: while others are searched, it is asked for again and again."""
     moved: ChannelData = effect.thing.move(data.thing, dict(inner))
     return moved
-
-
-def _unit(parameter: Parameter, data: ChannelData) -> str:
-    return parameter.unit.format(effort=data.kind.effort_unit, position=data.kind.position_unit)

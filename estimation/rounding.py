@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
-from estimation.estimate import Estimate, Identifiability
+from estimation.estimate import Determined, Estimate, Identifiability
 from estimation.fit.samples import slopes_of
 from estimation.model import Model, Parameters
 from estimation.signals.blocks import blocks, number_pieces
@@ -28,7 +28,10 @@ def mark_coarse(found: Estimate, data: ChannelData, rows: BoolArray) -> Estimate
     note = (
         f"{in_steps(data, rows)}, too few for a slope: press harder, take a softer object, or a finer encoder"
     )
-    parameters = tuple(replace(p, std_err=unknown, interval=(unknown, unknown)) for p in found.parameters)
+    parameters = tuple(
+        replace(p, std_err=unknown, interval=(unknown, unknown), determined=Determined.NO)
+        for p in found.parameters
+    )
     return replace(
         found,
         parameters=parameters,

@@ -17,7 +17,7 @@ class Armature(AdditiveEffect):
     signature = "effort follows the joint's own acceleration, in any posture"
     signals = ("acceleration",)
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
-    gains = (Parameter("inertia", "{effort} s^2/{position}", 0.0, 1e12, (0.001, 5.0)),)
+    gains = (Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),)
     confused_with = {
         "lag": "move at two frequencies",
         "payload": "hold still in several postures: a rotor has no weight",

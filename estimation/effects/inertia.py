@@ -18,7 +18,7 @@ class Inertia(AdditiveEffect):
     signals = ("acceleration",)
     channels = frozenset(ChannelKind)
     one_sided = False
-    gains = (Parameter("m", "{effort} s^2/{position}", 0.0, 1e12, (0.0001, 200.0)),)
+    gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
         "armature": "none in one channel: a rotor adds to the inertia of its joint",
         "lag": "move at two frequencies: a lag turns stiffness into apparent damping first",

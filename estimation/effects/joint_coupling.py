@@ -36,7 +36,7 @@ class JointCoupling(AdditiveEffect):
     signals = ("other joints", "velocity", "direction", "acceleration")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     gains = (
-        Parameter("inertia", "{effort} s^2/{position}", 0.0, 1e12, (0.001, 5.0)),
+        Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),
         Parameter("viscous", "{effort} s/{position}", 0.0, 1e12, (0.001, 50.0)),
         Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
     )

@@ -20,7 +20,7 @@ class Pendulum(AdditiveEffect):
     signals = ("position", "acceleration")
     channels = frozenset({ChannelKind.REVOLUTE})
     gains = (
-        Parameter("inertia", "N m s^2/rad", 0.0, 10000.0, (0.0001, 5.0)),
+        Parameter("inertia", "kg m^2", 0.0, 10000.0, (0.0001, 5.0)),
         Parameter("gravity", "N m", -1e12, 1e12, (0.05, 50.0)),
     )
     confused_with = {

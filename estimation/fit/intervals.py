@@ -41,12 +41,8 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     errors = np.hypot(errors, _by_readings(problem, solution, measurement))
     if measurement.filters[1] is None:
         errors = np.hypot(errors, _turned(slopes, problem.whiten(_by_positions(problem, solution))))
-    kind = problem.blocked.data.kind
     known = {**solution.model.gains, **solution.model.inner}
-    units = {
-        name: parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)
-        for name, parameter in known.items()
-    }
+    units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
     most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
     errors = np.where(errors < most, errors, np.nan)
     found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))

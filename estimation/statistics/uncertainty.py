@@ -1,11 +1,11 @@
-"""From gains to an estimate: standard errors, intervals, and a word on how far the data determine them."""
+"""Standard errors and intervals of parameters, and how far the data determine them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import stdtrit
 
-from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.statistics.least_squares import condition_of_gram, solve
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
@@ -86,23 +86,27 @@ def unknown_covariance(parameters: int) -> Covariance:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Assessment:
     """Whether the data determine the parameters, and what to do if not."""
 
     identifiability: Identifiability
-    note: str
+    note: str  # without figures: these stand beside it
+    determined: tuple[Determined, ...]  # of each parameter
 
 
-def judge(
+def assess_parameters(
     names: tuple[str, ...],
     values: FloatArray,
     jacobian: FloatArray,
     effort: FloatArray,
     covariance: Covariance,
-) -> Judgement:
+    *,
+    gain_count: int,
+) -> Assessment:
     """Say how far the data determine each parameter.
 
-    A parameter counts by what its uncertainty does to the effort: std_err * rms(column) / rms(effort).
+    A gain counts by its interval relative to its value; another parameter, which may be a place whose zero
+    means nothing, by what its uncertainty does to the effort: std_err * rms(column) / rms(effort).
 
     Args:
         names: the m parameters.
@@ -110,44 +114,52 @@ def judge(
         jacobian: shape (n, m).
         effort: shape (n,).
         covariance: of the values.
+        gain_count: how many of the first parameters are gains, in which the effort is linear.
+
+    Returns:
+        Identifiability, a sentence on it, and the state of each parameter.
     """
     level = np.sqrt(np.mean(jacobian**2, axis=0))
     lengths = np.where(level > 0, level, 1.0) * np.sqrt(len(jacobian))
     correlation = (jacobian / lengths).T @ (jacobian / lengths)
-    fixed = np.isnan(covariance.std_err)
+    unknown = np.isnan(covariance.std_err)
+    none = (Determined.NO,) * len(names)
     if not level.all():
         silent = _those(names, level == 0)
-        return Judgement(Identifiability.NONE, f"{silent}: the motion does not excite it at all")
-    if fixed.any() and not fixed.all():
-        ended = _those(names, fixed)
-        return Judgement(Identifiability.WEAK, f"{ended}: the search ended at the bound of what is physical")
-    if condition_of_gram(correlation) > _SINGULAR or fixed.all():
-        return Judgement(
-            Identifiability.NONE,
-            f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio",
-        )
-    return _by_size(names, values, covariance, correlation, level / _rms(effort))
-
-
-def _by_size(
-    names: tuple[str, ...],
-    values: FloatArray,
-    covariance: Covariance,
-    correlation: FloatArray,
-    weight: FloatArray,
-) -> Judgement:
-    """The same where all have standard errors; `weight` is what a unit of each makes of the effort."""
-    share = covariance.std_err * weight
-    relative = covariance.std_err / np.maximum(np.abs(values), np.finfo(float).tiny)
-    lost = share * ((relative > 1.0) & (share > _LOST_SHARE))
-    if lost.any():
-        doubt = _doubt(names, values, covariance, int(np.argmax(lost)))
-        return Judgement(Identifiability.NONE, f"{doubt}: it could be anything")
-    rough = share * (relative > _ROUGH) * (share > _MATTERS)
-    if rough.any():
-        advice = _advice(names, values, covariance, correlation, int(np.argmax(rough)))
-        return Judgement(Identifiability.WEAK, advice)
-    return Judgement(Identifiability.GOOD, "the data determine every parameter")
+        return Assessment(Identifiability.NONE, f"{silent}: the motion does not excite it at all", none)
+    at_bound = unknown.any() and not unknown.all()
+    if unknown.all() or (not at_bound and condition_of_gram(correlation) > _SINGULAR):
+        note = f"{', '.join(names)} cannot be told apart: the motion excites them in a fixed ratio"
+        return Assessment(Identifiability.NONE, note, none)
+    share = np.nan_to_num(covariance.std_err * level / _rms(effort))
+    low, high = covariance.intervals(values).T
+    relative = np.nan_to_num(covariance.std_err) / np.maximum(np.abs(values), np.finfo(float).tiny)
+    matters = share > _MATTERS
+    counts = np.where(np.arange(len(names)) < gain_count, share > _DIGITS, matters)
+    lost = (relative > 1.0) & (share > _LOST_SHARE)
+    spans_zero = lost | ((low < 0.0) & (high > 0.0) & counts)
+    rough = (relative > _ROUGH) & counts & ~spans_zero
+    determined = tuple(
+        Determined.NO if is_no else Determined.ROUGHLY if is_rough else Determined.YES
+        for is_no, is_rough in zip(spans_zero | unknown, rough, strict=True)
+    )
+    if lost.any() and not at_bound:
+        advice = _advice(names, correlation, int(np.argmax(share * lost)))
+        note = f"{_those(names, lost)} could be anything: {advice}"
+        return Assessment(Identifiability.NONE, note, determined)
+    notes = []
+    if at_bound:
+        notes.append(f"{_those(names, unknown)}: the search ended at the bound of what is physical")
+    if (important := (spans_zero | rough) & matters).any():
+        advice = _advice(names, correlation, int(np.argmax(share * important)))
+        notes.append(f"{_those(names, important)}: known only roughly; {advice}")
+    if (minor := spans_zero & ~matters).any():
+        notes.append(f"{_those(names, minor)}: cannot be told from zero, of little influence on this effort")
+    if (minor := rough & ~matters).any():
+        notes.append(f"{_those(names, minor)}: known only roughly, of little influence on this effort")
+    if notes:
+        return Assessment(Identifiability.WEAK, "; ".join(notes), determined)
+    return Assessment(Identifiability.GOOD, "the data determine every parameter", determined)
 
 
 def _those(names: tuple[str, ...], chosen: BoolArray) -> str:
@@ -158,20 +170,14 @@ def _rms(effort: FloatArray) -> float:
     return max(float(np.sqrt(np.mean(effort**2))), np.finfo(float).tiny)
 
 
-def _doubt(names: tuple[str, ...], values: FloatArray, covariance: Covariance, index: int) -> str:
-    return f"{names[index]} = {values[index]:.4g} has a standard error of {covariance.std_err[index]:.2g}"
-
-
-def _advice(
-    names: tuple[str, ...], values: FloatArray, covariance: Covariance, correlation: FloatArray, index: int
-) -> str:
-    doubt = _doubt(names, values, covariance, index)
+def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
+    """What would determine a parameter."""
     others = np.abs(correlation[index])
     others[index] = 0.0
     if len(names) > 1 and others.max() > 0.9:
         partner = names[int(np.argmax(others))]
-        return f"{doubt}: it changes together with {partner}; vary speed and depth more independently"
-    return f"{doubt}: excite it more (faster, deeper, longer) or measure with less noise"
+        return f"{names[index]} changes together with {partner}; vary speed and depth more independently"
+    return "excite it more (faster, deeper, longer) or measure with less noise"
 
 
 _TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out what stands still"
@@ -196,11 +202,12 @@ def assemble(
     effort: FloatArray,
     residuals: FloatArray,
     covariance: Covariance,
+    gain_count: int | None = None,
     inliers: BoolArray | None = None,
     history: FloatArray | None = None,
     details: dict[str, float] | None = None,
 ) -> Estimate:
-    """Put an `Estimate` together and judge it.
+    """Put an `Estimate` together and assess it.
 
     Args:
         estimator: its registered name.
@@ -211,22 +218,32 @@ def assemble(
         effort: shape (n,).
         residuals: shape (n,).
         covariance: of the values.
+        gain_count: how many of the first parameters are gains; None for all.
         inliers: samples used, shape (n,); None for all.
         history: see `Estimate`.
         details: see `Estimate`.
     """
     used = np.ones(len(effort), dtype=np.bool_) if inliers is None else inliers
-    judgement = judge(names, values, jacobian[used], effort[used], covariance)
+    gains = len(names) if gain_count is None else gain_count
+    assessment = assess_parameters(names, values, jacobian[used], effort[used], covariance, gain_count=gains)
     if _is_too_sure(jacobian, effort, residuals, covariance):
         covariance = unknown_covariance(len(values))
-        if judgement.identifiability is not Identifiability.NONE:
-            judgement = Judgement(Identifiability.NONE, _TOO_SURE)
+        note = assessment.note if assessment.identifiability is Identifiability.NONE else _TOO_SURE
+        assessment = Assessment(Identifiability.NONE, note, (Determined.NO,) * len(names))
     lengths = np.linalg.norm(jacobian[used], axis=0)
     scaled = jacobian[used] / np.where(lengths > 0, lengths, 1.0)
     parameters = tuple(
-        ParameterEstimate(name, unit, float(value), float(error), (float(low), float(high)))
-        for name, unit, value, error, (low, high) in zip(
-            names, units, values, covariance.std_err, covariance.intervals(values), strict=True
+        ParameterEstimate(
+            name, unit, float(value), float(error), (float(low), float(high)), determined=determined
+        )
+        for name, unit, value, error, (low, high), determined in zip(
+            names,
+            units,
+            values,
+            covariance.std_err,
+            covariance.intervals(values),
+            assessment.determined,
+            strict=True,
         )
     )
     return Estimate(
@@ -235,8 +252,8 @@ def assemble(
         used,
         residuals,
         condition_of_gram(scaled.T @ scaled),
-        judgement.identifiability,
-        judgement.note,
+        assessment.identifiability,
+        assessment.note,
         covariance.matrix,
         history,
         details or {},

@@ -21,6 +21,7 @@ from robot_io.types import BoolArray, FloatArray
 BEST = ("robust", "weighted", "lsq")  # whose estimate is shown where there is room for one
 MOST = 0.8  # of the samples
 ALL = "all"
+USUAL = ("lsq", "robust", "ransac")  # by which a channel is estimated where nobody names others
 SEED = 1  # of the random choices of RANSAC
 OFFSET = "contact_offset.offset"
 
@@ -142,7 +143,8 @@ def estimate_with(
                 estimate_channel(channel, model, estimator, rng=rng, rows=rows, searched=searched)
             )
         except InputError as error:
-            failures[name] = str(error)
+            failures[name] = str(error).removeprefix(f"{name}: ")
     if not estimates:
-        raise InputError(next(iter(failures.values())))
+        name, problem = next(iter(failures.items()))
+        raise InputError(f"estimator '{name}': {problem}")
     return ChannelEstimates(channel, rows, model, tuple(estimates), failures)

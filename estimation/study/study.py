@@ -38,7 +38,7 @@ from estimation.study.channels import (
     usual_model,
 )
 from estimation.study.comparison import Comparison, Comparisons, compare
-from estimation.study.estimates import ALL, ChannelEstimates, choose_estimators, estimate_with, only_runs
+from estimation.study.estimates import USUAL, ChannelEstimates, choose_estimators, estimate_with, only_runs
 from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
@@ -393,7 +393,7 @@ class Study(TableDisplay):
 
     def estimate(
         self,
-        estimators: str | Sequence[str] = ALL,
+        estimators: str | Sequence[str] = USUAL,
         channel: str | None = None,
         runs: Sequence[int] | None = None,
     ) -> tuple[ChannelEstimates, ...]:
@@ -402,7 +402,7 @@ class Study(TableDisplay):
         The force of a probing is tared: its value in free air is subtracted.
 
         Args:
-            estimators: "all", names separated by commas, or a list of names.
+            estimators: names separated by commas, a list of names, or "all".
             channel: only this one; None for contacts, or for joints where there is no contact.
             runs: only these; None for all.
 

@@ -7,13 +7,14 @@ import typer
 
 from estimation.estimators import ESTIMATORS
 from estimation.study import ChannelEstimates
-from estimation.study.estimates import ALL
+from estimation.study.estimates import ALL, USUAL
 from palpate import console
 from palpate.completion import estimator_names
 from palpate.data_options import DataArguments, JsonOption, ModelOption, takes_data
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.study import Study
 from palpate.words import count, safe, shown, typed
+from robot_io.errors import InputError
 
 
 @takes_data
@@ -22,20 +23,24 @@ def command(
     *,
     model: ModelOption = None,
     estimator: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help=f"{ALL}, or some of {', '.join(ESTIMATORS)}, with commas.", autocompletion=estimator_names
+            help=f"Some of {', '.join(ESTIMATORS)}, with commas. [default: {','.join(USUAL)}]",
+            autocompletion=estimator_names,
         ),
-    ] = ALL,
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Use all estimators.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate the parameters of a model, by every method, with 95 % intervals.
+    """Estimate the parameters of a model with 95 % intervals, by least squares, a robust method and RANSAC.
 
     Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
     """
+    if every and estimator is not None:
+        raise InputError(f"--all and --estimator {estimator}: give one of them")
     study = data.study(model)
     data.say_left_out()
-    found = study.estimate(estimator)
+    found = study.estimate(ALL if every else USUAL if estimator is None else estimator)
     if as_json:
         results = [as_data(each, study.truth_of(each.channel)) for each in found]
         cut_off = study.source.session is not None and study.source.session.truncated

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from estimation.channel import ChannelData
 from estimation.data_quality import contaminated
-from estimation.estimate import Estimate, Identifiability, ParameterEstimate
+from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.rounding import in_steps, steps_spanned
 from estimation.statistics.misfit import Misfit, misfit
@@ -31,19 +33,30 @@ FEW_STEPS = 20.0  # of an encoder, that are worth a sentence
 POOR = 4.0  # times the noise: right models stay below 2.6, also on objects of 1e5 N/m or 200 N s/m
 _WIDE, _NARROW = 104, 80  # columns of a terminal for all columns of the table, and for the errors
 _MOST_ABREAST = 3  # parameters that stand side by side
-_GRADES = {
-    Identifiability.GOOD: "[green]good[/green]",
-    Identifiability.WEAK: "[yellow]weak[/yellow]",
-    Identifiability.NONE: "[bold red]none[/bold red]",
+_IMPOSSIBLE = "impossible"  # outside what is physical
+_COLORS = {
+    Determined.YES: "green",
+    Determined.ROUGHLY: "yellow",
+    Determined.NO: "bold red",
+    _IMPOSSIBLE: "bold red",
 }
 Truth = Mapping[str, float]
 
 
 def print_estimates(console: Console, found: ChannelEstimates, truth: Truth) -> None:
-    """One channel's parameters by every estimator, and what the table does not say."""
+    """Print one channel's parameters by every estimator, and what the table does not say.
+
+    Args:
+        console: prints them.
+        found: the channel with its estimates.
+        truth: true parameters by name, as far as they are known.
+    """
+    runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
+    title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
+    console.print(f"[bold]{safe(title)}[/bold]")
     console.print(estimate_table(found, truth, console.width))
     for remark in remarks(found, truth):
-        console.print(f"  {safe(remark)}")
+        console.print(Padding(Text.from_markup(safe(remark)), (0, 0, 0, 2), expand=False))
 
 
 def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
@@ -75,18 +88,15 @@ def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
         truth: true parameters, as far as they are known.
         width: of the terminal [characters]; a narrow one gets fewer columns.
     """
-    runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
-    title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
-    if len(shown_parameters(found.estimates[0])) > _MOST_ABREAST:
-        roomy = [_one_row_a_parameter(found, title)]
-    else:
-        widths = (width, min(width, _NARROW - 1))
-        roomy = [_one_row_an_estimator(found, truth, each, title) for each in widths]
-    narrow = _one_line_a_parameter(found, truth, title)
-    return next((each for each in roomy if natural_width(each) <= width), narrow)
+    if len(shown_parameters(found.estimates[0])) <= _MOST_ABREAST:
+        for columns in (width, min(width, _NARROW - 1)):
+            made = _one_row_an_estimator(found, truth, columns)
+            if natural_width(made) <= width:
+                return made
+    return _one_row_a_parameter(found, truth)
 
 
-def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, title: str) -> Table:
+def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int) -> Table:
     parameters = shown_parameters(found.estimates[0])
     known = {p.name for p in parameters if p.name in truth}
     erring = known if width >= _NARROW else set()
@@ -99,13 +109,15 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, tit
     columns += (
         ["rmse\n" + safe(f"[{found.channel.kind.effort_unit}]"), "cond.", "used"] if width >= _WIDE else []
     )
-    made = table(title, *columns, "determined", right=columns[1:])
+    made = table("", *columns, "determined", right=columns[1:])
     for estimate in found.estimates:
         cells = [estimate.estimator]
         for p in shown_parameters(estimate):
             cells += [with_interval(p), error_text(p, truth)] if p.name in erring else [with_interval(p)]
-        cells += _quality(estimate) if width >= _WIDE else []
-        made.add_row(*cells, _GRADES[estimate.identifiability])
+        if width >= _WIDE:
+            used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
+            cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
+        made.add_row(*cells, _all_determined(estimate))
     if known:
         cells = ["[dim]truth[/dim]"]
         for p in parameters:
@@ -116,36 +128,45 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int, tit
     return made
 
 
-def _one_row_a_parameter(found: ChannelEstimates, title: str) -> Table:
-    """For models with many parameters, each estimator's below those of the one before."""
-    made = table(title, "estimator", "parameter", "value", "unit", "determined", right=("value",))
-    unit = found.channel.kind.effort_unit
-    for estimate in found.estimates:
-        first = (estimate.estimator, _GRADES[estimate.identifiability])
-        for p in shown_parameters(estimate):
-            made.add_row(first[0], short_name(p.name), with_interval(p), p.unit, first[1])
-            first = ("", "")
-        rmse, condition, used = _quality(estimate)
-        made.add_row("", "[dim]rmse[/dim]", f"[dim]{rmse}[/dim]", f"[dim]{unit}[/dim]")
-        made.add_row("", "[dim]cond., used[/dim]", f"[dim]{condition}, {used}[/dim]", end_section=True)
-    return made
-
-
-def _one_line_a_parameter(found: ChannelEstimates, truth: Truth, title: str) -> Table:
-    """For narrow terminals, each estimator above its parameters."""
+def _one_row_a_parameter(found: ChannelEstimates, truth: Truth) -> Table:
+    """For narrow terminals and models with many parameters: each estimator above its parameters."""
     known = {p.name for p in shown_parameters(found.estimates[0]) if p.name in truth}
-    made = table(title, "estimator", "value", "unit", *["truth"] * bool(known), right=("value", "truth"))
+    numbers = ["value", "95 %", *["truth"] * bool(known)]
+    made = table("", "estimator", *numbers, "determined", right=numbers)
     for estimate in found.estimates:
-        made.add_row(f"[bold]{estimate.estimator}[/bold]", _GRADES[estimate.identifiability])
+        made.add_row(f"[bold]{estimate.estimator}[/bold]")
         for p in shown_parameters(estimate):
-            true = [f"{truth[p.name]:g}"] if p.name in known else []
-            made.add_row(f"  {safe(short_name(p.name))}", with_interval(p), safe(p.unit), *true)
+            name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
+            value, _, half = with_interval(p).partition(" ")
+            true = [f"{truth[p.name]:g}" if p.name in known else ""] * bool(known)
+            made.add_row(name, value, half, *true, _in_color(_state(estimate, p)))
     return made
 
 
-def _quality(estimate: Estimate) -> list[str]:
-    used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
-    return [f"{estimate.rmse:.4f}", f"{estimate.condition_number:.2f}", used]
+def _state(estimate: Estimate, parameter: ParameterEstimate) -> str:
+    return _IMPOSSIBLE if parameter.name in estimate.unphysical else parameter.determined
+
+
+def _in_color(state: str, text: str = "") -> str:
+    return f"[{_COLORS[state]}]{safe(text) or state}[/{_COLORS[state]}]"
+
+
+def _all_determined(estimate: Estimate) -> str:
+    """Which of the parameters that are shown the data determine."""
+    names: dict[str, list[str]] = {}
+    for p in shown_parameters(estimate):
+        names.setdefault(_state(estimate, p), []).append(short_name(p.name))
+    texts = {
+        _IMPOSSIBLE: "{} impossible",
+        Determined.NO: "not {}",
+        Determined.ROUGHLY: "{} roughly",
+    }
+    parts = [
+        _in_color(state, text.format(", ".join(names[state])))
+        for state, text in texts.items()
+        if state in names
+    ]
+    return ", ".join(parts) or _in_color(Determined.YES)
 
 
 def remarks(found: ChannelEstimates, truth: Truth) -> list[str]:
@@ -169,9 +190,11 @@ def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
     if reason is not None:
         yield f"do not rely on these estimates: {reason}"
     if surface is not None:
-        sure = f" ± {MILLI * SIGMAS_95 * surface.std_err_m:.3f} mm" if np.isfinite(surface.std_err_m) else ""
-        true = f" (truth {MILLI * truth[SURFACE]:.3f} mm)" if SURFACE in truth else ""
-        yield f"surface found at {MILLI * surface.position_m:.3f} mm along the press direction{sure}{true}"
+        half_mm = MILLI * SIGMAS_95 * surface.std_err_m
+        sure = f" ± {significant(half_mm, half_mm)}" if np.isfinite(half_mm) else ""
+        true = f" (truth {significant(MILLI * truth[SURFACE], half_mm)} mm)" if SURFACE in truth else ""
+        place = significant(MILLI * surface.position_m, half_mm)
+        yield f"surface at {place}{sure} mm along the press direction{true}"
     tare = channel.tare
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
         mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
@@ -184,12 +207,10 @@ def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
 def _on_fit(found: ChannelEstimates) -> Iterator[str]:
     left, best, unit = misfit_of(found), found.best, found.channel.kind.effort_unit
     if left.times > POOR:
-        sizes = (
-            f"{best.rmse:.2g} {unit} (rms), and the noise from sample to sample is {left.noise:.2g} {unit}"
-        )
         yield (
-            f"{best.estimator} leaves {sizes}: {found.model.name} does not describe these data, whatever the "
-            "intervals say"
+            f"{found.model.name} does not describe these data: {best.estimator} leaves "
+            f"{best.rmse:.2g} {unit} (rms), and the noise from sample to sample is {left.noise:.2g} {unit}. "
+            "The intervals do not count that; palpate diagnose looks for what is missing"
         )
     surface, offset = found.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
     if surface is not None and offset is not None:
@@ -203,13 +224,15 @@ def _on_fit(found: ChannelEstimates) -> Iterator[str]:
 
 def _on_estimates(found: ChannelEstimates) -> Iterator[str]:
     yield from (f"{name}: {problem}" for name, problem in found.failures.items())
+    roomy = len(shown_parameters(found.estimates[0])) <= _MOST_ABREAST
     against: dict[str, list[str]] = {}
     for estimate in found.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} set {share} aside: the model does not describe them"
-        if estimate.identifiability is not Identifiability.GOOD or estimate.unphysical:
+        doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
+        if doubtful and (roomy or estimate is found.best):  # else the table says it of each
             against.setdefault(estimate.note, []).append(estimate.estimator)
     yield from (f"{', '.join(names)}: {note}" for note, names in against.items())
 
@@ -267,6 +290,7 @@ def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Truth) ->
         "condition_number": estimate.condition_number,
         "inliers": int(np.count_nonzero(estimate.inliers)),
         "identifiability": str(estimate.identifiability),
+        "unphysical": list(estimate.unphysical),
         "note": estimate.note,
         "details": estimate.details,
     }
@@ -274,6 +298,7 @@ def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Truth) ->
 
 def _parameter_data(p: ParameterEstimate, truth: Truth) -> dict[str, Any]:
     data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
+    data |= {"determined": str(p.determined)}
     if p.name in truth:
         data |= {"truth": truth[p.name], "error_percent": error_percent(p, truth)}
     return data
@@ -285,9 +310,10 @@ def markdown_summary(found: ChannelEstimates, truth: Truth, heading: str) -> str
     rows = [f"**{heading}**: model `{found.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
     for p in shown_parameters(best):
-        interval = f"{significant(p.interval[0], p.std_err)} … {significant(p.interval[1], p.std_err)}"
+        half = p.half_interval
+        interval = f"{significant(p.interval[0], half)} … {significant(p.interval[1], half)}"
         true, error = (f"{truth[p.name]:g}", error_text(p, truth)) if p.name in truth else ("–", "–")
-        value = significant(p.value, p.std_err)
+        value = significant(p.value, half)
         rows.append(f"| {short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
     return "\n".join([*rows, "", *(f"- {remark}" for remark in remarks(found, truth))])
 
@@ -303,9 +329,8 @@ def short_name(parameter: str) -> str:
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Value and half of its 95 % interval."""
-    lower, upper = parameter.interval
-    half = (upper - lower) / 2
+    """Value and half of its 95 % interval, with as many digits as that allows."""
+    half = parameter.half_interval
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"
     if not np.isfinite(half):

@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from estimation.channel import ChannelKind
-from estimation.effect import Effect, Parameter, SensorEffect
+from estimation.effect import Effect, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.effects.run_variation import RunVariation
 from palpate.console import table
@@ -41,7 +41,7 @@ def as_data(effect: Effect) -> dict[str, Any]:
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
     parameters = [
-        {"name": one.name, "unit": _unit(one, kind), "typical": list(one.typical)}
+        {"name": one.name, "unit": one.unit_of(kind), "typical": list(one.typical)}
         for one in (*effect.gains, *effect.inner)
     ]
     about = {"group": group_of(effect), "channels": _channels(effect), "parameters": parameters}
@@ -83,7 +83,7 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
     made = table("", "parameter", "unit", "typical", right=("typical",))
     for one in (*effect.gains, *effect.inner):
         low, high = one.typical
-        made.add_row(safe(one.name), safe(_unit(one, kind_of(effect))), f"{low:.3g} to {high:.3g}")
+        made.add_row(safe(one.name), safe(one.unit_of(kind_of(effect))), f"{low:.3g} to {high:.3g}")
     console.print(made)
     if effect.confused_with:
         rivals = table("Often confused with", "effect", "told apart by")
@@ -137,7 +137,3 @@ def group_of(effect: Effect) -> str:
     if ChannelKind.CONTACT not in effect.channels:
         return "Joints"
     return "Contact" if effect.channels == {ChannelKind.CONTACT} else "Contact and joints"
-
-
-def _unit(parameter: Parameter, kind: ChannelKind) -> str:
-    return parameter.unit.format(effort=kind.effort_unit, position=kind.position_unit)

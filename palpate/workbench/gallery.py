@@ -91,9 +91,7 @@ def _slider(parameter: Parameter, simulated: _Simulated, plot: Plot) -> None:
     is_gain = parameter in example.effect.gains
     low, high = (start / 10**_DECADES, start * 10**_DECADES) if is_gain and start > 0 else parameter.typical
     by_ratio = low > 0.0 and high / low > 20.0
-    unit = parameter.unit.format(
-        effort=example.data.kind.effort_unit, position=example.data.kind.position_unit
-    )
+    unit = parameter.unit_of(example.data.kind)
 
     def value(step: float) -> float:
         share = step / _STEPS

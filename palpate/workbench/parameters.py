@@ -194,10 +194,9 @@ class Parameters:
 
     def _worded(self, name: str, value: float) -> str:
         assert self._shown is not None  # noqa: S101, set by `show`
-        kind = self._shown.fitted.data.kind
         model = self._shown.fitted.model
-        unit = {**model.gains, **model.inner}[name].unit
-        return f"{value:.4g} {unit.format(effort=kind.effort_unit, position=kind.position_unit)}"
+        parameter = {**model.gains, **model.inner}[name]
+        return f"{value:.4g} {parameter.unit_of(self._shown.fitted.data.kind)}"
 
     def _row(self, name: str) -> None:
         assert self._shown is not None  # noqa: S101, set by `show`

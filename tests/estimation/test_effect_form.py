@@ -59,7 +59,7 @@ def test_parameters_have_units_bounds_and_a_typical_range_within_them(name):
     assert len({p.name for p in parameters}) == len(parameters)
     assert not effect.path or {p.name: p.unit for p in effect.inner}[effect.path] == "{position}"
     for p in parameters:
-        assert p.unit.format(effort="N", position="m")
+        assert p.unit.format(effort="N", position="m", inertia="kg")
         assert p.lower <= p.typical[0] < p.typical[1] <= p.upper
         assert not p.log or p.typical[0] > 0
         assert all(map(math.isfinite, p.typical))

@@ -3,19 +3,19 @@ import re
 import numpy as np
 import pytest
 
-from estimation.estimate import Identifiability
-from estimation.statistics.uncertainty import judge, sandwich
+from estimation.estimate import Determined, Identifiability
+from estimation.statistics.uncertainty import assess_parameters, sandwich
 from tests.estimation.problems import motion
 
 NAMES = ("k", "c")
 
 
-def judged(values, noise, columns=None):
+def assessed(values, noise, columns=None, gain_count=2):
     columns = motion()[0] if columns is None else columns
     effort = columns @ np.array(values)
     residuals = noise * np.random.default_rng(0).standard_normal(len(effort))
     covariance = sandwich(columns, residuals, np.ones(len(effort)))
-    return judge(NAMES, np.array(values), columns, effort, covariance)
+    return assess_parameters(NAMES, np.array(values), columns, effort, covariance, gain_count=gain_count)
 
 
 def test_even_uncorrelated_noise_gives_the_textbook_errors():
@@ -37,24 +37,33 @@ def test_errors_have_the_parameters_units():
 
 
 @pytest.mark.parametrize(
-    ("values", "noise", "grade", "words"),
+    ("values", "noise", "grade", "determined", "words"),
     [
-        ((500.0, 0.0), 0.02, Identifiability.GOOD, "determine every parameter"),
-        ((500.0, 4.0), 3.0, Identifiability.WEAK, r"^c = 4.*excite it more"),
-        ((500.0, 20.0), 2000.0, Identifiability.NONE, "could be anything"),
+        ((500.0, 20.0), 0.02, Identifiability.GOOD, "yes yes", "determine every parameter"),
+        ((500.0, 0.0), 0.0, Identifiability.GOOD, "yes yes", "determine every parameter"),
+        ((500.0, 0.01), 0.02, Identifiability.WEAK, "yes no", "^c: cannot be told from zero, of little"),
+        ((500.0, 0.08), 0.02, Identifiability.WEAK, "yes roughly", "^c: known only roughly, of little"),
+        ((500.0, 12.0), 3.0, Identifiability.WEAK, "yes roughly", "^c: known only roughly; excite it more"),
+        ((500.0, 4.0), 3.0, Identifiability.WEAK, "yes no", "^c: known only roughly; excite it more"),
+        ((500.0, 20.0), 2000.0, Identifiability.NONE, "no no", "could be anything"),
     ],
 )
-def test_how_far_data_determine_parameters_is_said(values, noise, grade, words):
-    found = judged(values, noise)
+def test_how_far_data_determine_parameters_is_said(values, noise, grade, determined, words):
+    found = assessed(values, noise)
     assert found.identifiability is grade
+    assert " ".join(found.determined) == determined
     assert re.search(words, found.note)
+
+
+def test_a_place_near_zero_is_determined_if_its_error_does_nothing():
+    assert assessed((500.0, 0.01), 0.02, gain_count=1).determined == (Determined.YES, Determined.YES)
 
 
 def test_parameters_that_change_together_are_named_as_a_pair():
     depth = motion()[0][:, 0]
     rng = np.random.default_rng(3)
     columns = np.column_stack([depth, 10 * depth + 0.005 * rng.standard_normal(len(depth))])
-    found = judged((300.0, 10.0), 0.4, columns)
+    found = assessed((300.0, 10.0), 0.4, columns)
     assert found.identifiability is not Identifiability.GOOD
     assert "changes together with" in found.note or "could be anything" in found.note
 

@@ -72,7 +72,7 @@ def test_the_table_of_revisions_breaks_no_word_in_a_narrow_terminal(width):
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("model", ["kelvin_voigt", "hunt_crossley"])
 def test_the_table_of_estimates_breaks_no_word(hardening, model, width):
-    (found,) = Study(hardening, model, keep=False).estimate()
+    (found,) = Study(hardening, model, keep=False).estimate("all")
     shown = printed(estimate_table(found, {}, width), width)
     assert {"preemptive_ransac", "robust", "±"} <= set(shown.split())
     assert all(len(line) <= width for line in shown.splitlines())

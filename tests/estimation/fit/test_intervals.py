@@ -79,7 +79,7 @@ def test_each_parameter_has_its_unit_and_an_interval_of_two_standard_errors(foun
         known[name].unit
         for name in ("pendulum.inertia", "coulomb_friction.force", "coulomb_friction.transition")
     ]
-    assert units == ["N m s^2/rad", "N m", "rad/s"]
+    assert units == ["kg m^2", "N m", "rad/s"]
     for name, one in known.items():
         assert one.interval == pytest.approx((one.value - 1.96 * one.std_err, one.value + 1.96 * one.std_err))
         assert one.name == name
