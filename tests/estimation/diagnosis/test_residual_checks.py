@@ -282,6 +282,7 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
     monkeypatch.setattr(residual_checks, "_is_no_chance", lambda *_: not chance)
     monkeypatch.setattr(residual_checks, "exceeds_noise", lambda *_: excess)
     monkeypatch.setattr(residual_checks, "_swings", lambda *_: None)
+    monkeypatch.setattr(residual_checks, "_left_by_own_waves", lambda _: None)
     end = SimpleNamespace(
         data=swings(1), problem=SimpleNamespace(blocked=None), solution=None, floor=lambda: floor
     )

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.data.derivatives import differentiate
 from estimation.diagnosis import acceptance
-from estimation.diagnosis.acceptance import AcceptanceCriteria, indistinguishable_models, most_parsimonious
+from estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
 from estimation.diagnosis.bootstrap import BootstrapTest
 from estimation.diagnosis.candidates import Candidate
 from estimation.diagnosis.search import _key, _some_runs, backward_step
@@ -56,7 +56,9 @@ def test_the_simplest_law_bears_the_name_where_the_data_and_what_is_left_allow(
     found = most_parsimonious(
         search, end, identify_measurement_model(data), lambda one: is_as_complete or one is end
     )
-    assert search.added_effects(found) == [expected if is_as_complete else "asymmetric_friction"]
+    # one that is the same both ways is undetermined: it gives way whatever is left
+    is_simple = is_as_complete or expected == "coulomb_friction"
+    assert search.added_effects(found) == [expected if is_simple else "asymmetric_friction"]
 
 
 def test_no_simpler_law_that_leaves_more_bears_the_name_though_draws_refuse_nothing(monkeypatch):
@@ -115,29 +117,6 @@ def test_a_law_with_more_parameters_takes_no_name_for_a_small_gain():
     assert search.added_effects(backward_step(search, spring)) == ["bias"]
 
 
-@pytest.mark.parametrize(
-    ("base", "named", "nameless", "both", "outdone", "most", "met"),
-    [
-        (100.0, 10.0, 9.5, 9.5, False, True, True),  # as good as any law, and next to nothing is left
-        (100.0, 10.0, 8.9, 10.0, True, True, False),  # a law without a name does better
-        (100.0, 10.0, 9.0, 10.0, False, True, True),  # by so little that it says nothing
-        (201.0, 1.0, 8.0, 10.0, False, True, True),  # nor does a hundredth of what the names take away
-        (200.0, 1.0, 8.0, 10.0, True, True, True),
-        (100.0, 50.0, 46.0, 45.0, False, True, True),  # half of all, and nine tenths of what can be explained
-        (100.0, 50.0, 46.0, 40.0, False, True, False),  # but more is left
-        (100.0, 51.0, 46.0, 46.0, False, False, True),
-        (19.0, 10.0, 9.0, 9.0, False, False, True),  # just nine tenths of what can be explained
-        (18.9, 10.0, 9.0, 9.0, False, False, False),
-        (100.0, 100.0, 100.0, 100.0, False, False, True),  # there is nothing to explain
-    ],
-)
-def test_names_stand_where_they_do_as_well_as_a_law_without_one(
-    base, named, nameless, both, outdone, most, met
-):
-    held = AcceptanceCriteria(base, named, nameless, both)
-    assert (held.is_outperformed, held.explains_most, held.is_satisfied) == (outdone, most, met)
-
-
 @pytest.mark.parametrize("pulls", [True, False])
 def test_dry_friction_rubs_at_the_sides_or_within_the_object_as_the_data_have_it(pulls):
     """At the tool's sides it pulls on the way out, where an object can only push."""
@@ -170,21 +149,17 @@ def test_elasticity_is_as_large_as_it_is_behind_an_acceleration_with_smooth_erro
     assert found == pytest.approx(compliance, rel=0.06)
 
 
-@pytest.mark.parametrize(
-    ("driven_before", "driven_after", "sound"),
-    [(False, False, True), (False, True, False), (True, True, True), (True, False, True)],
-)
-def test_a_base_gain_may_be_beyond_its_bounds_only_if_it_was_from_the_start(
-    driven_before, driven_after, sound
-):
-    """A joint that something drives has a negative friction."""
-
-    def search(driven):
-        return searched(swings(1, lambda q, v, a: -0.5 * driven * v))
-
-    after = search(driven_after).start
-    assert search(driven_before).is_sound(after, "viscous_friction") == sound
-    assert search(driven_before).is_sensible(after) == sound
+def test_a_gain_beyond_its_physical_bound_is_fitted_at_the_bound():
+    """A joint that something drives would have a negative friction; the other gains make up for it."""
+    data = swings(1, lambda q, v, a: -0.5 * v)
+    solution = searched(data).start.solution
+    assert solution.parameters["viscous_friction.d"] == 0.0
+    assert "viscous_friction.d" in solution.fixed
+    columns = solution.columns[:, [name != "viscous_friction.d" for name in solution.model.gains]]
+    used = searched(data).start.problem.used
+    others = np.linalg.lstsq(columns[used], solution.target[used], rcond=None)[0]
+    kept = [solution.parameters[name] for name in solution.model.gains if name != "viscous_friction.d"]
+    np.testing.assert_allclose(kept, others, rtol=1e-6)
 
 
 def left(*effects, held_out=1.0, rmse=1.0, by_fold=(0.0,)):
@@ -317,21 +292,6 @@ def driven(q, v, a):
     return 0.4 * v * np.abs(v) - (0.15 + 0.2) * v
 
 
-def test_a_base_gain_that_an_added_effect_turns_beyond_its_bounds_is_held_at_the_bound():
-    search = searched(swings(1, driven), "quadratic_friction", "coulomb_friction")
-    assert search.start.solution.parameters["viscous_friction.d"] > 0.5
-    end = search.fitted(SWING.with_effect(EFFECTS["quadratic_friction"]()), {})
-    assert end.solution.parameters["viscous_friction.d"] == 0.0
-    assert end.solution.model.held == {"viscous_friction.d": 0.0}
-    assert end.solution.standard_errors["viscous_friction.d"] == 0.0
-    assert search.is_sensible(end)
-    more = search.fitted(
-        end.solution.model.with_effect(EFFECTS["coulomb_friction"]()), end.solution.parameters
-    )
-    assert more.solution.parameters["viscous_friction.d"] == 0.0
-    assert search.start.solution.model.held == {}
-
-
 def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
     search = searched(swings(1, rippling), "torque_ripple", "coulomb_friction")
     ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
@@ -359,7 +319,7 @@ def test_an_effect_at_a_wrong_place_is_sought_again_and_leads_smaller_models_alo
     data = replace(
         data, time_s=t, position=x, velocity=np.gradient(x, t), effort=800.0 * late + noise, run=0 * data.run
     )
-    search = searched(data, "delay", "bias", base=PRESS)
+    search = replace(searched(data, "delay", "bias", base=PRESS), coarse=None)
     delayed = PRESS.with_effect(EFFECTS["delay"]())
     stuck = search.fitted(delayed, {"delay.time": -0.22})
     assert stuck.solution.parameters["delay.time"] < -0.1
@@ -399,11 +359,10 @@ def test_what_is_tried_is_told_and_comes_by_what_it_leaves():
 
 def test_extensions_are_sensible_promising_and_ordered(monkeypatch):
     data = swings(1, rippling, rate_hz=100.0)
-    search = searched(data, "bias", COULOMB, RIPPLE, "quadratic_friction")
-    assert search.coarse is None
+    search = replace(searched(data, "bias", COULOMB, RIPPLE, "quadratic_friction"), coarse=None)
     made = search.extensions(search.start)
     assert [search.added_effects(one) for one in made][:2] == [[RIPPLE], [COULOMB]]
-    assert len(made) == 3  # a bias lowers nothing
+    assert len(made) == 2  # a bias lowers nothing, and no drag is negative
     assert made == search.ordered(made)
     assert [search.added_effects(one) for one in search.extensions(search.start, 1)] == [[RIPPLE]]
     assert len(replace(search, coarse=search).extensions(search.start, 4)) == 2
