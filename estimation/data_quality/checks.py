@@ -29,6 +29,7 @@ from estimation.data_quality.readings import (
     unchanging,
 )
 from estimation.data_quality.rectified import folded, folded_in_contact, rectified
+from estimation.data_quality.timing import lost_rows, time_offset
 from estimation.fit.ar_noise import ORDER, ArNoise
 from estimation.fit.blocks import PIECES, block_average, block_length
 from estimation.model import Model
@@ -151,6 +152,8 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         yield "saturation", warning
     if warning := angle_in_degrees(good, model):
         yield "units", warning
+    if warning := time_offset(good, model):
+        yield "sync", warning
 
 
 def _length(data: ChannelData) -> str | None:
@@ -231,6 +234,7 @@ _IMPLAUSIBLE: tuple[tuple[str, _Check], ...] = (
     ("enough", _motion_once),
     ("units", mistaken_units),
     ("sync", misaligned),
+    ("sync", lost_rows),
     ("excitation", unrelated),
     ("excitation", late_touch),
 )

@@ -6,7 +6,8 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.blocks import rows_of_runs
-from robot_io.types import BoolArray, FloatArray
+from estimation.signals.cache_by_array import cache_by_array
+from robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
 _STILL = 1e-3  # of the range of positions, that a held one stays within
@@ -18,6 +19,11 @@ _MOST_OF_AIR, _OFF_ZERO, _FINE = 0.7, 0.01, 0.5
 # A joint meets each edge in many states of motion, but a single edge gives no scale.
 _TOO_FEW_LEVELS, _TOO_FEW_OF_A_JOINT, _FEW_LEVELS = 5, 3, 50
 _LOADED = 0.3  # of the largest effort
+# Correlation of two runs' noise: by chance 5 / sqrt(n) at most. Of a copy to which noise was added, half as
+# large as its own, 0.9.
+_COPY, _EQUAL = 0.8, 1.0 - 1e-9
+_SAME_PLACE = 0.05  # of the range of positions, that those of copies may differ by
+_FEWEST_TOLD = 40  # samples, whose noise is told from another run's
 _FEWEST_BENDS = 100  # by which noise is told from a sensor's lower end
 # Share of second differences that turn against the one before: 0.73 in white noise, 0.67 in noise as slow as
 # a random walk, and next to none in a formula's curves.
@@ -98,37 +104,45 @@ def stuck_in_air(data: ChannelData) -> str | None:
     )
 
 
-def copied_runs(data: ChannelData) -> dict[int, int]:
-    """Find runs that are copies of others, number for number.
+@cache_by_array("position", "effort", "run")
+def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
+    """Find runs that are copies of others, number for number or but for less than their noise.
 
-    Held out, a copy tells nothing that is not known already. Times may differ. No sensor with noise reads the
-    same twice over a whole run; what was made without noise may, and so may a joint at rest whose reader is
-    coarse.
+    Held out, a copy tells nothing that is not known already, and fitted it makes intervals too narrow. Times
+    may differ. No sensor with noise reads the same twice over a whole run: second differences of two runs are
+    uncorrelated where they are noise. What was made without noise may repeat itself, and so may a joint at
+    rest whose reader is coarse.
 
     Returns:
-        For each copy the run that it is a copy of.
+        For each copy the run that it is a copy of, and the correlation of their noise, 1 for equal numbers.
     """
     range_of_all = float(np.ptp(data.position)) if len(data) else 0.0
-    seen: dict[tuple[bytes, bytes], int] = {}
-    copies: dict[int, int] = {}
+    of_length: dict[int, list[IntArray]] = {}
     for rows in rows_of_runs(data.run):
-        effort, position = data.effort[rows], data.position[rows]
-        if np.ptp(position) <= _STILL * range_of_all or not _is_noisy(effort):
-            continue
-        run = int(data.run[rows[0]])
-        first = seen.setdefault((effort.tobytes(), position.tobytes()), run)
-        if first != run:
-            copies[run] = first
+        if np.ptp(data.position[rows]) > _STILL * range_of_all and _is_noisy(data.effort[rows]):
+            of_length.setdefault(len(rows), []).append(rows)
+    copies: dict[int, tuple[int, float]] = {}
+    for length, runs in of_length.items():
+        bends = np.diff(data.effort[np.array(runs)], 2)
+        bends /= np.linalg.norm(bends, axis=1, keepdims=True)
+        least = _COPY if length >= _FEWEST_TOLD else _EQUAL
+        for number, rows in enumerate(runs):
+            likeness = bends[:number] @ bends[number]
+            for first in np.flatnonzero(likeness > least):
+                apart = np.max(np.abs(data.position[rows] - data.position[runs[first]]))
+                if apart < _SAME_PLACE * range_of_all:
+                    copies[int(data.run[rows[0]])] = int(data.run[runs[first][0]]), float(likeness[first])
+                    break
     return copies
 
 
-def copied(copies: Mapping[int, int]) -> str:
+def copied(copies: Mapping[int, tuple[int, float]]) -> str:
     """Say which runs are left out as copies; see `copied_runs`."""
-    (run, first), more = next(iter(copies.items())), len(copies) - 1
+    (run, (first, likeness)), more = next(iter(copies.items())), len(copies) - 1
     others = f" (and {more} more)" if more else ""
     return (
-        f"run {run} is a copy of run {first}, number for number{others}, and says nothing of its own: it is "
-        "left out; record it again"
+        f"run {run} is a copy of run {first}{others}: {100.0 * likeness:.0f} % of its noise is the same, so "
+        "that it says nothing of its own and is left out; record it again"
     )
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
@@ -111,7 +111,7 @@ class Study(TableDisplay):
         """The user's own effects."""
         return tuple(self._library[name] for name in self._own)
 
-    @property
+    @cached_property
     def warnings(self) -> dict[str, list[str]]:
         """Sentences on implausible data, by channel; only channels that have any."""
         found = {one.name: quality_warnings(one.measured, one.model) for one in self.channels}

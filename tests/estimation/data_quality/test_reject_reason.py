@@ -34,7 +34,7 @@ def very_long():
     number = np.repeat(np.arange(times), len(DATA))
     again = DATA.select(np.tile(COUNT, times))
     time_s, run = 10.0 * again.time_s + 1e4 * number, again.run + 6 * number
-    effort = again.effort + np.random.default_rng(0).normal(0, 0.01, len(again))
+    effort = again.effort + np.random.default_rng(0).normal(0, 0.2, len(again))  # else they were copies
     return replace(again, time_s=time_s, velocity=0.1 * again.velocity, effort=effort, run=run)
 
 
@@ -126,8 +126,8 @@ IMPLAUSIBLE = {  # what is said of it, and how often
     "explain 0 % of the force; do they belong together?": lambda: replace(DATA, effort=shuffled_in_contact()),
     "a single run that goes through its motion once: what": lambda: DATA.of_runs(DATA.runs[:1]),
     "look alike in it; record at least three runs": lambda: one_recording(lambda t: t),
-    "run 1 is a copy of run 0, number for number (and 2 more)": copies,
-    "run 6 is a copy of run 0, number for number, and": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
+    "run 1 is a copy of run 0 (and 2 more): 100 % of its noise": copies,
+    "run 6 is a copy of run 0: 100 % of its noise": lambda: joined(DATA, DATA.of_runs(DATA.runs[:1])),
 }
 
 
@@ -271,8 +271,42 @@ def test_a_mistaken_velocity_is_seen_through_the_steps_of_the_position(factor, s
 def test_a_copy_is_told_by_its_noise(correlation, step_n):
     again = copies(session(3, correlation=correlation))
     again = replace(again, effort=stepped(again.effort, step_n))
-    assert "is a copy of run 0, number for number (and 2 more)" in quality_warnings(again)[0]
+    assert "is a copy of run 0 (and 2 more): 100 %" in quality_warnings(again)[0]
     assert set(again.run[usable(again)]) == {0}
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda force, noise: force + 0.2 * noise,
+        lambda force, noise: 1.01 * force + 0.05,
+        lambda force, noise: np.round(force, 2),
+    ],
+    ids=["noise added", "scaled and offset", "rounded"],
+)
+def test_a_copy_that_differs_by_less_than_its_noise_is_left_out(change, correlation):
+    data = session(3, correlation=correlation)
+    noise = session(4, lambda t, x, v, run: 0.0 * x, correlation=correlation).effort
+    rows = data.run == 1
+    again = data.of_runs(np.array([1]))
+    again = replace(again, effort=change(again.effort, noise[: np.sum(rows)]))
+    both = joined(data, again)
+    assert "run 6 is a copy of run 1: " in quality_warnings(both)[0]
+    assert set(both.run[~usable(both)]) == {6}
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_the_same_motion_made_again_is_no_copy(correlation):
+    """The very same positions, to the last digit, with other noise."""
+    first, second = (session(3, correlation=correlation), session(4, correlation=correlation))
+    rows = first.run == 0
+    own = kelvin_voigt(first.position, first.velocity)
+    noise = second.effort - kelvin_voigt(second.position, second.velocity)
+    effort = own[rows] + noise[: np.sum(rows)]
+    both = joined(first, replace(first.of_runs(np.array([0])), effort=effort))
+    assert usable(both).all()
+    assert quality_warnings(both) == []
 
 
 @pytest.mark.parametrize("step_n", [0.0, 0.01, 0.02])

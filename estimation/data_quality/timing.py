@@ -1,0 +1,148 @@
+"""Whether effort and motion have the same clock, and whether rows were lost between samples."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.optimize import minimize_scalar
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.model import Model
+from estimation.signals.blocks import blocks
+from estimation.signals.runwise import is_even, sample_time, shift
+from estimation.statistics.least_squares import solve
+from estimation.statistics.misfit import Misfit, misfit
+from robot_io.types import BoolArray, FloatArray
+
+_FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # that is looked for; samples
+_COARSE = 21  # shifts that are tried first
+_NOISE = 1.06  # times the noise from sample to sample, up to which nothing is left of an error
+_BETTER = 1.05  # times as large the error must be as recorded
+_CLEARLY = 50.0  # as a chi-square of one degree of freedom: seven standard deviations
+_MOST_SAMPLES = 6_000  # that are looked at: whole runs, the first ones
+_LEAST_SAMPLES = 200
+_NEIGHBOURS = 5  # steps on either side that say how far the motion goes from sample to sample
+_FAST = 0.3  # of the usual largest step: slower ones tell no jump from noise
+_REGULAR = 0.15  # of a step, that half of all steps may differ from their neighbours'
+_JUMPS = 1.7  # times the steps beside it
+_MOST_JUMPS = 0.1  # of the steps; more are the motion's own
+_FEWEST_JUMPS = 3
+_WHOLE, _MOSTLY = 0.25, 0.8  # of a step, that jumps are off whole steps; share of the jumps
+
+
+def time_offset(data: ChannelData, model: Model | None) -> str | None:
+    """Say by how much effort and motion are apart in time, where that alone explains what a model leaves.
+
+    The model is fitted to the effort with its motion shifted. Hardly anything is said of a model that lacks
+    an effect: no shift takes what it leaves down to the noise.
+
+    Args:
+        data: the channel.
+        model: what is to explain it; one with inner parameters, or none, says nothing.
+    """
+    is_linear = model is not None and bool(model.gains) and not model.inner
+    if model is None or not is_linear or not all(effect.applies_to(data) for effect in model.effects):
+        return None
+    data = _first_runs(data)
+    step_s = sample_time(data.time_s, data.run)
+    farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
+    rows = _well_inside(data, farthest_s)
+    if 2.0 * step_s > farthest_s or np.sum(rows) < _LEAST_SAMPLES:
+        return None
+    columns = model.regression(data, {}).columns
+
+    def left(delay_s: float) -> tuple[float, Misfit]:
+        return _misfit(data, shift(columns, data.time_s, data.run, delay_s), rows)
+
+    recorded, noise = left(0.0)
+    if recorded < _BETTER * noise.noise:
+        return None
+    best_s = _best_shift(lambda delay_s: left(delay_s)[0], farthest_s, 0.1 * step_s)
+    error, noise = left(best_s)
+    is_noise = 0.0 < error < _NOISE * noise.noise and recorded > _BETTER * error
+    if not is_noise or np.sum(rows) * ((recorded / error) ** 2 - 1.0) < _CLEARLY:
+        return None
+    unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
+    return (
+        f"the effort is {1e3 * abs(best_s):.2g} ms {side} against the motion: {model.name} leaves "
+        f"{error:.3g} {unit}, which is noise, if it is shifted, and {recorded:.3g} {unit} as recorded; align "
+        "their times in the file"
+    )
+
+
+def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: float) -> float:
+    """The shift that leaves least within a range to either side, to a tolerance [s]."""
+    tried = np.linspace(-farthest_s, farthest_s, _COARSE)
+    rough_s = float(tried[np.argmin([left(float(delay_s)) for delay_s in tried])])
+    width_s = float(tried[1] - tried[0])
+    ends = rough_s - width_s, rough_s + width_s
+    found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": tolerance_s})
+    return float(found.x)
+
+
+def _first_runs(data: ChannelData) -> ChannelData:
+    """The first runs of a channel that are not too many samples, or the first samples of its first run."""
+    runs, counts = np.unique(data.run, return_counts=True)
+    some = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
+    return some.select(np.arange(min(len(some), _MOST_SAMPLES)))
+
+
+def lost_rows(data: ChannelData) -> str | None:
+    """Say where rows are missing though the times are even: the motion jumps there by several of its steps.
+
+    Whoever leaves out rows and numbers the others anew makes the motion quicker than it was.
+    """
+    if len(data) < _LEAST_SAMPLES or not is_even(data.time_s, data.run):
+        return None
+    steps, usual = np.zeros(len(data)), np.zeros(len(data))
+    for rows in blocks(data.run):
+        if rows.stop - rows.start > 2 * _NEIGHBOURS + 1:
+            steps[rows], usual[rows] = _steps(data.position[rows])
+    fast = np.abs(usual) > _FAST * float(np.quantile(np.abs(usual), 0.95))
+    if np.sum(fast) < _LEAST_SAMPLES // 2:
+        return None
+    ratio = steps[fast] / usual[fast]
+    jumps = ratio > _JUMPS
+    regular = float(np.median(np.abs(ratio - 1.0))) < _REGULAR
+    if not regular or np.sum(jumps) < _FEWEST_JUMPS or np.mean(jumps) > _MOST_JUMPS:
+        return None
+    if np.sum(ratio < 2.0 - _JUMPS) > _MOST_JUMPS * np.sum(jumps):  # noise has as many short steps
+        return None
+    if np.mean(np.abs(ratio[jumps] - np.round(ratio[jumps])) < _WHOLE) < _MOSTLY:
+        return None
+    lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
+    return (
+        f"the motion jumps by {np.median(ratio[jumps]):.2g} of its steps at {np.sum(jumps)} places between "
+        f"samples that are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, and what "
+        "goes with the velocity comes out wrong; record them, or restore the times"
+    )
+
+
+def _misfit(data: ChannelData, columns: FloatArray, rows: BoolArray) -> tuple[float, Misfit]:
+    """Root mean square of what columns (n, p) leave of the effort in some rows, and that beside its noise."""
+    residuals = data.effort[rows] - columns[rows] @ solve(columns[rows], data.effort[rows]).gains
+    size = float(np.sqrt(np.mean(residuals**2)))
+    return size, misfit(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
+
+
+def _well_inside(data: ChannelData, farthest_s: float) -> BoolArray:
+    """Samples whose motion is known for so long before and after, of a contact pressed all along, (n,)."""
+    inside = np.ones(len(data), dtype=np.bool_)
+    for rows in blocks(data.run):
+        time_s = data.time_s[rows]
+        inside[rows] = (time_s >= time_s[0] + farthest_s) & (time_s <= time_s[-1] - farthest_s)
+    if data.kind is ChannelKind.CONTACT:
+        reach = int(np.ceil(farthest_s / sample_time(data.time_s, data.run)))
+        pressed = data.engaged.astype(np.int64)
+        count = np.convolve(pressed, np.ones(2 * reach + 1, dtype=np.int64), "same")
+        inside &= count == 2 * reach + 1
+    return inside
+
+
+def _steps(position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each step of a run's position (n,), and the median of those beside it, (n,); zero at its ends."""
+    step = np.diff(position)
+    around = sliding_window_view(step, 2 * _NEIGHBOURS + 1)
+    usual = np.zeros(len(position))
+    usual[_NEIGHBOURS : len(step) - _NEIGHBOURS] = np.median(around, axis=1)
+    return np.append(step, 0.0), usual
