@@ -119,7 +119,8 @@ def check_all_say_their_units(
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
         units = dict.fromkeys(
-            f"--unit {role.quantity}={_likely_unit(table, role, column)}" for role, column in silent
+            f"--unit {role.quantity}={_likely_unit(table, role, column, _moves_by_force(role, chosen))}"
+            for role, column in silent
         )
         unknown = next(filter(None, (unknown_unit(column) for _, column in silent)), "")
         single = len(silent) == 1
@@ -131,12 +132,20 @@ def check_all_say_their_units(
         )
 
 
-def _likely_unit(table: Table, role: Role, column: str) -> str:
+def _moves_by_force(role: Role, chosen: dict[Key, tuple[Role, str]]) -> bool:
+    """Whether a position is that of a linear axis: its effort is a force, and no torque."""
+    return ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
+
+
+def _likely_unit(table: Table, role: Role, column: str, linear: bool = False) -> str:
     """The SI unit, or where the numbers are large for that, the one that laboratories take."""
     values = table.numbers(column) if table.is_numeric(column) else np.zeros(1)
     if role.quantity == "time":
         return likely_time_unit(float(np.median(np.diff(values))) if len(values) > 1 else 0.0)
     span = float(np.ptp(values))
+    if linear and role.quantity == "position":
+        most, other = _LARGE["displacement"]
+        return other if span > most else "m"
     most, other = _LARGE.get(role.quantity, (np.inf, ""))
     return other if span > most else si_unit(QUANTITIES[role.quantity][0])
 

@@ -137,3 +137,12 @@ def test_a_unit_that_is_not_understood_is_asked_for():
         InputError, match=r"in a way that is known \('MM'\); say it, as in --unit displacement"
     ):
         imported(**{"Time (s)": T, "Travel (MM)": 1e3 * X, "Load (N)": FORCE})
+
+
+def test_a_position_beside_a_force_is_asked_for_its_length():
+    with pytest.raises(InputError, match=r"--unit position=m$"):
+        imported(time_s=T, position=X, force_N=FORCE)
+    with pytest.raises(InputError, match=r"--unit position=mm$"):
+        imported(time_s=T, position=1e3 * X, force_N=FORCE)
+    with pytest.raises(InputError, match=r"--unit position=rad$"):
+        imported(time_s=T, position=X, torque_Nm=FORCE)
