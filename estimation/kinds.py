@@ -25,6 +25,27 @@ class Kind(StrEnum):
         """What the kind is called in a sentence."""
         return _DESCRIPTIONS[self]
 
+    @property
+    def word(self) -> str:
+        """Short name for bars and lists."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Kind.ELASTIC_SHAPE: "elastic shape",
+    Kind.RATE_DEPENDENCE: "rate dependence",
+    Kind.FRICTION: "friction",
+    Kind.TIME_MEMORY: "relaxation",
+    Kind.INERTIA: "inertia",
+    Kind.PERIODIC: "ripple",
+    Kind.GRAVITY_LOAD: "gravity and load",
+    Kind.CONTACT_GEOMETRY: "set/adhesion/offset",
+    Kind.SENSOR_DYNAMICS: "sensor delay/lag",
+    Kind.SENSOR_STATICS: "sensor bias/range",
+    Kind.DRIFT: "drift",
+    Kind.RUN_DIFFERENCES: "differences between runs",
+    Kind.RECORDED_CONTEXT: "recorded context",
+}
 
 _DESCRIPTIONS = {
     Kind.ELASTIC_SHAPE: "shape of the elastic law",

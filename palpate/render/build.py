@@ -17,6 +17,7 @@ from estimation.model import Model
 from estimation.signals.blocks import blocks, places, since_their_start
 from estimation.study.patterns import Part
 from palpate.render import sentences
+from palpate.render.budget import budget_view
 from palpate.render.view import (
     Axes,
     ChannelView,
@@ -226,6 +227,7 @@ def _left_out(judged: BoolArray) -> Iterator[str]:
 
 
 def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
+    view = replace(view, budget=budget_view(found))
     if found.verdict is Verdict.ADEQUATE:
         return replace(view, accepted=tuple(found.accepted))
     return replace(

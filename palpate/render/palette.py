@@ -1,6 +1,7 @@
 """One palette for every medium: middle tones that read on light and on dark. A colour means one thing."""
 
 from control.loop.task import Phase
+from estimation.kinds import Kind
 
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded
@@ -24,6 +25,22 @@ PHASES = {
     Phase.FREE_AIR: "#b5c99a",
     Phase.STOPPED: "#8c1d18",
 }
+KINDS = {  # of effects, in an error budget; noise has the colour of the noise floor
+    Kind.ELASTIC_SHAPE: "#3f86c8",
+    Kind.RATE_DEPENDENCE: "#5aa7b5",
+    Kind.FRICTION: "#de7a26",
+    Kind.TIME_MEMORY: "#9a6fc4",
+    Kind.INERTIA: "#7a86d1",
+    Kind.PERIODIC: "#c9a227",
+    Kind.GRAVITY_LOAD: "#8a6d4b",
+    Kind.CONTACT_GEOMETRY: "#d1495b",
+    Kind.SENSOR_DYNAMICS: "#c77fae",
+    Kind.SENSOR_STATICS: "#a3568c",
+    Kind.DRIFT: "#86a35a",
+    Kind.RUN_DIFFERENCES: "#6f8aa3",
+    Kind.RECORDED_CONTEXT: "#4f9e9a",
+}
+UNEXPLAINED = "#aab4be"
 UNKNOWN_PHASE = ("unknown", "#9aa5b1")
 
 

@@ -13,12 +13,14 @@ from plotly.offline import get_plotlyjs
 
 from palpate.files import write_text
 from palpate.render import figures
+from palpate.render.budget_picture import budget_picture
 from palpate.render.page import rendered
 from palpate.render.terminal import with_interval
-from palpate.render.view import ChannelView, StudyView
+from palpate.render.view import BudgetView, ChannelView, StudyView
 from palpate.words import chance
 
 _TEMPLATE = Path(__file__).parent / "report.html"
+_BUDGET_WIDTH = 940  # [px]
 _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "omega": "ω"}
 
 
@@ -32,6 +34,7 @@ def document(view: StudyView) -> str:
     """The whole page."""
     filters: dict[str, Callable[..., Any]] = {
         "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance,
+        "picture": _budget_picture,
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
@@ -51,6 +54,10 @@ def _plots(channel: ChannelView) -> dict[str, Markup]:
     wanted = dict.fromkeys(curves, bool(channel.stages)) | {"fall": bool(channel.fall)}
     wanted["time"] |= channel.wanted is not None
     return {name: as_html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
+
+
+def _budget_picture(budget: BudgetView) -> Markup:
+    return Markup(budget_picture(budget, _BUDGET_WIDTH))  # noqa: S704, its texts are escaped
 
 
 def as_html(figure: go.Figure) -> Markup:

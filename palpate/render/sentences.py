@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Sequence
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.forms import Form
 from estimation.diagnosis.result import Accepted
 from estimation.effects import EFFECTS
 from estimation.physical import UNPHYSICAL
-from palpate.render.view import NOISE, VerdictView
+from palpate.render.view import NOISE, VerdictView, percent
 
 _NO_FALL = 0.98  # of the error before: less is no fall
 
@@ -27,6 +28,11 @@ def _sentence(found: ChannelDiagnosis) -> str:
         return f"{found.channel}: this data cannot say: {_ended(found.reason)}"
     if found.verdict is Verdict.ADEQUATE:
         return f"{found.channel}: nothing is missing that this data can show. {_error(found)}"
+    if not found.accepted and (kinds := _kinds_without_form(found)):
+        return (
+            f"{found.channel}: what kind is missing is known, its form is not: {enumerated(kinds)}. "
+            f"{_error(found)}"
+        )
     if not found.accepted:
         return (
             f"{found.channel}: something is missing that no known effect explains; it depends on "
@@ -38,8 +44,17 @@ def _sentence(found: ChannelDiagnosis) -> str:
 
 
 def _with_rivals(entry: Accepted) -> str:
+    """An effect with what is to be known of its name: an approximate form, and rivals."""
     rivals = [_in_its_place(name, entry.effect) for name in entry.confused_with]
-    return f"{entry.effect} (or {enumerated(rivals, 'or')})" if rivals else entry.effect
+    remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
+    remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
+    return f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect
+
+
+def _kinds_without_form(found: ChannelDiagnosis) -> list[str]:
+    """Kinds of which no effect has the form, with their shares of the error."""
+    unknown = (entry for entry in found.budget if entry.form is Form.UNKNOWN)
+    return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
 
 def _in_its_place(rival: str, effect: str) -> str:
@@ -76,7 +91,9 @@ def _rest(found: ChannelDiagnosis) -> str:
         return ""
     signals = found.remaining.depends_on
     on = f", depends on {enumerated(signals)}" if signals else ""
-    return f" Something more is left: {found.remaining.times_floor:.2g} times the floor{on}."
+    left = f" Something more is left: {found.remaining.times_floor:.2g} times the floor{on}."
+    kinds = _kinds_without_form(found)
+    return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
 
 
 def _remarks(found: ChannelDiagnosis) -> Iterator[str]:

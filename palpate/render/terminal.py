@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from estimation.diagnosis.forms import Form
 from estimation.diagnosis.result import Accepted
 from estimation.effects.contact_offset import ContactOffset
 from estimation.study import Revision
@@ -17,10 +18,12 @@ from palpate.console import natural_width, table
 from palpate.render.view import (
     FAR,
     NOISE,
+    BudgetView,
     ChannelView,
     ParameterView,
     StudyView,
     VerdictView,
+    percent,
 )
 from palpate.words import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant
 
@@ -34,14 +37,18 @@ COLORS = {
 }
 _ROOMY, _NARROW = 100, 80  # columns of a terminal
 _MOST_RANKED = 5
+_RANGE = "necessary to\nsufficient"
+_BOUNDS = {"": "", "at most": "≤ ", "at least": "≥ "}
 _LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:
-    """Each channel's verdict, how the error falls, parameters, where it fails, what to do next, evidence."""
+    """Each channel's error budget, verdict, how the error falls, parameters, what to do next, evidence."""
     for number, channel in enumerate(view.channels):
         if number:
             console.print()
+        if channel.budget is not None:
+            print_budget(console, channel.name, channel.budget)
         console.print(headline(channel.verdict))
         width = console.width - 2  # of what stands below it
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
@@ -59,6 +66,29 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
                 )
             )
         console.print(Padding(Group(*parts), (0, 0, 0, 2)))
+
+
+def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
+    """The error budget: one sentence, a bar for each part, and what cannot be told apart."""
+    console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
+    if len(budget.parts) > 1:
+        console.print(Padding(_budget_table(budget, console.width), (0, 0, 0, 2)))
+    for sentence in budget.confusions:
+        console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
+
+
+def _budget_table(budget: BudgetView, width: int) -> Table:
+    """Share, range, form and effects of each part; narrow, with the effects below the form."""
+    roomy = width >= _ROOMY
+    last = ("effects",) if roomy else ()
+    made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
+    for part in budget.parts:
+        share = f"{_BOUNDS[part.bound]}{percent(part.share)}"
+        effects = safe(part.effects_text)
+        form = part.form if roomy or not effects else f"{part.form}\n[dim]{effects}[/dim]"
+        bar = _bar(part.share, part.color, width)
+        made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
+    return made
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
@@ -226,8 +256,9 @@ def parts_table(channel: ChannelView, width: int) -> Table:
 
 def _signature(entry: Accepted) -> Text:
     rivals = f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
+    form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
     return Text.from_markup(
-        f"[bold]{safe(entry.effect)}[/bold]: {safe(entry.physics)}\n"
+        f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}\n"
         f"  [dim]signature[/dim] {safe(entry.signature)}\n  [dim]equation[/dim] {safe(entry.equation)}"
         + (rivals if entry.confused_with else "")
     )

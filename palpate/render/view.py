@@ -81,6 +81,53 @@ class VerdictView:
 
 
 @dataclass(frozen=True)
+class BudgetPart:
+    """One part of the base model's error, as shares of its square in held-out runs."""
+
+    word: str  # the kind's short name, "noise" or "unexplained"
+    share: float
+    color: str
+    bound: str = ""  # "at most" or "at least", where the share is only bounded
+    interval: tuple[float, float] | None = None  # 95 %, over runs
+    necessary: float | None = None  # lost when the kind is left out of all; None of noise and unexplained
+    sufficient: float | None = None  # explained by the kind alone
+    form: str = ""  # exact, approximate or unknown
+    effects: tuple[str, ...] = ()  # those that were accepted; of an unknown form the closest ones
+
+    @property
+    def share_text(self) -> str:
+        """The share with its bound, such as "at most 4 %"."""
+        return f"{self.bound} {percent(self.share)}".strip()
+
+    @property
+    def range_text(self) -> str:
+        """From the necessary to the sufficient share; empty of noise and unexplained."""
+        if self.necessary is None or self.sufficient is None:
+            return ""
+        return f"{100 * self.necessary:.0f} to {100 * self.sufficient:.0f} %"
+
+    @property
+    def effects_text(self) -> str:
+        """Names of effects; the closest ones are marked as such."""
+        return ("closest: " if self.form == "unknown" and self.effects else "") + ", ".join(self.effects)
+
+
+@dataclass(frozen=True)
+class BudgetView:
+    """How the base model's error divides among kinds of effects, noise and what nothing explains."""
+
+    sentence: str  # the shares in words
+    parts: tuple[BudgetPart, ...]  # kinds with the largest share first, then noise and unexplained
+    # Sentences on kinds that cannot be told apart, each with the experiment that separates them.
+    confusions: tuple[str, ...] = ()
+
+
+def percent(share: float) -> str:
+    """A share of the whole, without a digit that nobody needs."""
+    return "under 1 %" if 0.0 < share < 0.005 else f"{100 * share:z.0f} %"
+
+
+@dataclass(frozen=True)
 class ChannelView:
     """One channel: the measurement, the stages of its model, and what was found out."""
 
@@ -99,6 +146,7 @@ class ChannelView:
     parameters: tuple[ParameterView, ...]  # of the last stage
     floor: float  # error that a complete model would leave
     verdict: VerdictView  # the answer
+    budget: BudgetView | None = None  # of the base model's error; None where nobody asked or nothing is known
     # The last model's error by phase, run, speed and so on.
     parts: Mapping[str, Sequence[Part]] = field(default_factory=dict)
     accepted: tuple[Accepted, ...] = ()  # established effects

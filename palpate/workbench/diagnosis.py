@@ -9,6 +9,8 @@ from nicegui import ui
 from estimation.study.saved_diagnosis import RESULT
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
+from palpate.render.budget import budget_view
+from palpate.render.budget_picture import budget_picture
 from palpate.render.sentences import diagnosed
 from palpate.workbench import words
 from palpate.workbench.bench import Bench
@@ -17,6 +19,7 @@ from palpate.workbench.elsewhere import Elsewhere
 from robot_io.errors import InputError, PalpateError
 
 _POLL_S = 0.2
+_PICTURE_WIDTH = 340  # [px], at which it is drawn; the column's width scales it
 
 
 class DiagnosisCard:
@@ -119,8 +122,15 @@ class DiagnosisCard:
         self._buttons = None
         if found is None:
             return
-        said = diagnosed(found)
+        said, budget = diagnosed(found), budget_view(found)
         with self._answer:
+            if budget is not None:
+                with set_props(ui.element("div").classes("budget").mark("budget"), title=words.BUDGET):
+                    ui.label(budget.sentence)
+                    if len(budget.parts) > 1:
+                        ui.html(budget_picture(budget, _PICTURE_WIDTH), sanitize=False)
+                    for confusion in budget.confusions:
+                        ui.label(confusion).classes("quiet")
             verdict = ui.element("div").classes("verdict").classes(said.word).mark("verdict")
             with set_props(verdict, title=words.VERDICTS[said.word]):
                 ui.label(said.sentence)

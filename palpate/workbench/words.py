@@ -14,6 +14,10 @@ CURVES = (
 )
 STATE = "The same curves over position and over velocity: loops are damping or friction, bends are stiffness."
 MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
+BUDGET = (
+    "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from what only "
+    "this kind explains to what it explains alone."
+)
 EVIDENCE = (
     "How much of the held-out error this effect takes away, or took, beside the others that are ticked."
 )
@@ -42,12 +46,13 @@ KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to i
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
 GATES = "Checked before anything is fitted: a fit of such data would only look like an answer."
 DIAGNOSE = (
-    "Try every effect and pairs of them, and say which are established; takes a while, and can be stopped."
+    "Say what kinds of effects the error is made of and which effects are missing; takes a while, and can be "
+    "stopped."
 )
 VERDICTS = {
     "adequate": "Nothing is missing that this data can show.",
-    "missing": "These effects are established, whatever else is left.",
-    "unexplained": "Structure is left, and no effect in the library is established for it.",
+    "missing": "These effects are missing; the form of each is exact, or marked as approximate.",
+    "unexplained": "Something is missing; no effect in the library has its form.",
     "insufficient": "This data cannot say; the reason says what to record.",
 }
 GATE = {

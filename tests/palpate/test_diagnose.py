@@ -1,6 +1,7 @@
 """`palpate diagnose`: the command around the diagnosis."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -42,10 +43,12 @@ def test_a_hidden_cubic_is_found_and_named_with_its_value(applied):
     assert accepted["rmse_after"] < accepted["rmse_before"] / 5
 
 
-def test_the_verdict_comes_first_and_the_next_commands_last(applied):
+def test_the_error_budget_comes_first_then_the_verdict_and_the_next_commands_last(applied):
     result, _ = applied
-    assert result.stdout.startswith("MISSING  contact: cubic_stiffness")
-    assert "missing from the model" in result.stdout.splitlines()[0]
+    assert re.match(r"contact  Of the [\d.]+ N error: elastic shape \d+ %, noise", result.stdout)
+    (verdict,) = [line for line in result.stdout.splitlines() if line.startswith("MISSING")]
+    assert verdict.startswith("MISSING  contact: cubic_stiffness")
+    assert "missing from the model" in verdict
     for words in ("noise floor", "k3", "95 % interval", "equation F = k3 x^3"):
         assert words in result.stdout
     assert "Next" in result.stderr

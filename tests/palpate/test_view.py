@@ -70,7 +70,7 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
     rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
     known = dict(diagnosis("missing", after=0.18))
-    known["accepted"] = [SimpleNamespace(**ONE)]
+    known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
     told = sentences.diagnosed(found).sentence
     assert "bias is missing from the model." in told

@@ -1,0 +1,154 @@
+"""The error budget in every view: its sentence, bars, picture, and what cannot be told apart."""
+
+import io
+import re
+from xml.etree import ElementTree
+
+import pytest
+from rich.console import Console
+
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.kinds import Kind
+from palpate.render import palette, sentences, terminal
+from palpate.render.budget import budget_view
+from palpate.render.budget_picture import budget_picture
+
+
+def share(kind, value, form="unknown", effects=(), low=None, high=None, **more):
+    shares = {"share": value, "interval": (value - 0.1, value + 0.1)}
+    shares |= {"necessary": value / 2 if low is None else low, "sufficient": value if high is None else high}
+    told = {"replaceable_by": [], "experiment": "", **more}
+    return {"kind": kind, "form": form, "effects": list(effects), **shares, **told}
+
+
+RELAXATION = share("time_memory", 0.61, "approximate", ["relaxation_spectrum"], 0.4, 0.8)
+SHAPE = share("elastic_shape", 0.25, effects=["power_law_stiffness"])
+RUNS = share("run_differences", 0.1, "exact", ["run_gain"])
+STEP = {"parameters": {}, "p_value": 0.005, "physics": "p", "equation": "e", "signature": "s"}
+
+
+def diagnosis(*budget, verdict="missing", noise=0.04, unexplained=0.0, free_air=0.03, accepted=(), **more):
+    entries = [
+        {**STEP, "effect": name, "form": form, "rmse_before": 0.144, "rmse_after": 0.05, "confused_with": []}
+        for name, form in accepted
+    ]
+    return ChannelDiagnosis(
+        channel="contact",
+        verdict=verdict,
+        reason="r",
+        effort_unit="N",
+        noise_floor=0.03,
+        floor={"value": 0.03, "free_air": free_air, "share_left": 0.0},
+        budget=list(budget),
+        rest={"noise": noise, "unexplained": unexplained},
+        baseline={"rmse": 0.144, "parameters": {}},
+        final={"rmse": 0.05, "parameters": {}},
+        accepted=entries,
+        **more,
+    )
+
+
+def printed(found, width):
+    console = Console(file=io.StringIO(), width=width)
+    terminal.print_budget(console, "contact", budget_view(found))
+    return console.file.getvalue()
+
+
+def test_the_sentence_says_all_shares_of_the_error():
+    told = budget_view(diagnosis(RELAXATION, SHAPE, RUNS)).sentence
+    assert told == (
+        "Of the 0.144 N error: relaxation 61 %, elastic shape 25 %, differences between runs 10 %, noise 4 %."
+    )
+
+
+def test_noise_that_nothing_measured_is_an_upper_bound():
+    """Then what nothing explains is a lower bound: the two add up."""
+    told = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09, free_air=None)).sentence
+    assert told.endswith("relaxation 61 %, noise at most 30 %, unexplained at least 9 %.")
+    measured = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09)).sentence
+    assert measured.endswith("relaxation 61 %, noise 30 %, unexplained 9 %.")
+
+
+def test_where_all_is_noise_the_sentence_says_so():
+    view = budget_view(diagnosis(verdict="adequate", noise=1.0))
+    assert view.sentence == "All of the 0.144 N error passes for noise."
+
+
+def test_a_diagnosis_without_shares_has_no_budget():
+    found = ChannelDiagnosis(channel="a", verdict="insufficient", reason="r", effort_unit="N")
+    assert budget_view(found) is None
+
+
+def test_every_kind_has_a_word_and_a_colour_of_its_own():
+    assert len({kind.word for kind in Kind}) == len(Kind)
+    assert set(palette.KINDS) == set(Kind)
+    assert len(set(palette.KINDS.values())) == len(Kind)
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_terminal_shows_a_row_for_each_kind(width):
+    told = printed(diagnosis(RELAXATION, SHAPE, RUNS, free_air=None), width)
+    assert told.startswith("contact  Of the 0.144 N error: relaxation 61 %")
+    assert max(map(len, told.splitlines())) <= width
+    (row,) = [line for line in told.splitlines() if line.strip().startswith("relaxation ")]
+    for words in ("61 %", "40 to 80 %", "approximate"):
+        assert words in row
+    assert "≤ 4 %" in told  # of noise that nothing measured
+    assert "closest: power_law_stiffness" in re.sub(r"\s+", " ", told)
+    assert "closest: run_gain" not in told
+
+
+def test_kinds_that_cannot_be_told_apart_come_with_the_experiment():
+    unsure = {"replaceable_by": ["drift"], "experiment": "record the unloaded sensor"}
+    other = {"replaceable_by": ["time_memory"], "experiment": "record the unloaded sensor"}
+    found = diagnosis(share("time_memory", 0.6, **unsure), share("drift", 0.2, **other))
+    (told,) = budget_view(found).confusions
+    assert told == (
+        "This data cannot tell relaxation from drift. "
+        "To separate relaxation from drift: record the unloaded sensor."
+    )
+    assert told in re.sub(r"\s+", " ", printed(found, 80))
+
+
+def test_the_picture_stacks_the_shares_to_its_whole_width():
+    picture = ElementTree.fromstring(budget_picture(budget_view(diagnosis(RELAXATION, SHAPE, RUNS)), 800))
+    space = "{http://www.w3.org/2000/svg}"
+    stacked = [rect for rect in picture.iter(f"{space}rect") if rect.get("y") == "0"]
+    assert [rect.get("fill") for rect in stacked] == [
+        palette.KINDS[Kind.TIME_MEMORY],
+        palette.KINDS[Kind.ELASTIC_SHAPE],
+        palette.KINDS[Kind.RUN_DIFFERENCES],
+        palette.FLOOR,
+    ]
+    assert [float(rect.get("width")) for rect in stacked] == pytest.approx([488, 200, 80, 32])
+    assert float(stacked[1].get("x")) == pytest.approx(488)
+
+
+@pytest.mark.parametrize("width", [340, 940])
+def test_names_of_effects_never_become_markup_of_the_picture(width):
+    strange = "<script>alert(1)</script>"
+    text = budget_picture(budget_view(diagnosis(share("friction", 0.9, effects=[strange]))), width)
+    assert "<script" not in text
+    ElementTree.fromstring(text)
+
+
+def test_an_approximate_form_is_marked_beside_its_name():
+    names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
+    told = sentences.diagnosed(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
+    assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
+
+
+def test_kinds_without_a_form_are_named_beside_effects_that_have_one():
+    rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
+    names = [("relaxation_spectrum", "approximate")]
+    told = sentences.diagnosed(
+        diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)
+    ).sentence
+    assert told.endswith("Of elastic shape (25 %), the form is not known.")
+
+
+def test_unexplained_says_the_kinds_alone():
+    found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
+    told = sentences.diagnosed(found).sentence
+    assert "what kind is missing is known, its form is not: elastic shape (25 %) and friction (20 %)." in told
+    assert "dry_friction" not in told
