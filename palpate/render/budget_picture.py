@@ -30,7 +30,8 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     drawn = _stack(budget.parts, width)
     names = 176  # width of the kinds' names
     track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
-    drawn.append(_text(track[0], _TOP - 8, "necessary to sufficient", ink, size=11, opacity=0.7))
+    place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
+    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
     y = float(_TOP)
     for part, own in zip(budget.parts, heights, strict=True):
         drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
