@@ -76,7 +76,7 @@ class Effect(ABC):
     """One physical effect; class attributes state it in the same form for all (a test holds each to it)."""
 
     name: ClassVar[str]  # snake_case, from the vocabulary where it is there
-    kind: ClassVar[Kind]  # of physics that it belongs to, see `estimation.kinds`
+    kind: ClassVar[Kind] = Kind.OTHER  # of physics that it belongs to, see `estimation.kinds`
     also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, of a law that is a product
     physics: ClassVar[str]  # one line of what happens
     equation: ClassVar[str]  # its term, in plain text

@@ -19,6 +19,7 @@ class Kind(StrEnum):
     DRIFT = "drift"
     RUN_DIFFERENCES = "run_differences"
     RECORDED_CONTEXT = "recorded_context"
+    OTHER = "other"  # effects of a user's own that state none; it has no law
 
     @property
     def description(self) -> str:
@@ -61,6 +62,7 @@ _DESCRIPTIONS = {
     Kind.DRIFT: "drift with time",
     Kind.RUN_DIFFERENCES: "differences between runs",
     Kind.RECORDED_CONTEXT: "recorded context",
+    Kind.OTHER: "other effects",
 }
 
 # Experiments that separate two kinds, where one of them can stand in for the other.

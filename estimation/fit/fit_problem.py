@@ -170,13 +170,8 @@ class Solution:
 
     @property
     def is_physical(self) -> bool:
-        """Whether no gain is beyond its bounds by more than twice its standard error."""
-        gains, standard_errors = self.model.gains, self.standard_errors
-        slack = {name: 2.0 * standard_errors[name] for name in gains}
-        return all(
-            p.lower - slack[name] <= self.parameters[name] <= p.upper + slack[name]
-            for name, p in gains.items()
-        )
+        """Whether no gain had to be held at a physical bound."""
+        return not self.fixed - self.model.held.keys()
 
     def without_blocks(self) -> "Solution":
         """The same with no columns and no target: enough to be compared, and of long data far smaller."""

@@ -26,13 +26,13 @@ from estimation.fit.joint_load import with_load
 from estimation.fit.measurement_model import identify_measurement_model
 from estimation.fit.threads import single_threaded
 from estimation.model import Model
-from estimation.physical import unphysical
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9
 _NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains
 _LEAST_SHARE = 0.01  # of the squared error, that a named signal explains at least
 _BETTER = 0.9  # times the squared error in held-out runs, beside what smoothing took off
+_PULLED = 5.0  # standard errors, from which the data pull a gain beyond its bound
 _NOISE_ALONE = 1.05  # times the floor: an error up to which it is noise
 _RATE_SIGNALS = frozenset({"velocity", "direction"})
 
@@ -101,10 +101,20 @@ class FitResult(TableDisplay):
 
     @cached_property
     def unphysical(self) -> tuple[str, ...]:
-        """Gains whose whole interval lies beyond their physical bounds, each in words."""
-        solution = self._final[1]
-        gains = self.model.gains
-        return tuple(unphysical(gains, self.parameters.values(), solution.columns, solution.target).values())
+        """Gains that the data pull beyond their physical bounds, at which they are held, each in words."""
+        solution, used = self.solution, self.problem.used
+        residual = solution.residual[used]
+        noise = float(np.sqrt(np.mean(residual**2)))
+        words = []
+        for column, name in zip(solution.columns[used].T, solution.model.gains, strict=True):
+            size = float(np.linalg.norm(column))
+            if name in solution.fixed - solution.model.held.keys() and size > 0.0:
+                pull = float(column @ residual) / size  # standard errors of white noise, times the noise
+                if abs(pull) > _PULLED * noise:
+                    unit, side = self.parameters[name].unit, "below" if pull < 0.0 else "above"
+                    value = solution.parameters[name]
+                    words.append(f"{name} would be {side} what is physical, {value:.4g} {unit}")
+        return tuple(words)
 
     @cached_property
     def predicted(self) -> FloatArray:

@@ -83,10 +83,14 @@ def fit_flexible(
         filters: by which the velocity and the acceleration were derived.
         without: signals that it does not know.
     """
-    blocked, target, names = problem.blocked, solution.target, list(solution.model.gains)
+    blocked, every = problem.blocked, list(solution.model.gains)
+    names = [name for name in every if name not in solution.fixed]
+    free = np.array([name in names for name in every], dtype=np.bool_)
+    fixed = np.array([solution.parameters[name] for name in every]) * ~free
+    target = solution.target - solution.columns @ fixed
     blocks = {name: block for name, block in model_features(problem, solution).items() if name not in without}
     parts = [
-        solution.columns,
+        solution.columns[:, free],
         smoothing_bias(blocked, blocked.effort - solution.residual, filters),
         *blocks.values(),
     ]

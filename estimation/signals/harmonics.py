@@ -1,5 +1,7 @@
 """Which waves over position an effort is made of."""
 
+from math import gcd
+
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
@@ -54,7 +56,9 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
             waves.append(tried[-1])
             left, sizes = after, found
     if whole_turn:
-        return 1.0, tuple(sorted({round(wave) for wave in waves if _is_whole(wave, span)}))
+        whole = sorted({round(wave) for wave in waves if _is_whole(wave, span)})
+        shared = gcd(*whole) or 1
+        return float(shared), tuple(wave // shared for wave in whole)
     return _common(np.array(waves), sizes, 2.0 * np.pi / span)
 
 

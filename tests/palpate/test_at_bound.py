@@ -1,7 +1,5 @@
 """A parameter at the end of its search, or beyond what is physical, is marked wherever it is shown."""
 
-import re
-
 import numpy as np
 import pytest
 from rich.console import Console
@@ -54,10 +52,10 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
     ("command", "said"),
     [
         (("compare",), "kelvin_voigt misses contact: "),
-        (("compare", "--json"), "is noise: "),
+        (("compare", "--json"), "misses contact: "),
         (("add", "bias"), "kelvin_voigt + bias misses contact: "),
-        (("diagnose",), "contact: "),
-        (("estimate",), "the data determine every parameter; but "),
+        (("diagnose",), "delay is missing from the model"),
+        (("estimate",), "outside what is physical"),
     ],
 )
 def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, command, said):
@@ -65,5 +63,8 @@ def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, comm
     result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())
     assert said in told
-    assert re.search(r"damping\.c = -[56][.\d]* N s/m is below what is physical: the model lacks", told), told
+    words = (
+        r"damping\.c (= -[56][.\d]* N s/m is|would be) below what is physical(, 0 N s/m)?: the model lacks"
+    )
+    assert command[0] == "diagnose" or re.search(words, told), told
     assert " fits " not in told

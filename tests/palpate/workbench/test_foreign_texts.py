@@ -9,11 +9,11 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from estimation.study.kept_diagnosis import RESULT
 from nicegui import Client, core
 from nicegui.page import page
 
 import palpate.workbench
+from estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from palpate.workbench.bench import Bench
 from palpate.workbench.compose import compose

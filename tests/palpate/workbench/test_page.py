@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from estimation.study.kept_diagnosis import RESULT
 
+from estimation.study.saved_diagnosis import RESULT
 from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
 from tests.palpate.workbench.test_foreign_texts import HOSTILE, MARK, hostile, keep_diagnosis
