@@ -28,9 +28,10 @@ HOSTILE = (
     + """ " :title="globalThis.Pwned=1" onclick="Pwned=1" '/><img src=x onerror=globalThis.Pwned=1>"""
     """</script><script>globalThis.Pwned=1</script>{{globalThis.Pwned=1}}${globalThis.Pwned=1}`"""
 )
-FIXED = {"verdict", "channel", "model", "data_sha256"}  # by which a diagnosis is found
+# By which a diagnosis is found, and what has a fixed set of words.
+FIXED = {"verdict", "channel", "model", "data_sha256", "kind", "form", "replaceable_by"}
 SHOWN = {"text", "label", "title", "aria-label", "value", "model-value", "options", "innerHTML"}
-SHOWN |= {"data-parameter", "effects"}
+SHOWN |= {"data-parameter", "effects", "alt"}
 MARKUP = {"div", "span", "b", "i", "u", "em", "ul", "li", "br"}
 MARKED = {"class", "style", "title", "data-error", "data-rough"}
 
