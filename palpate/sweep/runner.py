@@ -1,8 +1,7 @@
-"""Runs the cases of a sweep on dask workers; what is finished is never repeated.
+"""Runs the cases of a sweep on the cores of this machine or on dask workers; nothing finished is repeated.
 
-Dask forgets its results with its scheduler, so none are entrusted to it: the worker that worked a case out
-puts the result into the store before it says that it is done. Whoever is killed, client, scheduler or worker,
-the cases that were just running are all that is lost.
+The worker that worked a case out puts the result into the store before it says that it is done. Whoever is
+killed, client, scheduler or worker, the cases that were just running are all that is lost.
 """
 
 import os
@@ -18,6 +17,7 @@ from uuid import uuid4
 
 from palpate.sweep.case import Case, code_version
 from palpate.sweep.store import ResultStore
+from palpate.sweep.worker_pool import run_in_processes
 from robot_io.errors import InputError, PalpateError, in_words
 
 _AHEAD = 500  # cases that the scheduler knows of at a time
@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]  # cases that are done, and all of them
 class Cluster:
     """Where cases run."""
 
-    # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for this machine.
+    # Address of a dask scheduler, such as "tcp://10.0.0.5:8786"; None for processes on this machine.
     scheduler: str | None = None
     workers: int | None = None  # processes on this machine; None for one a core
 
@@ -72,15 +72,12 @@ def run_cases(
     progress(before, total)
     failures: list[str] = []
     now = 0
-    if todo:
-        with _client(cluster, len(todo)) as client:
-            _check_workers(client, store, {case.work.partition(":")[0] for case in todo.values()})
-            for failure in _run(client, todo, store):
-                failures += [failure] if failure else []
-                now += not failure
-                progress(before + now + len(failures), total)
-                if now % _PACK_EVERY == 0:
-                    store.pack()
+    for failure in _run(cluster, todo, store):
+        failures += [failure] if failure else []
+        now += not failure
+        progress(before + now + len(failures), total)
+        if now % _PACK_EVERY == 0:
+            store.pack()
     store.pack()
     return SweepReport(before, now, tuple(failures), time.perf_counter() - begun_s)
 
@@ -103,12 +100,25 @@ def run_one(case: Case, address: str, folder: Path) -> None:
     ResultStore(folder).land(address, landing)
 
 
-def _run(client: Any, todo: dict[str, Case], store: ResultStore) -> Iterator[str]:  # noqa: ANN401, dask's
+def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterator[str]:
     """An empty text for each case that lands, and for any other why it does not."""
+    folder = store.folder.absolute()
+    if not todo:
+        return
+    if cluster.scheduler is None:
+        yield from run_in_processes(run_one, todo, folder, cluster.workers or os.cpu_count() or 1)
+        return
+    with _client(cluster.scheduler) as client:
+        _check_workers(client, store, {case.work.partition(":")[0] for case in todo.values()})
+        yield from _run_on_dask(client, todo, folder)
+
+
+def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[str]:  # noqa: ANN401, dask's
+    """The same as `_run`, by the workers of a scheduler."""
     from distributed import as_completed  # noqa: PLC0415, takes half a second
 
     waiting = iter(todo.items())
-    folder, mark = store.folder.absolute(), uuid4().hex[:8]  # a key of an earlier client may still be running
+    mark = uuid4().hex[:8]  # a key of an earlier client may still be running
 
     def submit(address: str, case: Case) -> Any:  # noqa: ANN401
         return client.submit(run_one, case, address, folder, key=f"case-{address}-{mark}", pure=False)
@@ -128,31 +138,19 @@ def _run(client: Any, todo: dict[str, Case], store: ResultStore) -> Iterator[str
 
 
 @contextmanager
-def _client(cluster: Cluster, most: int) -> Iterator[Any]:
-    """A client of the scheduler, or of one of our own with its workers, which end with it."""
-    from distributed import Client, LocalCluster  # noqa: PLC0415, as above
+def _client(scheduler: str) -> Iterator[Any]:
+    """A client of a dask scheduler that has workers."""
+    from distributed import Client  # noqa: PLC0415, as above
 
-    if cluster.scheduler is None:
-        workers = max(1, min(cluster.workers or os.cpu_count() or 1, most))
-        own = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0",
-            host="127.0.0.1",
-            silence_logs=50,
-        )
-        with own, Client(own) as client:
-            yield client
-        return
     try:
-        client = Client(cluster.scheduler, timeout=_JOIN_S)
+        client = Client(scheduler, timeout=_JOIN_S)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"scheduler {cluster.scheduler}: does not answer ({error})") from error
+        raise InputError(f"scheduler {scheduler}: does not answer ({error})") from error
     with client:
         try:
             client.wait_for_workers(1, timeout=_JOIN_S)
         except TimeoutError:
-            raise InputError(f"scheduler {cluster.scheduler}: has no workers (dask worker ADDRESS)") from None
+            raise InputError(f"scheduler {scheduler}: has no workers (dask worker ADDRESS)") from None
         yield client
 
 

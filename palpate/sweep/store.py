@@ -5,6 +5,7 @@ not. Parquet cannot be appended to, and ten thousand small files are slow to rea
 between writing the pack and removing what is in it, it leaves results twice; reading takes each once.
 """
 
+import math
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,10 +17,14 @@ import pyarrow.parquet as pq
 from palpate.made_folders import make_folder
 from palpate.sweep.case import Row
 from robot_io.errors import InputError
+from robot_io.files.safe_yaml import one_line
 
 ADDRESS = "address"
 _PACK = "pack-"
 _ENDING = ".parquet"
+_SECONDS = "seconds"  # column of the time that a case took
+_MOST_ROWS = 10_000_000
+_ROUNDING = 1e-6  # by which machines may differ
 
 
 class ResultStore:
@@ -47,10 +52,10 @@ class ResultStore:
         )
 
     def finished(self) -> set[str]:
-        """Addresses of all results that are here."""
-        found = {path.stem for path in self._landed()}
-        for pack in self._packs():
-            found.update(_read(pack, columns=[ADDRESS])[ADDRESS].to_pylist())
+        """Addresses of all results that are here. InputError: a file is damaged."""
+        found: set[str] = set()
+        for path in (*self._packs(), *self._landed()):
+            found.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
         return found
 
     def rows(self, addresses: Iterable[str]) -> list[Row]:
@@ -59,7 +64,7 @@ class ResultStore:
         A pack has the columns of all its cases; those that a case does not have are None in it.
 
         Raises:
-            InputError: a file is damaged.
+            InputError: a file is damaged, or two of them disagree about a case.
         """
         kept: dict[str, list[Row]] = {address: [] for address in addresses}
         for path in (*self._packs(), *self._landed()):
@@ -67,7 +72,11 @@ class ResultStore:
             for row in _read(path).to_pylist():
                 known = {name: value for name, value in row.items() if value is not None}
                 new.setdefault(known.pop(ADDRESS), []).append(known)
-            kept.update((address, rows) for address, rows in new.items() if address in kept)
+            for address, rows in new.items():
+                if kept.get(address) and not _agree(kept[address], rows):
+                    raise _damaged(path, f"another file says otherwise of case {address[:12]}...")
+                if address in kept:
+                    kept[address] = rows
         return [row for rows in kept.values() for row in rows]
 
     def pack(self) -> None:
@@ -96,9 +105,43 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """The rows of a file. InputError: it is damaged, or its rows are not those of the cases that it names."""
+    if not path.is_file():  # a pipe might never end
+        raise _damaged(path, "is no regular file")
     try:
-        return pq.read_table(path, columns=columns)
+        with pq.ParquetFile(path) as file:
+            if file.metadata.num_rows > _MOST_ROWS:
+                raise _damaged(path, f"has {file.metadata.num_rows} rows, at most {_MOST_ROWS}")
+            table = file.read(columns)
     except (OSError, pa.ArrowException) as error:
-        raise InputError(
-            f"{path}: not a readable result ({error}); delete it to have it worked out again"
-        ) from error
+        raise _damaged(path, f"not a readable result ({one_line(error)})") from error
+    names = table.column_names
+    if names.count(ADDRESS) != 1 or len(set(names)) < len(names):
+        raise _damaged(path, f"has no column '{ADDRESS}', or a column twice")
+    address = table[ADDRESS]
+    if not pa.types.is_string(address.type) or address.null_count:
+        raise _damaged(path, f"its column '{ADDRESS}' is not text")
+    cases = address.unique().to_pylist()
+    if not path.name.startswith(_PACK) and cases != [path.stem]:
+        there = ", ".join(one_line(case[:12]) for case in cases[:3]) or "none"
+        raise _damaged(path, f"holds results of other cases than its name says ({there})")
+    return table
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(f"{path}: {why}; delete it to have it worked out again")
+
+
+def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
+    """Whether two results of one case are the same; they may have taken different times."""
+    pairs = zip(rows, others, strict=False)
+    return len(rows) == len(others) and all(
+        one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one.keys() - {_SECONDS})
+        for one, other in pairs
+    )
+
+
+def _equal(value: object, other: object) -> bool:
+    if isinstance(value, float) and isinstance(other, float):
+        return math.isnan(value) or math.isclose(value, other, rel_tol=_ROUNDING)
+    return value == other

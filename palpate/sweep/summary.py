@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from palpate.sweep.case import Row
+from robot_io.errors import InputError
+from robot_io.files.safe_yaml import one_line
 from robot_io.types import FloatArray
 
 TRUE, BOUND, LOW, HIGH = "true ", "bound ", "low ", "high "
@@ -53,9 +55,12 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Values of one column, shape (n,); NaN where a row has none."""
-    values = (row.get(name) for row in rows)
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+    """Values of one column, shape (n,); NaN where a row has none. InputError: one is not a number."""
+    values = [np.nan if row.get(name) is None else row[name] for row in rows]
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"results: '{one_line(name)}' is {one_line(value)[:40]!r}, which is no number")
+    return np.array(values, dtype=np.float64)
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:

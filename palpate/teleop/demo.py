@@ -1,9 +1,11 @@
 """Leader and follower as two processes on this machine, with an operator by script."""
 
+import secrets
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -133,7 +135,13 @@ def run_demo(
     }
     for side, options in commands.items():
         options += ["--port", port, "-o", str(sessions[side])]
-    _run_both(folder, commands)
+    with tempfile.TemporaryDirectory() as own:  # that nobody else can look into
+        key = Path(own, "pair.key")
+        key.touch(0o600)
+        key.write_bytes(secrets.token_bytes(32))
+        for options in commands.values():
+            options += ["--key", str(key)]
+        _run_both(folder, commands)
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
     felt, modelled = merged.felt_and_real(real), merged.modelled_and_measured()
     files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}

@@ -78,6 +78,8 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
             stack.enter_context(realtime())
         observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         messaging.start()
+        if line.is_open_here:
+            say("no --key: any program of this machine may say where the arm presses; on 127.0.0.1 alone")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, guard, rate_hz, observer.observe)
         messaging.farewell(result.cause)

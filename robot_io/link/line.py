@@ -10,6 +10,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -18,9 +19,10 @@ from robot_io.errors import InputError
 from robot_io.link.frame import MOST_BYTES, Frame, FrameError, Heard, decode, encode
 from robot_io.link.impairment import BadNetwork, Impairment
 from robot_io.link.messages import Message
-from robot_io.link.seal import CHECKSUM, load_seal
+from robot_io.link.seal import CHECKSUM, check_secret, load_seal
 
 Role = Literal["leader", "follower"]
+_TLS, _LISTEN, _MULTICAST = "transport/link/tls", "listen/endpoints", "scouting/multicast/enabled"
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
 _WAITING = 512  # frames that nobody has asked for yet; what comes beyond drives the oldest out
 _LOOPBACK = "tcp/127.0.0.1"
@@ -60,9 +62,12 @@ class Line:
         sender: random number in every frame of this end.
         malformed: frames that were no frames, or of another version or key.
         refused: why the newest of these was none; empty before the first.
+        is_open_here: whether any program of this machine may say where to probe, with neither key nor
+            certificates.
 
     Raises:
-        InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is none.
+        InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is none; or a
+            follower with neither key nor certificates would be reached from other machines.
     """
 
     def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
@@ -75,6 +80,9 @@ class Line:
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._network = BadNetwork(settings.impairment) if settings.impairment else None
         config = _config(zenoh, role, settings)
+        self.is_open_here = role == "follower" and settings.key is None and not _certified(config)
+        if self.is_open_here:
+            _keep_to_this_machine(zenoh, config, settings)
         self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
         said, heard = (f"palpate/{settings.name}/{side}" for side in (role, _OTHER[role]))
         secret = settings.key
@@ -174,8 +182,8 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
     way = "listen" if role == "follower" else "connect"
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", json.dumps([endpoint] if way == "listen" else []))
+    config.insert_json5(_MULTICAST, "false")
+    config.insert_json5(_LISTEN, json.dumps([endpoint] if way == "listen" else []))
     config.insert_json5("connect/endpoints", json.dumps([endpoint] if way == "connect" else []))
     config.insert_json5("connect/retry", json.dumps(_RETRY))
     config.insert_json5("connect/exit_on_failure", "false")
@@ -184,10 +192,56 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
 
 def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
     """Of certificates and keys; zenoh says nothing of those that it cannot connect with."""
-    tls = json.loads(config.get_json("transport/link/tls"))
+    tls = json.loads(config.get_json(_TLS))
     for name, file in tls.items():
-        if name.endswith(("_certificate", "_private_key")) and file and not Path(file).is_file():
-            raise InputError(f"{path}: transport.link.tls.{name}: no file '{file}' (from where you are now)")
+        if name.endswith(("_certificate", "_private_key")) and file:
+            where = f"{path}: transport.link.tls.{name}"
+            if not Path(file).is_file():
+                raise InputError(f"{where}: no file '{file}' (from where you are now)")
+            if name.endswith("_private_key"):
+                check_secret(Path(file), where)
+
+
+def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
+    """Whether nobody is heard without a certificate."""
+    endpoints = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
+    mutual = json.loads(config.get_json(_TLS))["enable_mtls"]
+    return bool(mutual) and all(one.startswith(("tls/", "quic/")) for one in endpoints)
+
+
+def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> None:  # noqa: ANN401
+    """Close what zenoh opens by default, and refuse what leads to other machines.
+
+    InputError: an endpoint does, or the search for peers in the network is switched on.
+    """
+    if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
+        config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
+    open_to = [one for way in ("listen", "connect") for one in _endpoints(config, way) if not _is_local(one)]
+    if json.loads(config.get_json(_MULTICAST)):
+        open_to.append(_MULTICAST.replace("/", "."))
+    config.insert_json5(_MULTICAST, "false")
+    if open_to:
+        raise InputError(
+            f"{settings.config}: {open_to[0]}: whoever is there could say where the arm presses. Give --key "
+            "FILE on both sides, or certificates (enable_mtls), or stay on 127.0.0.1"
+        )
+
+
+def _endpoints(config: Any, way: str) -> list[str]:  # noqa: ANN401, zenoh's own
+    found = json.loads(config.get_json(f"{way}/endpoints"))
+    if isinstance(found, dict):  # by the mode of this side
+        found = [one for each in found.values() for one in each]
+    return [str(one) for one in found]
+
+
+def _is_local(endpoint: str) -> bool:
+    """Whether an endpoint, such as tcp/127.0.0.1:7447, is reached from this machine alone."""
+    protocol, _, address = endpoint.partition("/")
+    host = re.split("[?#]", address)[0].rpartition(":")[0].strip("[]")
+    try:
+        return protocol.startswith("unix") or host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def cause(error: Exception) -> str:

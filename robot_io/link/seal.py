@@ -5,6 +5,8 @@ A checksum (CRC-32) finds what a line or a program has damaged, and keeps no att
 """
 
 import hmac
+import os
+import stat
 import zlib
 from collections.abc import Callable
 from functools import partial
@@ -45,8 +47,9 @@ def load_seal(path: Path, topic: str) -> Seal:
 
     Each topic has a key of its own: no frame of another pair, or of the other direction, passes for one.
 
-    InputError: it cannot be read, or it is too short to be a secret or too long to be a key.
+    InputError: it cannot be read, others can read it, or it is too short for a secret or too long for a key.
     """
+    check_secret(path, "key")
     try:
         with path.open("rb") as file:
             key = file.read(_MOST_BYTES + 1)
@@ -59,3 +62,16 @@ def load_seal(path: Path, topic: str) -> Seal:
             "'head -c 32 /dev/urandom' makes some"
         )
     return key_seal(hmac.digest(key, topic.encode(), "sha256"))
+
+
+def check_secret(path: Path, what: str) -> None:
+    """Refuse a file with a secret that other users can read. InputError: they can, or it is not there."""
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise InputError(f"{what} {path}: {error.strerror}") from error
+    if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise InputError(
+            f"{what} {path}: others can read it (mode {mode:o}): chmod 600, or make another if somebody may "
+            "have read it"
+        )

@@ -1,6 +1,7 @@
 """A case that takes a while, and leaves a line in a file when it starts; for tests that kill."""
 
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -14,3 +15,9 @@ def work(parameters, seed):
 
 def failing(parameters, seed):
     raise ValueError(f"no {parameters['what']}")
+
+
+def fatal(parameters, seed):
+    if seed == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return [{"square": seed**2}]

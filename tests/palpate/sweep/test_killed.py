@@ -7,9 +7,10 @@ import sys
 import time
 from collections import Counter
 
+import psutil
 import pytest
 
-from palpate.sweep import ResultStore
+from palpate.sweep import Case, Cluster, ResultStore, run_cases
 from tests.free_port import free_port
 from tests.palpate.cli import ROOT
 from tests.palpate.sweep.client import cases
@@ -81,6 +82,26 @@ def test_a_killed_worker_costs_the_case_that_it_was_running(tmp_path):
     out, errors = running.communicate(timeout=PATIENCE_S)
     assert out.strip() == "12", errors
     check_all_done_and_only_running_repeated(tmp_path, finished, most_repeated=1)
+
+
+def test_a_case_that_ends_its_worker_each_time_is_named_and_the_others_are_done(tmp_path):
+    cases = [Case("tests.palpate.sweep.slow_work:fatal", {"what": "all"}, seed) for seed in range(3)]
+    report = run_cases(cases, ResultStore(tmp_path), Cluster(workers=2))
+    assert report.failures == ("case {'what': 'all'}: ended its worker 4 times",)
+    assert [row["seed"] for row in ResultStore(tmp_path).rows([case.address for case in cases])] == [0, 2]
+
+
+def test_nobody_else_of_this_machine_can_reach_the_workers(tmp_path):
+    """Whoever reached a port of theirs could have them run anything."""
+    running = client(tmp_path)
+    wait_for(lambda: len(starts(tmp_path)) >= 2, "no case started")
+    tree = psutil.Process(running.pid)
+    open_sockets = [
+        one for each in (tree, *tree.children(recursive=True)) for one in each.net_connections("inet")
+    ]
+    running.kill()
+    running.communicate()
+    assert not open_sockets
 
 
 def test_a_killed_scheduler_ends_the_client_in_one_line_and_the_next_one_goes_on(tmp_path, dask_on):

@@ -1,7 +1,11 @@
 """Addresses, and results that land under them."""
 
+import os
+import shutil
 import sys
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
@@ -87,6 +91,53 @@ def test_a_damaged_result_is_named_with_its_remedy(tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing PAR1")
     with pytest.raises(InputError, match=r"a\.parquet.*delete it"):
         ResultStore(tmp_path).rows("a")
+
+
+def write(path, **columns):
+    pq.write_table(pa.table(columns), path)
+
+
+def test_a_file_under_another_cases_name_does_not_count_as_that_case(tmp_path):
+    store = ResultStore(tmp_path)
+    store.land("a", [{"number": 1}])
+    shutil.copy(tmp_path / "a.parquet", tmp_path / "b.parquet")
+    for ask in (store.finished, lambda: store.rows("ab"), store.pack):
+        with pytest.raises(InputError, match=r"b\.parquet: holds results of other cases .*\(a\).*delete it"):
+            ask()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
+
+
+def test_two_files_that_disagree_about_a_case_are_refused(tmp_path):
+    store = ResultStore(tmp_path)
+    result = {"number": 1.0, "part": float("nan"), "error": "", "seconds": 1.0}
+    store.land("a", [result])
+    write(tmp_path / "pack-1.parquet", address=["a"], **{name: [value] for name, value in result.items()})
+    assert store.rows("a")[0]["number"] == 1.0
+    write(tmp_path / "pack-1.parquet", address=["a"], number=[2.0], error=[""], seconds=[1.0])
+    with pytest.raises(InputError, match="another file says otherwise of case a"):
+        store.rows("a")
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "pack-1.parquet"])
+@pytest.mark.parametrize(
+    ("columns", "why"),
+    [
+        ({"number": [1]}, "has no column 'address'"),
+        ({"address": [1]}, "its column 'address' is not text"),
+        ({"address": ["a", None]}, "its column 'address' is not text"),
+    ],
+)
+def test_a_file_that_does_not_say_whose_result_it_is_is_refused(name, columns, why, tmp_path):
+    write(tmp_path / name, **columns)
+    for ask in (ResultStore(tmp_path).finished, lambda: ResultStore(tmp_path).rows("a")):
+        with pytest.raises(InputError, match=f"{name}: {why}"):
+            ask()
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="no regular file"):
+        ResultStore(tmp_path).finished()
 
 
 def test_a_case_that_raises_has_a_result_that_says_so_and_is_not_tried_again(tmp_path):

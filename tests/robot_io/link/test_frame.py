@@ -80,6 +80,7 @@ def test_the_mark_is_the_one_of_rfc_4231():
 def test_a_file_that_is_no_key_is_refused(size, tmp_path):
     path = tmp_path / "pair.key"
     if size is not None:
+        path.touch(0o600)
         path.write_bytes(bytes(size))
     with pytest.raises(InputError, match=r"pair\.key"):
         load_seal(path, "palpate/arm/leader")
@@ -87,6 +88,7 @@ def test_a_file_that_is_no_key_is_refused(size, tmp_path):
 
 def test_a_mark_holds_for_one_pair_and_one_direction(tmp_path):
     path = tmp_path / "pair.key"
+    path.touch(0o600)
     path.write_bytes(b"k" * 32)
     said = load_seal(path, "palpate/arm/leader")
     assert (

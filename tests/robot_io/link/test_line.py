@@ -6,6 +6,7 @@ import time
 from contextlib import ExitStack
 from math import nan
 
+import psutil
 import pytest
 
 from robot_io.clock import MonotonicClock
@@ -13,6 +14,7 @@ from robot_io.errors import InputError
 from robot_io.link import Impairment, Line, LineSettings
 from robot_io.link.frame import MOST_BYTES
 from robot_io.link.impairment import BadNetwork
+from robot_io.link.seal import load_seal
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 
@@ -90,6 +92,76 @@ def test_a_network_that_cannot_be_is_refused(values):
         Impairment(**values)
 
 
+def write_key(path, key=b"sixteen bytes at least"):
+    path.touch(0o600)
+    path.write_bytes(key)
+    return path
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o666])
+def test_a_key_that_others_can_read_is_refused(mode, tmp_path):
+    key = write_key(tmp_path / "pair.key")
+    load_seal(key, "topic")
+    key.chmod(mode)
+    with pytest.raises(
+        InputError, match=rf"key .*pair\.key: others can read it \(mode {mode:o}\): chmod 600"
+    ):
+        Line("follower", LineSettings(port=free_port(), key=key), MonotonicClock())
+    key.chmod(0o600)
+    other = write_key(tmp_path / "tls.key")
+    other.chmod(mode)
+    config = tmp_path / "link.json5"
+    tls = {"listen_private_key": str(other), "listen_certificate": str(key)}
+    config.write_text(json.dumps({"transport": {"link": {"tls": tls}}}))
+    with pytest.raises(
+        InputError, match=rf"listen_private_key .*tls\.key: others can read it \(mode {mode:o}\)"
+    ):
+        Line("follower", LineSettings(config=config), MonotonicClock())
+
+
+@pytest.mark.parametrize(
+    ("config", "open_to"),
+    [
+        ({"listen": {"endpoints": ["tcp/0.0.0.0:{port}"]}}, "tcp/0.0.0.0"),
+        ({"listen": {"endpoints": ["tcp/[::]:{port}#iface=lo"]}}, "tcp/[::]"),
+        ({"listen": {"endpoints": {"peer": ["tcp/127.0.0.1:{port}", "udp/10.0.0.1:7"]}}}, "udp/10.0.0.1:7"),
+        ({"listen": {"endpoints": ["tcp/localhost.example:{port}"]}}, "tcp/localhost.example"),
+        ({"mode": "client", "connect": {"endpoints": ["tcp/router.lab:7447"]}}, "tcp/router.lab:7447"),
+        ({"listen": {"endpoints": ["tls/0.0.0.0:{port}"]}}, "tls/0.0.0.0"),  # anybody may connect
+        ({"scouting": {"multicast": {"enabled": True}}}, "scouting.multicast.enabled"),
+    ],
+)
+def test_a_follower_without_key_or_certificates_stays_on_this_machine(config, open_to, tmp_path):
+    path, port = tmp_path / "link.json5", free_port()
+    path.write_text(json.dumps(config).replace("{port}", str(port)))
+    with pytest.raises(InputError, match="Give --key FILE on both sides") as refused:
+        Line("follower", LineSettings(config=path, port=port), MonotonicClock())
+    assert open_to in str(refused.value)
+
+
+def test_who_may_say_where_to_probe_is_known_and_what_is_not_said_is_closed(tmp_path):
+    """zenoh listens everywhere and looks for peers in the network where a configuration says nothing."""
+    path, port, key = tmp_path / "link.json5", free_port(), write_key(tmp_path / "pair.key")
+    path.write_text("{}")
+    with Line("follower", LineSettings(config=path, port=port), MonotonicClock()) as line:
+        assert line.is_open_here
+        assert listening_on() == {f"127.0.0.1:{port}"}
+    with Line("follower", LineSettings(port=port), MonotonicClock()) as line:
+        assert line.is_open_here
+        assert listening_on() == {f"127.0.0.1:{port}"}
+    with Line("follower", LineSettings(port=port, key=key), MonotonicClock()) as line:
+        assert not line.is_open_here
+
+
+def listening_on():
+    """Addresses at which this process listens for connections."""
+    return {
+        f"{one.laddr.ip}:{one.laddr.port}"
+        for one in psutil.Process().net_connections("tcp")
+        if one.status == psutil.CONN_LISTEN
+    }
+
+
 def test_pairs_of_another_name_do_not_hear_each_other():
     port, clock = free_port(), MonotonicClock()
     with (
@@ -104,7 +176,7 @@ def test_pairs_of_another_name_do_not_hear_each_other():
 def test_who_has_another_key_or_none_is_not_heard_and_it_is_said(tmp_path):
     port, clock = free_port(), MonotonicClock()
     for name in ("ours", "theirs"):
-        (tmp_path / name).write_bytes(name.encode() * 8)
+        write_key(tmp_path / name, name.encode() * 8)
     with (
         Line("follower", LineSettings(port=port, key=tmp_path / "ours"), clock) as follower,
         Line("leader", LineSettings(port=port, key=tmp_path / "theirs"), clock) as other,
