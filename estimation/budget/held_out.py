@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from estimation.budget.laws import Law
 from estimation.fit.blocks import BlockedData
 from estimation.kinds import Kind
+from estimation.statistics.least_squares import solve_within_bounds
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # of the mean square of a column
 _COLLINEAR = 1e-9  # the same for the base model, which is not shrunken
 _MOST_BLOCKS = 6000  # more are thinned out evenly
-_ROUNDS = 6  # of dropping coefficients of the wrong sign
 _PIECES = 16  # of a run; every second one tells the run's own gain and zero for the others
 _SINGULAR = 1e-9
 _WEAK = 1e-3  # of the largest singular value, below which a run does not tell a coefficient
@@ -34,8 +33,8 @@ class BaseColumns:
 class HeldOutError:
     """Squared errors in held-out runs, by run, for sets of kinds; each set is fitted once.
 
-    Coefficients come from ridge regression on all other folds. Those whose sign physics fixes are dropped
-    where they come out wrong (non-negative least squares by active sets). Differences between runs are no
+    Coefficients come from ridge regression on all other folds. Those whose sign physics fixes are
+    not negative (non-negative least squares). Differences between runs are no
     columns: a run that is held out tells its own gain and zero in every second piece, and the other pieces
     judge them.
     """
@@ -123,29 +122,13 @@ class HeldOutError:
         is_base = chosen < self.base.columns.shape[1]
         penalty = np.where(is_base, _COLLINEAR, ridge) * len(self._target)
         whole, moments = self._grams.sum(axis=0), self._moments.sum(axis=0)
+        lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
         predicted = np.empty(len(self._target))
         for rows, gram, moment in zip(self._folds, self._grams, self._moments, strict=True):
             system = (whole - gram)[np.ix_(chosen, chosen)] + np.diag(penalty)
-            coefficients = _nonnegative_solution(
-                system, (moments - moment)[chosen], self._nonnegative[chosen]
-            )
+            coefficients = solve_within_bounds(system, (moments - moment)[chosen], lower, upper)
             predicted[rows] = self._columns[np.ix_(rows, chosen)] @ coefficients
         return predicted
-
-
-def _nonnegative_solution(system: FloatArray, moment: FloatArray, nonnegative: BoolArray) -> FloatArray:
-    """Solve a definite system (q, q), coefficients of the wrong sign dropped until none is left."""
-    free = np.ones(len(moment), dtype=np.bool_)
-    solution = np.zeros(len(moment))
-    for _ in range(_ROUNDS):
-        solution[:] = 0.0
-        if free.any():
-            solution[free] = cho_solve(cho_factor(system[np.ix_(free, free)]), moment[free])
-        wrong = nonnegative & (solution < 0.0)
-        if not wrong.any():
-            break
-        free &= ~wrong
-    return solution
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:

@@ -16,12 +16,15 @@ from estimation.fit.normal_equations import LinearFit, NormalEquations, gram_mat
 from estimation.fit.nuisance import Nuisance
 from estimation.information import Information
 from estimation.model import Model, Parts, own
+from estimation.statistics.least_squares import solve_within_bounds
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 NOT_HELD: Mapping[str, float] = MappingProxyType({})
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_ROUNDS = 7
 _LOST = 1e6  # times the largest effort
+_NO_BOUND = (-np.inf, np.inf)
+_NO_SCALE = 1e-300  # of a column that is zero
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class FitProblem:
     ) -> LinearFit:
         """Fit columns (m, q) to a target (m,) by bounded least squares.
 
-        Gains beyond their bounds are set to the bound, the worst first, and the others are fitted again.
+        All folds decide which gains are at a bound; those are fixed in the fits to all but each fold too.
 
         Args:
             columns: shape (m, q).
@@ -74,32 +77,27 @@ class FitProblem:
             held: gains that are fixed, by name.
             bounds: of gains, by name.
         """
-        gains = np.array([held.get(name, 0.0) for name in names])
-        free = np.ones(columns.shape[1], dtype=np.bool_)
-        free[: len(gains)] = [name not in held for name in names]
-        left = target if not held else target - columns[:, : len(gains)] @ gains
+        count = columns.shape[1]
+        gains, free = np.zeros(count), np.ones(count, dtype=np.bool_)
+        gains[: len(names)] = [held.get(name, 0.0) for name in names]
+        free[: len(names)] = [name not in held for name in names]
+        left = target if not held else target - columns @ gains
         equations = self.normal_equations(columns[:, free], left, [n for n in names if n not in held])
-        lower, upper = np.array([bounds.get(name, (-np.inf, np.inf)) for name in names]).reshape(-1, 2).T
-        while True:
-            fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
-            if not free.all():
-                fit = fit.beside(
-                    np.append(gains, np.zeros(len(free) - len(gains))), np.flatnonzero(free).tolist()
-                )
-            own = fit.gains[: len(gains)]
-            beyond = np.abs(own - np.clip(own, lower, upper)) / np.maximum(fit.scale[: len(gains)], 1e-300)
-            beyond[~free[: len(gains)]] = 0.0
-            if not beyond.any():
-                return fit
-            worst = int(np.argmax(beyond))
-            bound = float(np.clip(own[worst], lower[worst], upper[worst]))
-            if bound == 0.0:
-                equations = equations.only(np.arange(int(free.sum())) != int(free[:worst].sum()))
-                free[worst] = False
-            else:  # the target changes with what is fixed
-                return self.solve(
-                    columns, target, names, {**_at_zero(names, free, held), names[worst]: bound}, bounds
-                )
+        fit = solve_normal_equations(equations, dof=len(self._by_fold[0]))
+        limits = np.array(
+            [bounds.get(name, _NO_BOUND) for name in names] + [_NO_BOUND] * (count - len(names))
+        )
+        lower, upper = limits.reshape(-1, 2)[free].T
+        if np.any((fit.gains < lower) | (fit.gains > upper)):
+            scale = np.maximum(fit.scale, _NO_SCALE)
+            unit = fit.gains / scale
+            bounded = solve_within_bounds(fit.system, fit.system @ unit, lower / scale, upper / scale)
+            is_low, is_high = bounded == lower / scale, bounded == upper / scale
+            at_bound, fixed = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
+            fit = solve_normal_equations(equations.with_fixed(at_bound, fixed), dof=len(self._by_fold[0]))
+            places = np.flatnonzero(free)[at_bound]
+            gains[places], free[places] = fixed[at_bound], False
+        return fit if free.all() else fit.beside(gains, np.flatnonzero(free).tolist())
 
     def normal_equations(
         self, columns: FloatArray, target: FloatArray, names: Sequence[str] = ()
@@ -176,12 +174,6 @@ class Solution:
     def without_blocks(self) -> "Solution":
         """The same with no columns and no target: enough to be compared, and of long data far smaller."""
         return replace(self, columns=self.columns[:0].copy(), target=self.target[:0].copy())
-
-
-def _at_zero(names: Sequence[str], free: BoolArray, held: Mapping[str, float]) -> dict[str, float]:
-    """Gains that are fixed: as they are held, and else at zero."""
-    fixed = [name for name, is_free in zip(names, free, strict=False) if not is_free]
-    return {name: held.get(name, 0.0) for name in fixed}
 
 
 def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:

@@ -26,6 +26,15 @@ class NormalEquations:
         )
         return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
 
+    def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
+        """Without some columns (a mask, shape (q,)), whose effort at these gains (q,) the target loses."""
+        shift = np.eye(len(gains) + 1)
+        shift[:-1, -1] = np.where(columns, -gains, 0.0)
+        known = self.known and Information(
+            self.known.matrix, self.known.vector + self.known.matrix @ shift[:-1, -1]
+        )
+        return NormalEquations(shift.T @ self.products @ shift, known).only(~columns)
+
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What gains solve, of all folds and of all but each, for columns that are `scale` (q,) times these.
 

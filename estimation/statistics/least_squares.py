@@ -3,11 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from robot_io.types import FloatArray
 
 # Above this the normal equations lose half of the digits, and the orthogonal solution is worth its time.
 _SAFE_CONDITION = 1e6
+_AT_REST = 1e-10  # of the largest moment: a smaller slope at a bound is rounding
+_PATIENCE = 3  # exchanges of whole blocks that lead nowhere, before single ones
+_MOST_EXCHANGES = 20  # for each gain
 
 
 @dataclass(frozen=True)
@@ -49,3 +53,45 @@ def condition_of_gram(gram: FloatArray) -> float:
     if eigenvalues[0] <= eigenvalues[-1] * np.finfo(float).eps * len(gram):
         return float("inf")
     return float(np.sqrt(eigenvalues[-1] / eigenvalues[0]))
+
+
+def solve_within_bounds(
+    system: FloatArray, moment: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """Minimise x' system x / 2 - moment' x within bounds by block principal pivoting.
+
+    J. J. Judice, F. M. Pires, Computers and Operations Research 21 (1994); with no bounds below zero and none
+    above, this is non-negative least squares.
+
+    Args:
+        system: symmetric and positive definite, shape (q, q); of columns of about unit size.
+        moment: shape (q,).
+        lower: smallest values, shape (q,); -inf for none.
+        upper: largest values, shape (q,); inf for none.
+
+    Returns:
+        The minimum, shape (q,); values at a bound are equal to it.
+    """
+    count, patience = len(moment) + 1, _PATIENCE
+    low, high = np.zeros((2, len(moment)), dtype=np.bool_)
+    solution = np.zeros(len(moment))
+    rest = _AT_REST * np.max(np.abs(moment), initial=0.0)
+    for _ in range(_MOST_EXCHANGES * len(moment) + 1):
+        solution = np.where(low, lower, np.where(high, upper, 0.0))
+        free = ~(low | high)
+        if free.any():
+            left = moment[free] - system[free] @ solution
+            solution[free] = cho_solve(cho_factor(system[np.ix_(free, free)]), left)
+        slope = system @ solution - moment
+        below, above = free & (solution < lower), free & (solution > upper)
+        wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))
+        if not wrong.any():
+            break
+        if wrong.sum() < count:
+            count, patience = int(wrong.sum()), _PATIENCE
+        elif patience:
+            patience -= 1
+        else:  # one at a time, the last first, comes to an end (K. G. Murty 1974)
+            wrong &= np.arange(len(wrong)) == np.flatnonzero(wrong)[-1]
+        low, high = (low & ~wrong) | (below & wrong), (high & ~wrong) | (above & wrong)
+    return np.clip(solution, lower, upper)
