@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.reading_error import reading_error
-from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
+from estimation.effect import Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.fit_result import FitResult
@@ -23,7 +23,6 @@ PROMISING = 0.3  # of what the best candidate takes away at its starts; those be
 REFINED = 5  # candidates that are refined in any case
 ESSENTIAL = 0.02  # of the squared error: what makes an effect what it is must take away as much
 FAR_END = 0.99  # of the upper bound of an inner parameter
-LOOSE = 0.05  # of the effort, that a gain may be off its bounds before all parameters are fitted together
 OF_RUNS = "run_"  # begins the names of effects that differ from run to run: runs held out cannot judge them
 
 # Parts of base models, or other names of a term that the channel's own vocabulary has.
@@ -120,10 +119,10 @@ def screen_effects(
     found = []
     for effect, first, gain in zip(effects, looked, gains, strict=True):
         best = refine_inner(fit.problem, first.best.model, effect, first) if gain >= least else first
-        possible = is_possible(effect, best.best, fit.problem, LOOSE)
+        possible = is_possible(effect, best.best, fit.problem)
         if not possible and gain >= PROMISING * gains.max():
             best = grid_search((*best.solutions, optimize_inner(fit.problem, best.best)), best.start_count)
-            possible = is_possible(effect, best.best, fit.problem, LOOSE)
+            possible = is_possible(effect, best.best, fit.problem)
         found.append(Candidate(effect, best.without_blocks(), possible))
     return sorted(found, key=lambda candidate: candidate.held_out)
 
@@ -145,19 +144,14 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
     return after
 
 
-def is_possible(effect: Effect, solution: Solution, problem: FitProblem, loose: float = 0.0) -> bool:
-    """Whether an effect's parameters make physical sense, and what makes it what it is is there.
-
-    A gain that the effect could do without may be beyond its bounds by no more than makes the noise.
+def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
+    """Whether an effect's inner parameters make physical sense, and what makes it what it is is there.
 
     Args:
         effect: part of the model.
         solution: of the model.
         problem: where.
-        loose: effort, as a share of the whole, that a gain may be beyond its bounds.
     """
-    if not _within_bounds(effect, solution, loose):
-        return False
     # what ended at the far end of a range that goes by ratio was not found
     if any(
         p.log and solution.parameters[f"{effect.name}.{p.name}"] > FAR_END * p.upper for p in effect.inner
@@ -184,40 +178,11 @@ def _is_within_a_step(path: float, data: ChannelData) -> bool:
     return bool(path**2 < 3.0 * np.mean(reading_error(data) ** 2))
 
 
-def is_credible(effect: Effect, solution: Solution) -> bool:
-    """Whether the gains of an effect, such as the base model's spring, are about within their bounds."""
-    return not isinstance(effect, AdditiveEffect) or _within_bounds(effect, solution, LOOSE)
-
-
-def bounds_passed(effect: Effect, solution: Solution) -> dict[str, float]:
-    """The bound that each gain of an effect is beyond, by "effect.parameter"."""
-    found = {}
-    for parameter in effect.gains:
-        name = f"{effect.name}.{parameter.name}"
-        bound = float(np.clip(solution.parameters[name], parameter.lower, parameter.upper))
-        if bound != solution.parameters[name]:
-            found[name] = bound
-    return found
-
-
 def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
     """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`."""
     data = solution.model.moved(problem.blocked.data, solution.parameters)
     noise = float(np.sqrt(np.mean(solution.residual**2)))
     return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)
-
-
-def _within_bounds(effect: Effect, solution: Solution, loose: float) -> bool:
-    effort = loose * float(np.sqrt(np.mean(solution.target**2)))
-    noise = float(np.sqrt(np.mean(solution.residual**2)))
-    for column, parameter in zip(_own_columns(effect, solution).T, effect.gains, strict=True):
-        name = f"{effect.name}.{parameter.name}"
-        minor = bool(effect.essential) and parameter.name not in effect.essential
-        slack = 2.0 * solution.standard_errors[name]
-        slack += (effort + minor * noise) / max(float(np.sqrt(np.mean(column**2))), 1e-300)
-        if not parameter.lower - slack <= solution.parameters[name] <= parameter.upper + slack:
-            return False
-    return True
 
 
 def _is_own(effect: Effect, solution: Solution) -> BoolArray:

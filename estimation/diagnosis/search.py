@@ -16,8 +16,6 @@ from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import (
     Candidate,
     applicable_effects,
-    bounds_passed,
-    is_credible,
     is_misnamed,
     is_possible,
     parameter_count,
@@ -94,34 +92,13 @@ class Search:
         key = _key(model)
         if key not in self._fits:
             known = self.coarse and self.coarse._fits.get(key)
-            self._fits[key] = self._stand(model, known.solution.parameters if known else parameters)
+            start = known.solution.parameters if known else parameters
+            self._fits[key] = fit_model(self.data, model, start, self.good, self._cache)
         return self._fits[key]
-
-    def _stand(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """A model fitted, each base gain that an added effect turns beyond its bounds held at the bound.
-
-        What a simple model says by a spring or a damper may be said by what is added: then there is none.
-        """
-        held = dict(self.model.held)
-        while True:
-            made = fit_model(self.data, replace(model, held=held), parameters, self.good, self._cache)
-            beyond = {} if _key(model) == _key(self.model) else self._beyond(made.solution)
-            if not beyond:
-                return made
-            held, parameters = held | beyond, made.solution.parameters
-
-    def _beyond(self, solution: Solution) -> dict[str, float]:
-        """Bounds of the base gains that are beyond them, and are not in the base model."""
-        return {
-            name: bound
-            for effect in self.model.effects
-            if not is_credible(effect, solution) and is_credible(effect, self.start.solution)
-            for name, bound in bounds_passed(effect, solution).items()
-        }
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
         """A model fitted from other parameters, and kept where that is better."""
-        key, anew = _key(model), self._stand(model, parameters)
+        key, anew = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
         known = self._fits.get(key)
         if known is None or anew.solution.sse < (1.0 - TIE) * known.solution.sse:
             self._fits[key] = anew
@@ -252,16 +229,14 @@ class Search:
         return [possible[i] for i in order if left[i] < (1.0 - TIE) * fit.solution.held_out]
 
     def is_sensible(self, fit: FitResult) -> bool:
-        """Whether added effects are what their names say, and turn no base gain beyond its bounds."""
-        return all(self.is_sound(fit, effect.name) for effect in fit.solution.model.effects)
+        """Whether added effects are what their names say."""
+        return all(self.is_sound(fit, name) for name in self.added_effects(fit))
 
     def is_sound(self, fit: FitResult, name: str) -> bool:
-        """The same of one effect."""
+        """Whether one effect is what its name says."""
         (effect,) = (one for one in fit.solution.model.effects if one.name == name)
         solution, problem = fit.solution, fit.problem
-        if name in self.added_effects(fit):
-            return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
-        return is_credible(effect, solution) or not is_credible(effect, self.start.solution)
+        return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 
     def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:
         """Models with another effect in the place of one, of those that may do better, in order."""
@@ -386,8 +361,8 @@ def select_effects(
         best = whole.ordered([best, on_all(_forward_selection(coarse, backward_step(coarse, forms())))])[0]
     enough = is_enough(best)
     if enough and len(whole.added_effects(best)) > _PAIR:
-        best = backward_step(whole, sufficient(best))
-        enough = is_enough(best)
+        less = backward_step(whole, sufficient(best))
+        best = less if is_enough(less) else best
     if not enough or len(whole.added_effects(best)) <= _PAIR:
         return best
     for first in _pairs(coarse):

@@ -9,6 +9,7 @@ from scipy.special import ndtri
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import SIGNALS, AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
+from estimation.kinds import Kind
 
 EVERY = pytest.mark.parametrize("name", list(EFFECTS))
 
@@ -49,6 +50,13 @@ def test_says_on_which_signals_it_depends(name):
     assert signals != SIGNALS
     assert set(signals) <= set(SIGNALS)
     assert len(set(signals)) == len(signals)
+
+
+@EVERY
+def test_states_its_kind(name):
+    effect = EFFECTS[name]()
+    assert effect.kind in Kind
+    assert effect.also <= frozenset(Kind) - {effect.kind}
 
 
 @EVERY

@@ -8,10 +8,8 @@ import pytest
 
 from estimation.diagnosis.candidates import (
     applicable_effects,
-    bounds_passed,
     effect_library,
     extended_models,
-    is_credible,
     is_misnamed,
     is_possible,
     parameter_count,
@@ -79,38 +77,6 @@ LINE, ONES = np.linspace(-1.0, 1.0, 100), np.ones(100)
 
 
 @pytest.mark.parametrize(
-    ("value", "spread", "loose", "possible"),
-    [
-        (0.0, 0.0, 0.0, True),
-        (10.0, 0.0, 0.0, True),
-        (-1e-3, 0.0, 0.0, False),
-        (10.001, 0.0, 0.0, False),
-        (-0.2, 0.1, 0.0, True),  # two standard errors
-        (-0.21, 0.1, 0.0, False),
-        (10.2, 0.1, 0.0, True),
-        (10.21, 0.1, 0.0, False),
-        (-0.1, 0.0, 1.1, True),  # this share of the effort, which is all its own
-        (-0.1, 0.0, 0.9, False),
-    ],
-)
-def test_a_gain_is_within_its_bounds_but_for_its_error(value, spread, loose, possible):
-    effect = Made(gain())
-    assert (
-        is_possible(effect, tried(effect, [value], [2.0 * ONES], standard_errors=spread), Line(), loose)
-        is possible
-    )
-
-
-@pytest.mark.parametrize(("value", "possible"), [(-0.9, True), (-1.1, False)])
-@pytest.mark.parametrize("name", ["minor", "major"])
-def test_only_what_is_not_essential_may_be_beyond_its_bounds_by_the_noise(name, value, possible):
-    effect = Made(gain("minor"), gain("major"), essential=("major",))
-    values = [value, 5.0] if name == "minor" else [5.0, value]
-    found = is_possible(effect, tried(effect, values, [2.0 * ONES, LINE], noise=2.0), Line())
-    assert found is (possible and name == "minor")
-
-
-@pytest.mark.parametrize(
     ("parameter", "value", "possible"),
     [
         (Parameter("w", "m", 1e-3, 10.0, (0.1, 1.0), log=True), 9.9, True),
@@ -151,23 +117,6 @@ def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_er
     )
     found = tried(effect, [5.0, np.sqrt(share)], [ONES, wave], noise=1.0)
     assert is_possible(effect, found, Line()) is possible
-
-
-@pytest.mark.parametrize(
-    ("value", "credible"), [(-0.04, True), (-0.06, False), (10.04, True), (10.06, False)]
-)
-def test_a_base_gain_is_credible_within_a_twentieth_of_the_effort_beyond_its_bounds(value, credible):
-    effect = Made(gain())
-    solution = tried(effect, [value], [ONES])
-    solution = replace(solution, target=np.tile([1.0, -1.0], 50))
-    assert is_credible(effect, solution) is credible
-    assert is_credible(EFFECTS["lag"](), solution)
-
-
-@pytest.mark.parametrize(("value", "bounds"), [(-1.0, {"made.g": 0.0}), (11.0, {"made.g": 10.0}), (10.0, {})])
-def test_a_bound_that_a_gain_is_beyond_is_told(value, bounds):
-    effect = Made(gain(), gain("h"))
-    assert bounds_passed(effect, tried(effect, [value, 1.0], [ONES, LINE])) == bounds
 
 
 def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves():

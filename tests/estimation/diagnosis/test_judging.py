@@ -87,6 +87,8 @@ FLOW = {  # what is true of a channel: what is answered
     "something is left that may be rounding": ({"complete": False, "step": "coarse"}, "coarse"),
     "the same, beside an effect": ({"found": "a", "complete": False, "step": "coarse"}, ("a", False, None)),
     "the same, and nothing is left": ({"step": "coarse"}, ("base", True, None)),
+    "the best forms leave less": ({"found": "b", "forms": "a", "complete": False}, ("a", False, None)),
+    "they leave more": ({"found": "a", "forms": "b", "complete": False}, ("a", False, None)),
     "it cannot say": ({"refused": "too short"}, "too short"),
 }  # fmt: skip
 
@@ -98,15 +100,11 @@ class _Named(str):
 
 
 @pytest.mark.parametrize("name", FLOW)
-def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch):
+def test_a_channel_is_searched_varied_reduced_and_answered(name, monkeypatch):
     given, expected = FLOW[name]
     base = _Named("base")
     base.is_exact = given.get("exact", False)
     found = _Named(given["found"]) if "found" in given else base
-    search = SimpleNamespace(
-        start=base, coarse=None, fitted=lambda *_: base, is_better=lambda one, other: False
-    )
-    forms = SimpleNamespace(solution=SimpleNamespace(model=None, parameters={}))
     objected = given.get("objected", ())
 
     class Judge:
@@ -123,16 +121,22 @@ def test_a_channel_is_searched_varied_established_and_answered(name, monkeypatch
         assert not given.get("exact")  # nothing is left to be searched for
         return found
 
+    def fitted(model, parameters):
+        return model
+
+    search = SimpleNamespace(start=base, coarse=None, fitted=fitted, is_better=lambda one, other: one < other)
+    rough = given.get("forms", "base")
+
     stubs = {
         "reject_reason": lambda data, model: given.get("refused"),
         "prepare_search": lambda *_: search,
         "_Completeness": Judge,
         "select_effects": searching,
-        "add_run_variation": lambda tried, one: _Named(given.get("varied", one)),
-        "_accept": lambda tried, one, checks, kinds: (base if one == "base" else one, []),
+        "add_run_variation": lambda tried, one: _Named(given["varied"]) if "varied" in given else one,
         "analyse_kinds": lambda *_: None,
-        "named_forms": lambda _: forms,
-        "accept_forms": lambda *_: (base, []),
+        "named_forms": lambda *_: SimpleNamespace(solution=SimpleNamespace(model=rough, parameters={})),
+        "accept_forms": lambda tried, kinds, one: (one, []),
+        "_accept": lambda tried, one, judge, kinds: (one, []),
         "_below_a_step": lambda _: given.get("step"),
         "decide_verdict": lambda one: (one.end, one.complete, one.objection),
         "insufficient_diagnosis": lambda data, reason: reason,

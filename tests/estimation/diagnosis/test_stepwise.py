@@ -94,7 +94,7 @@ class World:
 
 
 def sought(world, is_complete, part=lambda one: one, forms=""):
-    return select_effects(world, is_complete, part, lambda: world.at(forms))
+    return select_effects(world, is_complete, part, lambda: (world.coarse or world).at(forms))
 
 
 def came_to(found):
@@ -147,39 +147,21 @@ MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
 
 
 @pytest.mark.parametrize(
-    ("left", "complete", "found"),
+    ("left", "complete", "forms", "found"),
     [
-        (MISLED, {"a"}, "a"),  # it is complete: no forms are compared
-        (MISLED, {"bc"}, "bc"),  # the best first effect misleads
-        (MISLED, set(), "bc"),  # what leaves least, if nothing is complete
-        ({"": 100, "a": 50, "b": 99, "c": 98, "bc": 49.5}, {"bc"}, "bc"),
-        ({"": 100, "a": 50, "b": 99, "c": 98, "bc": 51}, {"bc"}, "a"),
+        (MISLED, {"a"}, "bc", "a"),  # it is complete: nothing else is tried
+        (MISLED, set(), "bc", "bc"),  # the best first effect misleads, the forms of all kinds do not
+        (MISLED, set(), "b", "bc"),  # from the forms on, what is needed is added
+        (MISLED, set(), "", "a"),  # no kind has a form
+        ({**MISLED, "abc": 9.9}, set(), "abc", "bc"),  # what is needless in the forms is dropped
+        ({"": 100, "a": 50, "b": 60}, set(), "b", "a"),  # the forms leave more
+        ({"": 100}, set(), "", ""),
     ],
 )
-def test_forms_of_all_kinds_are_tried_where_the_best_effects_leave_something(left, complete, found):
-    world = World(left)
-    assert came_to(sought(world, lambda one: came_to(one) in complete, forms="bc")) == found
-
-
-THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
-
-
-@pytest.mark.parametrize(
-    ("complete", "part", "found"),
-    [
-        ({"abc", "de"}, "abc", "de"),  # two explain what three did
-        ({"abc", "ab", "de"}, "ab", "ab"),  # draws from the two show what the third took away
-        ({"abc", "de"}, "ab", "ab"),  # those two are not complete, and no forms are better
-    ],
-)
-def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
-    world = World(THREE)
-    assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
-
-
-def test_what_came_out_unsound_is_not_taken():
-    world = World(MISLED, unsound=["bc"])
-    assert came_to(sought(world, lambda one: False, forms="bc")) == "a"
+def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_something(
+    left, complete, forms, found
+):
+    assert came_to(sought(World(left), lambda one: came_to(one) in complete, forms=forms)) == found
 
 
 @pytest.mark.parametrize(
@@ -191,10 +173,31 @@ def test_what_came_out_unsound_is_not_taken():
         (0.21, 47.5, "bc"),
     ],
 )
-def test_draws_settle_it_only_where_little_is_left(smooth, floor, found):
+def test_draws_decide_only_where_little_is_left(smooth, floor, found):
     """Of the error that a smooth law explains, or within a twentieth of the floor."""
     world = World(MISLED, smooth=smooth, floor=floor)
     assert came_to(sought(world, lambda one: came_to(one) == "a", forms="bc")) == found
+
+
+THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
+
+
+@pytest.mark.parametrize(
+    ("complete", "part", "found"),
+    [
+        ({"abc", "de"}, "abc", "de"),  # two explain what three did
+        ({"abc", "ab", "de"}, "ab", "ab"),  # draws from the two show what the third took away
+        ({"abc", "de"}, "ab", "de"),  # those two are not complete
+    ],
+)
+def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
+    world = World(THREE)
+    assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
+
+
+def test_what_came_out_unsound_is_not_taken():
+    world = World(MISLED, unsound=["bc"])
+    assert came_to(sought(world, lambda one: False, forms="bc")) == "a"
 
 
 def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there():

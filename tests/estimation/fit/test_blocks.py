@@ -7,7 +7,7 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects import EFFECTS
-from estimation.fit.blocks import block_average, block_length, decimate
+from estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
 from tests.estimation.presses import kelvin_voigt
 from tests.estimation.swings import swings
 
@@ -209,3 +209,17 @@ def test_blocks_share_what_does_not_depend_on_the_load_and_compute_the_rest_anew
     assert two.columns(viscous, {}) is one.columns(viscous, {})
     assert two.columns(loaded, inner) == pytest.approx(3.0 * one.columns(loaded, inner))
     assert one.columns(loaded, inner) is one.columns(loaded, inner)
+
+
+def test_blocks_that_are_joined_keep_their_runs_folds_and_means():
+    blocked = block_average(swings(1, runs=3, rate_hz=100.0))
+    joined = merge_blocks(blocked, len(blocked) // 4)
+    assert len(joined) == len(blocked) // 4
+    assert joined.reduce(blocked.data.position) == pytest.approx(
+        blocked.reduce(blocked.data.position).reshape(-1, 4).mean(axis=1)
+    )
+    assert np.array_equal(joined.run, blocked.run[::4])
+    assert np.array_equal(joined.fold, blocked.fold[::4])
+    assert np.array_equal(joined.trusted, blocked.trusted.reshape(-1, 4).all(axis=1))
+    assert all(len(np.unique(blocked.data.run[rows])) == 1 for rows in joined.rows)
+    assert merge_blocks(blocked, len(blocked)) is blocked

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from estimation.channel import ChannelKind, SharedGains
 from estimation.effect import AdditiveEffect
@@ -245,3 +245,39 @@ def test_parts_at_hand_are_used_and_a_trial_without_its_blocks_is_as_good():
     less = whole.without_blocks()
     assert (less.sse, less.held_out, less.parameters) == (whole.sse, whole.held_out, whole.parameters)
     assert (less.columns.shape, less.target.shape) == ((0, 2), (0,))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_gains_within_bounds_are_those_of_scipy(seed):
+    """Columns that resemble each other: gains at a bound may leave it again once others are there."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(COUNT, 5)) @ (np.eye(5) + 0.6 * rng.normal(size=(5, 5)))
+    columns *= [1.0, 1e3, 1e-3, 1.0, 1.0]
+    target = columns @ (rng.normal(size=5) / [1.0, 1e3, 1e-3, 1.0, 1.0]) + rng.normal(size=COUNT)
+    lower, upper = rng.choice([-np.inf, 0.0, -0.5, 0.1], 5), rng.choice([np.inf, 0.6, 1.0], 5)
+    lower[4], upper[4] = -np.inf, np.inf  # a column without a name
+    bounds = {name: (lower[i], upper[i]) for i, name in enumerate("abcd")}
+    expected = lsq_linear(columns / [1, 1e3, 1e-3, 1, 1], target, (lower * [1, 1e3, 1e-3, 1, 1],
+                          upper * [1, 1e3, 1e-3, 1, 1]), tol=1e-13).x / [1, 1e3, 1e-3, 1, 1]  # fmt: skip
+    found = problem().solve(columns, target, list("abcd"), bounds=bounds)
+    assert found.gains == pytest.approx(expected, rel=1e-4, abs=1e-6 / 1e3)
+    assert np.all((found.gains >= lower) & (found.gains <= upper))
+    fixed = np.isin(found.gains, [*lower, *upper])
+    assert (found.standard_errors == 0.0).tolist() == fixed.tolist()
+    for number, gains in enumerate(found.fold_gains):
+        rows = problem().blocked.fold != number
+        rest = target[rows] - columns[np.ix_(rows, fixed)] @ found.gains[fixed]
+        free = np.linalg.lstsq(columns[np.ix_(rows, ~fixed)], rest, rcond=None)[0]
+        assert gains[~fixed] == pytest.approx(free, rel=1e-5)
+        assert gains[fixed].tolist() == found.gains[fixed].tolist()
+
+
+def test_a_gain_at_its_bound_is_fixed_and_says_so():
+    found = solve_gains(
+        problem(pressed(lambda x, v: 3.0 * x - 0.5 * v, ChannelKind.REVOLUTE)),
+        model("stiffness", "damping"),
+        {},
+    )
+    assert found.parameters["damping.c"] == 0.0
+    assert found.fixed == {"damping.c"}
+    assert found.parameters["stiffness.k"] == pytest.approx(3.0, rel=0.02)

@@ -1,0 +1,131 @@
+"""Forms of effects beside flexible laws of the other kinds: which is named, and how well it is known."""
+
+import numpy as np
+import pytest
+
+from estimation.diagnosis import Verdict, diagnose
+from estimation.diagnosis.acceptance import accept_forms, similar_forms
+from estimation.diagnosis.forms import Form, FormTest, analyse_kinds, closest_forms, form_tests, named_forms
+from estimation.effects import EFFECTS
+from estimation.kinds import Kind
+from tests.estimation.presses import kelvin_voigt, maxwell, session
+from tests.estimation.searches import PRESS, SWING, reached, searched
+from tests.estimation.swings import swings
+
+RUB, RIPPLE, DRAG, SPRING = "coulomb_friction", "torque_ripple", "quadratic_friction", "joint_spring"
+
+
+def rubbing(q, v, a):
+    return 0.4 * np.tanh(v / 0.02)
+
+
+def strange(q, v, a):
+    """A torque over the position that no effect here draws."""
+    return 0.12 * np.sin(11.0 * q) * np.sign(np.sin(3.1 * q))
+
+
+@pytest.fixture(scope="module")
+def incomplete():
+    """Friction beside something unknown, and a search that knows friction and two others."""
+    search = searched(swings(1, lambda q, v, a: rubbing(q, v, a) + strange(q, v, a)), RUB, DRAG, SPRING)
+    return search, analyse_kinds(search)
+
+
+def test_a_form_is_named_though_something_of_another_kind_has_no_name(incomplete):
+    search, partial = incomplete
+    assert partial.kinds >= {Kind.FRICTION}
+    end, tests = accept_forms(search, partial, reached(search, RUB))
+    assert search.added_effects(end) == [RUB]
+    (test,) = tests
+    assert (test.effect, test.kind, test.is_known) == (RUB, Kind.FRICTION, True)
+    share = test.taken / (search.start.held_out_mean_square - end.held_out_mean_square)
+    assert share == pytest.approx(1.0, abs=0.2)  # what it takes beside laws and beside the base model
+
+
+def test_a_form_that_its_kind_s_law_exceeds_by_far_is_not_named(incomplete):
+    """Drag by the square of the speed is there nowhere."""
+    search, partial = incomplete
+    end, tests = accept_forms(search, partial, reached(search, DRAG))
+    assert (end, tests) == (search.start, [])
+
+
+def test_the_best_form_of_each_kind_is_found_with_its_size():
+    law = lambda q, v, a: rubbing(q, v, a) + 0.3 * np.sin(15.0 * q)  # noqa: E731
+    search = searched(swings(1, law), RUB, RIPPLE, DRAG, SPRING)
+    found = named_forms(analyse_kinds(search))
+    assert set(search.added_effects(found)) == {RUB, RIPPLE}
+    assert found.solution.parameters["coulomb_friction.force"] == pytest.approx(0.4, rel=0.05)
+    assert found.solution.parameters["torque_ripple.cycles"] == pytest.approx(15.0, rel=0.02)
+
+
+def test_a_kind_without_a_form_gets_its_closest_ones_and_no_more():
+    """Friction that also falls with the speed, where the library has Coulomb's alone."""
+    law = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
+    search = searched(swings(1, law), RUB, DRAG, SPRING)
+    partial = analyse_kinds(search)
+    assert partial.budget.kinds[0] is Kind.FRICTION
+    assert closest_forms(partial, Kind.FRICTION, partial.kinds) == [RUB]
+    assert closest_forms(partial, Kind.INERTIA, partial.kinds) == []
+
+
+@pytest.mark.parametrize(
+    ("taken", "by_law", "added", "left", "known", "closed"),
+    [
+        (8.0, 10.0, 0.09, 1.0, True, False),
+        (7.9, 10.0, 0.0, 1.0, False, True),
+        (8.0, 8.0, 0.04, 1.0, True, True),  # less than a twentieth of what is left
+        (8.0, 8.0, 0.07, 0.1, True, True),  # less than a hundredth of what it takes
+        (0.0, 0.0, 0.0, 1.0, False, True),
+    ],
+)
+def test_a_form_is_known_that_takes_most_of_its_law_and_closed_where_the_law_adds_nothing(
+    taken, by_law, added, left, known, closed
+):
+    test = FormTest(RUB, Kind.FRICTION, taken, by_law, added, left)
+    assert (test.is_known, test.is_closed) == (known, closed)
+
+
+def test_the_law_of_its_own_kind_adds_nothing_to_a_true_form_and_something_to_a_rough_one():
+    stribeck = lambda q, v, a: (0.2 + 0.3 * np.exp(-((v / 0.6) ** 2))) * np.tanh(v / 0.01)  # noqa: E731
+    search = searched(swings(1, stribeck), RUB, "stribeck_friction")
+    partial = analyse_kinds(search)
+    (true,), (rough,) = (form_tests(partial, reached(search, name)) for name in ("stribeck_friction", RUB))
+    assert true.is_known
+    assert true.is_closed
+    assert rough.added > 3.0 * true.added
+    assert not rough.is_closed
+
+
+def test_another_form_of_the_kind_that_takes_as_much_is_its_like():
+    """What draws nearly the same, with as few parameters; a spring is of another kind."""
+    search = searched(swings(1, rubbing), RUB, "stribeck_friction", SPRING)
+    likes = similar_forms(search, reached(search, "stribeck_friction"), "stribeck_friction")
+    assert set(likes) == {RUB}
+    assert similar_forms(search, reached(search, RUB), RUB) == {}  # Stribeck's law has more parameters
+
+
+def decide(data, base, *names):
+    effects = [EFFECTS[name]() for name in names]
+    return diagnose(data, base, effects, rng=np.random.default_rng(1)).channels[0]
+
+
+def test_a_law_that_the_library_lacks_gives_its_kind_and_no_exact_name():
+    data = session(6, lambda t, x, v, run: kelvin_voigt(x, v, 600.0 * maxwell(t, x, run, 0.3)))
+    found = decide(data, PRESS, "cubic_stiffness", "bias", "contact_offset", "plastic_set")
+    assert found.budget[0].kind is Kind.TIME_MEMORY
+    assert found.budget[0].form is Form.UNKNOWN
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert [entry.effect for entry in found.accepted if entry.form is Form.EXACT] == []
+    total = sum(share.share for share in found.budget) + found.rest.noise + found.rest.unexplained
+    assert total == pytest.approx(1.0, abs=0.01)
+
+
+def test_what_is_named_beside_an_unknown_law_is_approximate_and_alone_exact():
+    both = decide(swings(1, lambda q, v, a: rubbing(q, v, a) + strange(q, v, a)), SWING, RUB, SPRING, DRAG)
+    assert (both.verdict, both.complete) == (Verdict.MISSING, False)
+    assert {entry.effect: entry.form for entry in both.accepted} == {RUB: Form.APPROXIMATE}
+    alone = decide(swings(1, rubbing), SWING, RUB, SPRING, DRAG)
+    assert {entry.effect: entry.form for entry in alone.accepted} == {RUB: Form.EXACT}
+    (share,) = alone.budget
+    assert (share.kind, share.form, share.effects) == (Kind.FRICTION, Form.EXACT, [RUB])
+    assert share.share + alone.rest.noise + alone.rest.unexplained == pytest.approx(1.0, abs=0.01)
