@@ -23,9 +23,10 @@ from robot_io.errors import InputError
 ORDER = (
     *("demo", "probe", "replay", "estimate", "inspect", "compare", "diagnose", "resolve"),
     *("add", "remove", "revisions", "effects", "workbench", "report", "export", "reveal"),
-    *("import", "merge", "info", "study", "teleop", "calibrate", "doctor"),
+    *("import", "merge", "info", "sweep", "teleop", "calibrate", "doctor"),
 )
 
+_ALIASES = {"study": "sweep"}  # earlier names, for one release
 _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
 
 
@@ -43,6 +44,8 @@ class CommandGroup(OneLineGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
         """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
         _refuse_empty(args)
+        if args and args[0] in _ALIASES:
+            args = [_ALIASES[args[0]], *args[1:]]
         name, found, rest = super().resolve_command(ctx, args)
         return name, found if name is None else load_command(name), rest
 

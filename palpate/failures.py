@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 from palpate.answer import Answer
 from palpate.made_folders import remove_empty_folders
 from palpate.preflight import library_remedy
+from palpate.python_words import Words
 from robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
 from robot_io.files.safe_yaml import one_line
 
@@ -32,6 +33,7 @@ class OneLineGroup(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
         given = extra.get("args", args[0] if args else None)
+        before, Words.of_command_line = Words.of_command_line, True
         as_json, Answer.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
@@ -41,6 +43,7 @@ class OneLineGroup(TyperGroup):
         except Exception as error:
             sys.exit(report_error(error, as_json=as_json))
         finally:
+            Words.of_command_line = before
             remove_empty_folders()
         if code == INTERRUPTED:
             report("interrupted", INTERRUPTED)

@@ -15,6 +15,7 @@ from palpate.export import Export, export_scenario
 from palpate.export.scenario import FittedChannel
 from palpate.files import existing_data, existing_file, write_text
 from palpate.foreign_code import LIMIT_S, foreign_code
+from palpate.python_words import speaks_python
 from palpate.study_view import view_of
 from palpate.truth import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 TIP_FRAME = "tip"
 
 
+@speaks_python
 class Study(StudyBase):
     """Compare models with a measurement, find what is missing, add it, and go back.
 

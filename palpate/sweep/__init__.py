@@ -1,6 +1,6 @@
 """Many cases of one kind, spread over cores and machines, each result kept at its content address.
 
-A sweep is what `palpate study` runs. It is not a `Study`: that is one measurement with its models.
+A sweep is what `palpate sweep` runs. It is not a `Study`: that is one measurement with its models.
 """
 
 from palpate.sweep.case import Case

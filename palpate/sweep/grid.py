@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from control.probing.plan import ProbingPlan
 from estimation.models import MODELS
@@ -70,6 +71,20 @@ class GridFile(FileModel):
     robot: str = "follower"
     scenario: str | dict[str, Any] = "default"  # everything else of the simulated world
     plan: Mapping[str, Any] = Field(default_factory=dict)  # further keys of the probing plan
+
+    @field_validator("speeds_mm_s", mode="before")
+    @classmethod
+    def _list_runs(cls, value: object) -> object:
+        if isinstance(value, list | tuple) and any(isinstance(speed, int | float) for speed in value):
+            speeds = ", ".join(map(str, value))
+            each = ", ".join(f"[{speed}]" for speed in value)
+            raise PydanticCustomError(
+                "no_runs",
+                "give a list of speeds for each probing run: [[{speeds}]] for one run with all these speeds, "
+                "[{each}] for a run at each speed",
+                {"speeds": speeds, "each": each},
+            )
+        return value
 
     @field_validator("estimators")
     @classmethod

@@ -15,7 +15,7 @@ from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 COMMANDS = (
     *("demo", "probe", "estimate", "inspect", "compare", "diagnose", "add", "revisions", "export", "reveal"),
-    *("import", "info", "study", "doctor", "effects", "replay", "merge"),
+    *("import", "info", "sweep", "doctor", "effects", "replay", "merge"),
 )
 
 

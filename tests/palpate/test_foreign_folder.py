@@ -55,7 +55,7 @@ def run_in(folder: Path, program: Path, *arguments) -> subprocess.CompletedProce
     [
         ("probe", "--out", "new.mcap", "--speed-mm-s", "150", "--hold-s", "0.1"),
         ("doctor", "--wire", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml")),
-        ("study", "grid.yaml", "--workers", "1", "--out", "swept"),
+        ("sweep", "grid.yaml", "--workers", "1", "--out", "swept"),
     ],
 )
 def test_no_planted_file_runs(planted, installed, arguments):

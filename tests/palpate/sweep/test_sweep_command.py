@@ -1,4 +1,4 @@
-"""`palpate study`: from a file, or the paper, to figures, tables and a page; resumed, planned, refused."""
+"""`palpate sweep`: from a file, or the paper, to figures, tables and a page; resumed, planned, refused."""
 
 import csv
 import json
@@ -36,7 +36,7 @@ def mine(tmp_path_factory):
 def done(mine):
     """Three of the four cases, and what the command said."""
     out = mine.parent / "out"
-    result = run("study", mine, "--out", out, "--limit", 3, "--workers", 1, "--json")
+    result = run("sweep", mine, "--out", out, "--limit", 3, "--workers", 1, "--json")
     assert result.exit_code == 0, result.stderr
     return out, json.loads(result.stdout)
 
@@ -46,7 +46,7 @@ def table(path):
         return list(csv.DictReader(file))
 
 
-def test_a_part_of_a_study_has_a_page_with_figures_and_tables_already(done):
+def test_a_part_of_a_sweep_has_a_page_with_figures_and_tables_already(done):
     out, said = done
     assert (said["cases"], said["finished"], said["finished_now"]) == (4, 3, 3)
     page = (out / "index.html").read_text()
@@ -65,22 +65,22 @@ def test_a_part_of_a_study_has_a_page_with_figures_and_tables_already(done):
 
 def test_the_same_command_goes_on_and_repeats_nothing(done, mine):
     out, _ = done
-    said = as_json("study", mine, "--out", out, "--workers", 1)
+    said = as_json("sweep", mine, "--out", out, "--workers", 1)
     assert (said["finished"], said["finished_now"]) == (4, 1)
     before = ResultStore(out / "results").finished()
-    again = run("study", mine, "--out", out)
+    again = run("sweep", mine, "--out", out)
     assert "4 of 4 cases done: 0 in" in again.stdout
     assert ResultStore(out / "results").finished() == before
 
 
 def test_a_plan_says_what_is_left_by_the_measured_cost(done, mine):
     out, _ = done
-    said = as_json("study", mine, "--out", out, "--plan", "--workers", 4)
+    said = as_json("sweep", mine, "--out", out, "--plan", "--workers", 4)
     (cost,) = said["cpu_s_per_case"].values()
     assert said["cases"] == 4
     assert said["left_cpu_s"] == pytest.approx((4 - said["finished"]) * cost)
     assert said["left_wall_s"] == pytest.approx(said["left_cpu_s"] / 4)
-    assert "measured cost of a case" in run("study", mine, "--out", out, "--plan").stdout
+    assert "measured cost of a case" in run("sweep", mine, "--out", out, "--plan").stdout
 
 
 @pytest.mark.parametrize(
@@ -88,12 +88,28 @@ def test_a_plan_says_what_is_left_by_the_measured_cost(done, mine):
 )
 def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    assert_refused(run("study", *arguments), words)
+    assert_refused(run("sweep", *arguments), words)
+
+
+def test_an_interrupted_sweep_says_how_much_is_done(tmp_path, mine, monkeypatch):
+    def interrupted(cases, store, *_):
+        store.land(cases[0].address, [{"seconds": 1.0, "first": True, "error": ""}])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("palpate.sweep.run_cases", interrupted)
+    result = run("sweep", mine, "--out", tmp_path / "out")
+    assert result.exit_code == 130
+    assert "1 of 4 cases are done and kept; the same command goes on from there" in result.stderr
+
+
+def test_the_earlier_name_still_works(done, mine):
+    out, _ = done
+    assert as_json("study", mine, "--out", out, "--plan")["cases"] == 4
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path, mine):
     (tmp_path / "thesis.txt").write_text("mine")
-    assert_refused(run("study", mine, "--out", tmp_path), "holds other files")
+    assert_refused(run("sweep", mine, "--out", tmp_path), "holds other files")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
@@ -122,7 +138,7 @@ def short(case: Case) -> Case:
 
 
 def test_the_paper_comes_out_with_its_numbers_beside_ours(tmp_path, small_paper):
-    result = run("study", "paper", "--out", tmp_path / "paper", "--workers", 1)
+    result = run("sweep", "paper", "--out", tmp_path / "paper", "--workers", 1)
     assert result.exit_code == 0, result.stderr
     tables = tmp_path / "paper" / "tables"
     beside = {row["estimator"]: row for row in table(tables / "grid_beside_paper.csv")}

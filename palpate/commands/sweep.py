@@ -1,4 +1,4 @@
-"""`palpate study`: probe many simulated objects, such as the paper's, with every estimator."""
+"""`palpate sweep`: probe many simulated objects, such as the paper's, with every estimator."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from robot_io.errors import InputError, PalpateError
 
 PAPER = "paper"
 RESULTS = "results"
-STUDIES = Path("studies")
+SWEEPS = Path("sweeps")
 _SAMPLE = 4  # cases that tell what a case costs
 
 
@@ -48,24 +48,31 @@ def command(
 
     Stopped or killed, the same command goes on: no finished case is repeated.
 
-    palpate study paper --out paper
+    palpate sweep paper --out paper
 
-    palpate study mine.yaml --workers 2
+    palpate sweep mine.yaml --workers 2
 
-    palpate study mine.yaml --plan
+    palpate sweep mine.yaml --plan
 
-    palpate study mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
+    palpate sweep mine.yaml --scheduler tcp://10.0.0.5:8786 --out /shared/mine
     """
     from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
 
     parts, grid, title = _cases(what)
-    folder = _folder(out or STUDIES / title)
+    folder = _folder(out or SWEEPS / title)
     store = ResultStore(folder / RESULTS)
     cases = [case for part in parts.values() for case in part]
     chosen = cases[: _SAMPLE if plan and not store.finished() else 0 if plan else limit]
     cluster = Cluster(scheduler, workers)
-    with sweep_progress() as progress:
-        report = run_cases(chosen, store, cluster, progress)
+    try:
+        with sweep_progress() as progress:
+            report = run_cases(chosen, store, cluster, progress)
+    except KeyboardInterrupt:
+        finished = len(store.finished() & {case.address for case in cases})
+        console.stderr().print(
+            f"{finished} of {len(cases)} cases are done and kept; the same command goes on from there"
+        )
+        raise
     rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
     # processor time of each case that is done [s]
     seconds = {part: [row["seconds"] for row in own if row["first"]] for part, own in rows.items()}
@@ -77,7 +84,7 @@ def command(
     facts = {
         "cases": f"{done} of {len(cases)}",
         "processor time": f"{duration(cost)}, {cost / max(done, 1):.2f} s a case",
-        "command": f"palpate study {PAPER if grid is None else typed(Path(what))}",
+        "command": f"palpate sweep {PAPER if grid is None else typed(Path(what))}",
     }
     page = None
     if done == len(cases) or grid is not None:
@@ -108,8 +115,8 @@ def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
     from palpate.sweep.grid import load_grid  # noqa: PLC0415, as above
 
     if not Path(what).suffix and not Path(what).exists():
-        raise InputError(f"study '{what}': valid are {PAPER}, or a YAML file with a grid")
-    path = existing_file(Path(what), "study")
+        raise InputError(f"sweep '{what}': valid are {PAPER}, or a YAML file with a grid")
+    path = existing_file(Path(what), "sweep")
     grid = load_grid(path)
     return {"grid": list(grid.cases())}, grid, path.stem
 
@@ -178,7 +185,7 @@ def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
         text = f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it"
         out.print(text, soft_wrap=True)
     if done < total:
-        again = f"palpate study {outcome['what']} --out {typed(Path(outcome['folder']))}"
+        again = f"palpate sweep {outcome['what']} --out {typed(Path(outcome['folder']))}"
         rest = "and write the page" if page is None else "and write the page anew"
         console.next_steps(
             (again, f"run the cases that are left, {rest}"), (f"{again} --plan", "how long they take")
