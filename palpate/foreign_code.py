@@ -16,7 +16,7 @@ class _TooLongError(BaseException):
 
 
 @contextmanager
-def foreign_code(where: str, limit_s: float | None = None) -> Iterator[None]:
+def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
     """Within, whatever is raised is one clear line, also what would end the program; but not Ctrl-C.
 
     What the code prints goes to stderr: stdout is for results, which a program may read.
@@ -24,6 +24,7 @@ def foreign_code(where: str, limit_s: float | None = None) -> Iterator[None]:
     Args:
         where: what is run, for the error.
         limit_s: time after which it is given up, in the main thread alone [s]; None for no limit.
+        own_file: the user's file, whose line the error names.
 
     Raises:
         InputError: the code failed, or took too long.
@@ -36,7 +37,7 @@ def foreign_code(where: str, limit_s: float | None = None) -> Iterator[None]:
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:
-        raise InputError(f"{where}: {in_words(error)}") from error
+        raise InputError(f"{where}: {in_words(error, own_file)}") from error
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from palpate.study_view import view_of
 from palpate.truth import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
 from palpate.user_effects.guard import rehearse, watched
+from palpate.user_effects.statement import place_of
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import read_text
 from robot_io.files.urdf_text import last_link, parse_urdf
@@ -142,7 +143,10 @@ class Study(StudyBase):
             raise InputError(f"--effect {text}: {error}") from error
         idle = ", ".join(name for name, does in acts.items() if does is False)
         if idle and not any(acts.values()):
-            raise InputError(f"--effect {text}: its columns are zero throughout {idle}: nothing to fit")
+            place = place_of(type(effect), "columns")
+            raise InputError(
+                f"--effect {text}: its columns are zero throughout {idle}: nothing to fit{place}"
+            )
 
     def plot(self, channel: str | None = None) -> "go.Figure":
         """The error as it falls, and curves of measurement and model, of one channel.

@@ -46,15 +46,18 @@ class UnloggedError(SessionError):
     """What happened in a session did not all reach its file, whatever the user supplied; exits with 1."""
 
 
-def in_words(error: BaseException) -> str:
+def in_words(error: BaseException, own_file: str = "") -> str:
     """Kind, message and place of an error, such as "ZeroDivisionError: division by zero (my.py, line 2)".
 
-    It is as it was caught; what the interpreter itself adds to its traceback is left out.
+    Args:
+        error: as it was caught; what the interpreter itself adds to its traceback is left out.
+        own_file: whose last line is named, if the error passed through it, even if a library raised it.
     """
     text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
     if isinstance(error, SyntaxError) or not frames:
         return text  # a SyntaxError says where it is
-    file = Path(frames[-1].filename)
+    last = next((frame for frame in reversed(frames) if frame.filename == own_file), frames[-1])
+    file = Path(last.filename)
     name = f"{file.parent.name}/{file.name}" if file.stem == "__init__" else file.name
-    return f"{text} ({name}, line {frames[-1].lineno})"
+    return f"{text} ({name}, line {last.lineno})"

@@ -10,6 +10,7 @@ from estimation.data.numbers import LARGEST
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.effects import EFFECTS
 from palpate.foreign_code import foreign_code
+from palpate.user_effects.statement import file_of, place_of
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -30,13 +31,13 @@ def watched(effect: Effect) -> Effect:
         def call(one: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
             channel = next((a for a in args if isinstance(a, ChannelData)), None)
             where = f"effect '{one.name}'" + (f" on channel '{channel.name}'" if channel else "")
-            with foreign_code(where):
+            with foreign_code(where, own_file=file_of(found)):
                 made = getattr(super(watching, one), method)(*args, **by_name)
                 made = tuple(made) if method == "starts" else made
                 wrong = _flaw(one, method, args, made)
             if wrong:
                 at = f", at {dict(args[-1])}" if args and isinstance(args[-1], Mapping) and args[-1] else ""
-                raise InputError(f"{where}: {wrong}{at}")
+                raise InputError(f"{where}: {wrong}{at}{place_of(found, method)}")
             return made
 
         return call
@@ -60,7 +61,10 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
     """
     applies = effect.applies_to(data)
     if not isinstance(applies, bool | np.bool_):
-        raise InputError(f"effect '{effect.name}': applies_to gave {type(applies).__name__}, expected a bool")
+        raise InputError(
+            f"effect '{effect.name}': applies_to gave {type(applies).__name__}, expected a bool"
+            f"{place_of(type(effect), 'applies_to')}"
+        )
     if not applies:
         return None
     effect, acts = effect.suited_to(data), True
@@ -74,7 +78,7 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
             if not np.array_equal(columns, effect.columns(data, inner)):
                 raise InputError(
                     f"effect '{effect.name}': columns gives other values when it is called again; it must "
-                    "depend on the data and the inner parameters alone"
+                    f"depend on the data and the inner parameters alone{place_of(type(effect), 'columns')}"
                 )
             acts = any(np.any(effect.columns(data, start)) for start in starts)
         case MotionEffect():

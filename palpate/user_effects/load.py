@@ -13,7 +13,7 @@ from estimation.effects import EFFECTS
 from palpate.files import existing_file
 from palpate.foreign_code import LIMIT_S, foreign_code
 from palpate.user_effects.guard import watched
-from palpate.user_effects.statement import flaw
+from palpate.user_effects.statement import file_of, flaw
 from robot_io.errors import InputError
 
 FORM = "FILE.py:Class"
@@ -69,7 +69,7 @@ def _run(file: Path) -> ModuleType:
         raise InputError(f"effect file {file}: is no Python file (.py)")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
-    with foreign_code(f"effect file {file}", LIMIT_S):
+    with foreign_code(f"effect file {file}", LIMIT_S, str(file.absolute())):
         spec.loader.exec_module(module)
     return module
 
@@ -79,9 +79,9 @@ def _is_effect(value: Any, module: ModuleType) -> bool:  # noqa: ANN401
 
 
 def _checked(text: str, found: type[Effect]) -> Effect:
-    with foreign_code(f"--effect {text}"):
+    with foreign_code(f"--effect {text}", own_file=file_of(found)):
         wrong = flaw(found)
     if wrong:
         raise InputError(f"--effect {text}: {wrong}")
-    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S):
+    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
         return watched(found())

@@ -5,9 +5,11 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
+from palpate.study import Study
 from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from tests.estimation.presses import session
+from tests.palpate.presses import write_presses
 
 DATA = session(1)
 
@@ -53,6 +55,54 @@ def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words)
     with pytest.raises(InputError, match=f"effect 'power' on channel 'contact'.*{words}"):
         effect.columns(DATA, {"d": 0.018})
     assert np.array_equal(DATA.effort, before)
+
+
+OWN = """\
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
+
+
+class Mine(AdditiveEffect):
+    name = "mine"
+    physics = equation = source = signature = "none"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("k", "N", -1e6, 1e6, (0.1, 10.0)),)
+
+    def columns(self, data, inner):
+        depth = np.maximum(data.position, 0.0)
+        return depth[:, None]
+"""
+
+
+@pytest.mark.parametrize(
+    ("sound", "wrong", "line", "words"),
+    [
+        ("return depth[:, None]", "return np.linalg.inv(depth[:, None])", 16, "square"),  # raised in numpy
+        ("return depth[:, None]", "return depth", 14, "shape"),
+        ("return depth[:, None]", "return 0.0 * depth[:, None]", 14, "zero throughout"),
+        ("return depth[:, None]", "return np.random.rand(len(depth), 1)", 14, "other values"),
+        ('name = "mine"', 'name = "My name"', 8, "its name is"),
+        ("(0.1, 10.0)", "(10.0, 0.1)", 12, "ascending order"),
+        ("frozenset({ChannelKind.CONTACT})", '{"contact"}', 11, "ChannelKind.REVOLUTE"),
+        (
+            '    signals = ("position",)\n',
+            '    signals = ("position",)\n    needs = 3\n',
+            11,
+            "its needs are",
+        ),
+        ('"mine"\n    physics = ', '"mine"\n    ', 7, "states no physics"),
+        ("data.position", "data.depth", 15, "depth"),
+    ],
+)
+def test_the_error_of_an_own_effect_names_the_user_s_line(tmp_path, sound, wrong, line, words):
+    assert sound in OWN
+    (tmp_path / "mine.py").write_text(OWN.replace(sound, wrong))
+    with pytest.raises(InputError, match=words) as error:
+        Study(write_presses(tmp_path / "press.csv"), keep=False, effects=[f"{tmp_path}/mine.py:Mine"])
+    assert f"(mine.py, line {line})" in str(error.value)
 
 
 def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
