@@ -119,12 +119,16 @@ def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
         search: of the channel.
         only: kinds that are known to be all; None to find them.
     """
-    start = search.start
+    error = error_of_kinds(search.start)
+    budget = error_budget(error, np.random.default_rng(0), only)
+    return PartiallyLinear(search, tuple(error.laws), budget, error)
+
+
+def error_of_kinds(start: FitResult) -> HeldOutError:
+    """Prepare the held-out errors of a fitted model beside the flexible laws of any set of kinds."""
     blocked, solution = start.problem.blocked, start.solution
     laws = flexible_laws(blocked, blocked.effort - solution.residual, solution.residual)
-    error = HeldOutError(_base_columns(start), laws, solution.target, blocked, start.problem.used)
-    budget = error_budget(error, np.random.default_rng(0), only)
-    return PartiallyLinear(search, tuple(laws), budget, error)
+    return HeldOutError(_base_columns(start), laws, solution.target, blocked, start.problem.used)
 
 
 def _base_columns(start: FitResult) -> BaseColumns:

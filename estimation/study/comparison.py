@@ -1,17 +1,19 @@
 """Model against measurement: how large the held-out error is, and in which part of the data."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.budget import BudgetEntry, error_budget
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bootstrap import SMALL
+from estimation.diagnosis.forms import error_of_kinds
 from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
 from estimation.fit.fit_result import FitResult
+from estimation.fit.threads import single_threaded
 from estimation.physical import UNPHYSICAL
-from estimation.study.fitting import rank_effects
 from estimation.study.patterns import Part, Pattern, patterns
 from estimation.study.split import splits
 from robot_io.errors import InputError, UnknownNameError
@@ -32,8 +34,10 @@ class Comparison(TableDisplay):
     noise_floor: float  # of the channel, whatever the model: see `Study.noise_floor`
     # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
-    words: tuple[str, ...]  # how far off the model is, where first, and what that suggests, in sentences
+    words: tuple[str, ...]  # how far off the model is, where first, and what kinds explain it, in sentences
     patterns: tuple[Pattern, ...] = ()  # what the parts of the error have in common; empty where it is noise
+    # Kinds whose flexible laws explain the error, the largest share first; empty where it is noise.
+    kinds: tuple[BudgetEntry, ...] = ()
 
     @property
     def rmse(self) -> float:
@@ -121,18 +125,29 @@ def compare(fitted: FitResult, model: str, noise_floor: float) -> Comparison:
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
     parts = _parts(fitted, noise_floor)
-    known = [effect.name for effect in fitted.model.effects]
     is_noise = fitted.rmse < AT_FLOOR * noise_floor
-    seen = () if is_noise else patterns(parts, fitted.rmse, data.kind, known)
-    # the likeliest effects first; of runs none can tell
-    found = tuple(
-        one if one.by == "run" else replace(one, effects=rank_effects(fitted, one.effects)) for one in seen
-    )
+    seen = () if is_noise else patterns(parts, fitted.rmse)
+    kinds = () if is_noise else _kinds(fitted)
     first, *where = _words(fitted.rmse, noise_floor, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
-    words = (first, *where, *(one.sentence for one in found))
-    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, found)
+    words = (first, *where, *(one.sentence for one in seen), *_kinds_in_words(kinds))
+    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, seen, kinds)
+
+
+def _kinds(fitted: FitResult) -> tuple[BudgetEntry, ...]:
+    """Kinds whose flexible laws explain the error in held-out runs beside the model."""
+    training = fitted.training_fit
+    with single_threaded():
+        return error_budget(error_of_kinds(training), np.random.default_rng(0)).entries
+
+
+def _kinds_in_words(kinds: tuple[BudgetEntry, ...]) -> tuple[str, ...]:
+    """What the kinds explain of the squared error, in a sentence; none where no kind explains any."""
+    if not kinds:
+        return ()
+    shares = ", ".join(f"{entry.kind.word} {100 * entry.share:.0f} %" for entry in kinds)
+    return (f"Kinds of effects that would explain it, as shares of the squared error: {shares}.",)
 
 
 def _parts(fitted: FitResult, floor: float) -> dict[str, tuple[Part, ...]]:

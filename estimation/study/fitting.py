@@ -16,13 +16,10 @@ from estimation.data_quality import reject_reason, usable
 from estimation.diagnosis import Diagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import (
-    applicable_effects,
     extended_models,
-    parameter_count,
     screen_effects,
 )
 from estimation.effect import Effect
-from estimation.effects import EFFECTS
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.fit_result import FitResult, Validation, fit_model
@@ -124,28 +121,6 @@ def fit_held(data: ChannelData, fit: FitResult, held: Mapping[str, float]) -> Fi
     with single_threaded():
         again = fit_model(data, replace(fit.model, held=held), fit.values, usable(data))
         return replace(again, validation=fit.validation)
-
-
-def rank_effects(fit: FitResult, names: Sequence[str]) -> tuple[str, ...]:
-    """Order effects by the held-out error that each alone leaves beside a model.
-
-    Of those that leave about as little as the best, the one with fewest parameters comes first. Effects that
-    do not apply to the channel come last.
-
-    Args:
-        fit: the model.
-        names: of effects.
-    """
-    training = fit.training_fit
-    applicable = applicable_effects(training.data, fit.model, [EFFECTS[name]() for name in names])
-    with single_threaded():
-        candidates = screen_effects(training, applicable) if len(applicable) > 1 else []
-    least = candidates[0].held_out * (1.0 + SMALL) ** 2 if candidates else 0.0
-    candidates.sort(
-        key=lambda c: (0.0, parameter_count(c.effect)) if c.held_out <= least else (c.held_out, 0)
-    )
-    order = [candidate.effect.name for candidate in candidates]
-    return (*order, *(name for name in names if name not in order))
 
 
 @dataclass(frozen=True, eq=False)

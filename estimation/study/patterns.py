@@ -1,12 +1,9 @@
-"""What the pattern of an error suggests: effects of the vocabulary that leave such an error."""
+"""What the parts of an error have in common: where it is, and with what it changes."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
 
 _TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
 _TURNS = 0.3  # the same where the error only changes with the direction
@@ -14,31 +11,11 @@ _GROWS = 2.0  # error in the last part over that in the first
 _ONE_SIGN = 0.7  # of the error, that is its mean where it has one sign
 _OTHER = 1.2  # times as much must go with what follows another split as with that
 _MOST = 2  # patterns that are said
-_NAMED = 4  # effects that are named with each
 
 # the effort depends on the place and the way, and a phase says where that is and which way it goes
 _FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "effort": ("depth", "position", "direction"),
     "phase": ("depth", "position", "direction"),
-}
-_SUSPECTS: Mapping[str, tuple[str, ...]] = {
-    "turns": (
-        *("coulomb_friction", "dry_friction", "backlash", "hysteresis", "stress_relaxation"),
-        *("asymmetric_friction", "presliding_friction", "bouc_wen_hysteresis"),
-    ),
-    "fast": (
-        *("quadratic_damping", "viscous_friction", "quadratic_friction", "lag", "delay"),
-        *("power_law_relaxation", "damping", "inertia", "armature"),
-    ),
-    "slow": ("stribeck_friction", "presliding_friction", "backlash", "dry_friction", "deadband"),
-    "depth": ("cubic_stiffness", "power_law_stiffness", "layered_stiffness", "contact_offset"),
-    "position": ("torque_ripple", "gravity_tilt", "payload", "joint_spring", "position_dependent_friction"),
-    "phase": ("stress_relaxation", "power_law_relaxation", "drift", "viscous_friction"),
-    "run": ("run_offset", "run_gain", "drift", "plastic_set"),
-    "effort": ("torque_gain", "saturation", "deadband", "tool_compliance", "load_dependent_friction"),
-    "load": ("load_dependent_friction", "torque_gain", "payload", "joint_elasticity"),
-    "recorded": ("recorded_dependence",),
-    "sign": ("bias", "contact_offset", "gravity_tilt", "weight", "drift"),
 }
 
 
@@ -56,66 +33,57 @@ class Part:
 
 @dataclass(frozen=True)
 class Pattern:
-    """How an error is spread, and what leaves such an error."""
+    """How an error is spread."""
 
     by: str  # way of splitting in which it shows
     words: str  # such as "changes with the direction of motion"
-    effects: tuple[str, ...]  # that leave such an error; not those in the model
     share: float  # of the error, that goes with the pattern
 
     @property
     def sentence(self) -> str:
-        """The pattern and its effects, as a hint and no verdict."""
-        if not self.effects:
-            return f"The error {self.words}."
-        names = list(self.effects[:_NAMED])
-        some = " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-        return f"The error {self.words}, as with {some}."
+        """The pattern as a sentence."""
+        return f"The error {self.words}."
 
 
-def patterns(
-    parts: Mapping[str, Sequence[Part]], rmse: float, kind: ChannelKind, known: Collection[str]
-) -> tuple[Pattern, ...]:
+def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern, ...]:
     """What the parts of an error have in common, the plainest first; empty where nothing stands out.
 
     Args:
         parts: the error by way of splitting, see `estimation.study.comparison`.
         rmse: the whole error, in the unit of the effort.
-        kind: of the channel.
-        known: effects that the model has.
     """
     one_sided = _share_of_mean(parts, rmse)
     left = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))  # about the mean, which hides no pattern
     varying = {by: _about_their_mean(own) for by, own in parts.items()}
     means = {by: _share_of_means(own, left) for by, own in varying.items()}
     found = [
-        Pattern(by, words, _suited(suspects, kind, known), share)
+        Pattern(by, words, share)
         for by, own in varying.items()
         if means[by] > _OTHER * max((means.get(one, 0.0) for one in _FOLLOWS.get(by, ())), default=-1.0)
-        for words, suspects, share in _of_split(by, own, means[by])
+        for words, share in _of_split(by, own, means[by])
     ]
     if one_sided > _ONE_SIGN:
-        found.append(Pattern("all", "has one sign throughout", _suited("sign", kind, known), one_sided))
+        found.append(Pattern("all", "has one sign throughout", one_sided))
     return tuple(sorted(found, key=lambda one: -one.share)[:_MOST])
 
 
-def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, str, float]]:
-    """Words, key of suspects and strength of the pattern that one way of splitting shows, if any."""
+def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
+    """Words and strength of the pattern that one way of splitting shows, if any."""
     match by:
         case "direction":
             moving = [part.mean for part in parts if part.label.startswith("moving")]
             if len(moving) == 2 and moving[0] * moving[1] < 0.0 and share > _TURNS:
-                yield "changes with the direction of motion", "turns", share
+                yield "changes with the direction of motion", share
         case "speed":
             growth = parts[-1].rmse / parts[0].rmse if parts[0].rmse > 0.0 else np.inf
             if not 1.0 / _GROWS < growth < _GROWS:
-                end, key = ("high", "fast") if growth >= _GROWS else ("low", "slow")
-                yield f"is largest at {end} speed", key, _TURNS
+                end = "high" if growth >= _GROWS else "low"
+                yield f"is largest at {end} speed", _TURNS
         case "run" if share > _TOLD:
-            yield "differs from run to run", by, share
+            yield "differs from run to run", share
         case _ if share > _TOLD:
             known = by in {"depth", "position", "phase", "effort", "load"}
-            yield f"goes with {'the ' if known else ''}{by}", by if known else "recorded", share
+            yield f"goes with {'the ' if known else ''}{by}", share
 
 
 def _about_their_mean(parts: Sequence[Part]) -> list[Part]:
@@ -138,8 +106,3 @@ def _share_of_mean(parts: Mapping[str, Sequence[Part]], rmse: float) -> float:
     widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
     whole = sum(part.samples * part.mean for part in widest)
     return abs(whole) / (rmse * sum(part.samples for part in widest)) if widest and rmse > 0.0 else 0.0
-
-
-def _suited(key: str, kind: ChannelKind, known: Collection[str]) -> tuple[str, ...]:
-    suited = (name for name in _SUSPECTS[key] if kind in EFFECTS[name].channels and name not in known)
-    return tuple(suited)

@@ -167,6 +167,7 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
         "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},
         "words": list(comparison.words),
         "patterns": list(map(vars, comparison.patterns)),
+        "kinds": list(map(vars, comparison.kinds)),
         "not_judged": comparison.not_judged,
     }
 
@@ -206,14 +207,7 @@ def _after(  # noqa: PLR0917, what was typed
     elif model is None and data.urdf is None:
         steps += _other_models(data, study, results, channel)
     missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
-    return [*steps, (missing, "which effect is missing"), *_suggested(results)]
-
-
-def _suggested(results: Sequence[ChannelResult]) -> Steps:
-    """The effect that the plainest pattern suggests."""
-    compared = (one.shown for one in results if one.shown is not None)
-    names = [name for one in compared for pattern in one.patterns for name in pattern.effects[:1]]
-    return [(f"palpate effects {name}", "what that is") for name in names[:1]]
+    return [*steps, (missing, "which effect is missing")]
 
 
 def _other_models(

@@ -5,6 +5,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
+from rerun.chunk import RrdReader
 from rich.console import Console
 
 from estimation.diagnosis import ChannelDiagnosis
@@ -12,6 +13,8 @@ from estimation.kinds import Kind
 from palpate.render import palette, sentences, terminal
 from palpate.render.budget import budget_view
 from palpate.render.budget_picture import budget_picture
+from palpate.render.recording.budget import budget_tab, log_budget
+from palpate.render.recording.stream import TIME, recording_file, shown_on
 
 
 def share(kind, value, form="unknown", effects=(), low=None, high=None, **more):
@@ -152,3 +155,24 @@ def test_unexplained_says_the_kinds_alone():
     told = sentences.diagnosed(found).sentence
     assert "what kind is missing is known, its form is not: elastic shape (25 %) and friction (20 %)." in told
     assert "dry_friction" not in told
+
+
+def test_rerun_shows_a_bar_for_each_part_and_the_sentence(tmp_path):
+    view, path = budget_view(diagnosis(RELAXATION, SHAPE)), tmp_path / "budget.rrd"
+    with recording_file(
+        "budget", path, shown_on(budget_tab("contact", "budget"), timeline=TIME)
+    ) as recording:
+        log_budget(recording, "contact", view)
+    columns = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            columns[chunk.entity_path, name.rpartition(":")[2]] = batch.column(name).to_pylist()
+    ends = [
+        max(point[0] for line in columns[f"/contact/chart/row/{row}/bar", "strips"][0] for point in line)
+        for row in range(3)
+    ]
+    assert ends[1] / ends[0] == pytest.approx(0.25 / 0.61)
+    assert ends[2] / ends[0] == pytest.approx(0.04 / 0.61)
+    (text,) = columns["/contact/words", "text"]
+    assert view.sentence in text[0]

@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from palpate.render import palette
+from palpate.render.recording.budget import budget_tab, log_budget
 from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, label, span_of
 from palpate.render.recording.stream import (
     BACKGROUND,
@@ -28,7 +29,8 @@ _FIRST, _NOW = 42.0, 92.0  # middles of the two bars
 def record_rerun(view: StudyView, path: Path) -> None:
     """Write the recording; the file appears whole or not at all.
 
-    Where effects were added, timeline `revision` shows curves, residual, error and words of each revision,
+    Where a diagnosis is known, the first tab of a channel shows its error budget. Where effects were added,
+    timeline `revision` shows curves, residual, error and words of each revision,
     beside those of revision 0 in grey. Timeline `time` shows measurement, models and motion over time.
 
     Raises:
@@ -36,12 +38,17 @@ def record_rerun(view: StudyView, path: Path) -> None:
     """
     drawn = [channel for channel in view.channels if len(channel.effort)]
     grown = [channel for channel in drawn if len(channel.stages) > 1]
+    judged = [channel for channel in drawn if channel.budget is not None]
     tabs = [
+        *(budget_tab(f"{c.name}/budget", f"{c.name}: error budget") for c in judged),
         *map(_growth_tab, grown),
         *(_time_tab(c, f"{c.name} over time" if grown else c.name) for c in drawn),
     ]
     timeline = REVISION if grown else TIME
     with recording_file(Path(view.file).name, path, shown_on(*tabs, timeline=timeline)) as recording:
+        for channel in judged:
+            if channel.budget is not None:
+                log_budget(recording, f"{channel.name}/budget", channel.budget)
         for channel in grown:
             _log_curves(recording, channel)
             _log_errors(recording, channel)
