@@ -83,7 +83,7 @@ def _budget_table(budget: BudgetView, width: int) -> Table:
     last = ("effects",) if roomy else ()
     made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
     for part in budget.parts:
-        share = f"{_BOUNDS[part.bound]}{percent(part.share)}"
+        share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
         effects = safe(part.effects_text)
         form = part.form if roomy or not effects else f"{part.form}\n[dim]{effects}[/dim]"
         bar = _bar(part.share, part.color, width)

@@ -97,7 +97,7 @@ class BudgetPart:
     @property
     def share_text(self) -> str:
         """The share with its bound, such as "at most 4 %"."""
-        return f"{self.bound} {percent(self.share)}".strip()
+        return f"{self.bound} {percent(self.share, bound=self.bound)}".strip()
 
     @property
     def range_text(self) -> str:
@@ -122,9 +122,11 @@ class BudgetView:
     confusions: tuple[str, ...] = ()
 
 
-def percent(share: float) -> str:
-    """A share of the whole, without a digit that nobody needs."""
-    return "under 1 %" if 0.0 < share < 0.005 else f"{100 * share:z.0f} %"
+def percent(share: float, *, bound: str = "") -> str:
+    """A share of the whole in percent, without digits that nobody needs."""
+    if 0.0 < share < 0.005:
+        return "1 %" if bound == "at most" else "under 1 %"
+    return f"{100 * share:z.0f} %"
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,8 @@ def test_noise_that_nothing_measured_is_an_upper_bound():
     """Then what nothing explains is a lower bound: the two add up."""
     told = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09, free_air=None)).sentence
     assert told.endswith("relaxation 61 %, noise at most 30 %, unexplained at least 9 %.")
+    little = budget_view(diagnosis(RELAXATION, noise=0.002, free_air=None)).sentence
+    assert little.endswith("noise at most 1 %.")
     measured = budget_view(diagnosis(RELAXATION, noise=0.3, unexplained=0.09)).sentence
     assert measured.endswith("relaxation 61 %, noise 30 %, unexplained 9 %.")
 

@@ -1,0 +1,219 @@
+"""Writes docs/recordings.md: what `palpate diagnose` says of public recordings.
+
+    python docs/make_recordings.py DATA_DIR [DATA_DIR ...] --answers FOLDER
+
+A DATA_DIR holds recordings by name: `NAME/import.csv.gz`, converted by benchmarks/measured/convert.py as a
+recipe says, or the folder of a set that benchmarks/measured/recordings.py reads. What is not there is left
+out. Diagnoses are kept in the folder of answers, one JSON file a recording; one that is there already is not
+made again. Pictures are drawn from the answers.
+"""
+
+import json
+import subprocess
+import sys
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # the benchmarks are no installed package
+
+from measured.convert import RECIPES, load_recipe, split_of
+from measured.recordings import SETS, Recording
+from recordings import command_of
+
+from estimation.diagnosis import ChannelDiagnosis, diagnose
+from estimation.kinds import Kind
+from palpate.render.budget import budget_view
+from palpate.render.budget_picture import budget_picture
+from palpate.render.sentences import diagnosed
+
+PAGE = Path(__file__).parent / "recordings.md"
+PICTURES = Path(__file__).parent / "pictures" / "recordings"
+WIDTH = 900  # of a picture [px]
+INK = "#768390"  # reads on light and on dark
+INTRODUCTION = """# Recordings
+
+What `palpate diagnose` says of measurements that others made and published. A picture shows the error
+budget: how the squared error of a simple base model in held-out runs divides among kinds of effects, noise
+and what nothing explains ([diagnosis](diagnosis.md)). The dot is a kind's share; its range goes from what
+only this kind explains to what it explains alone. What was expected comes from the publication or from a
+plain least-squares ladder. `docs/make_recordings.py` writes this page; data are no part of this project.
+"""
+ORIGINS = {  # of the sets: repository, licence, what was measured
+    "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
+    "xl330_pendulum": ("Rhoban/bam", "Apache-2.0", "servo XL330 with a pendulum, 16 runs"),
+    "silverbox": ("biaslab/nsi-silverbox", "MIT", "electronic mass, damper and hardening spring"),
+    "load_cell": ("mvsivaselvan/CIE324-Swing-Project", "MIT", "two load cells under dead weights"),
+    "soft_indentation": ("SarahIaquinta/perineal_indentation", "GPL-3.0", "soft specimens, 23 indentations"),
+    "servo_backlash": (
+        "roboninecom/Measuring-Backlash-in-Popular-UART-Servos",
+        "CC BY 4.0",
+        "servos pulled at rest; one log is a control",
+    ),
+    "motor_cogging": (
+        "heitor-andrade/laas_anti_cogging",
+        "BSD-3-Clause",
+        "motor, at rest and in motion",
+    ),
+    "surgical_tool": (
+        "MRDLab/mis-tool-characterization",
+        "ODbL",
+        "two cable-driven surgical tools",
+    ),
+    "afm_cell_relaxation": ("AFM-analysis/afmformats", "MIT", "oocyte under an AFM, 15 curves"),
+    "muscle_ramps": (
+        "beards-lab/TitinViscoelasticity",
+        "MIT",
+        "muscle stretched by ramps and held, four conditions; nominal scale",
+    ),
+    "tx40_arm": ("thanhndv212/figaroh-examples", "Apache-2.0", "arm of six joints in one exciting motion"),
+}
+
+
+@dataclass
+class Entry:
+    """One recording on the page."""
+
+    name: str
+    measured: str  # what it is, in a sentence
+    origin: str  # where the data are, as Markdown
+    expected: list[str]  # one a channel, or one for all
+    split: str  # "developed on" or "held out"
+    unit: str = ""  # of the effort, where it is neither a force nor a torque
+    channels: list[ChannelDiagnosis] = field(default_factory=list)
+    refused: str = ""  # why there is no answer
+
+
+def main() -> None:
+    """Diagnose what has no answer yet, and write the page."""
+    options = _options()
+    options.answers.mkdir(parents=True, exist_ok=True)
+    entries = [*_of_recipes(options), *_of_sets(options)]
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    for old in PICTURES.glob("*.svg"):
+        old.unlink()
+    PAGE.write_text("\n".join([INTRODUCTION, *_summary(entries), *map(_section, entries)]), encoding="utf-8")
+
+
+def _options() -> Namespace:
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("data_dirs", type=Path, nargs="+", metavar="DATA_DIR")
+    parser.add_argument("--answers", type=Path, required=True, help="folder that keeps diagnoses")
+    parser.add_argument("--no-new", action="store_true", help="diagnose nothing; show what has an answer")
+    return parser.parse_args()
+
+
+def _of_recipes(options: Namespace) -> Iterator[Entry]:
+    """Recordings that a recipe describes, of which the data are there."""
+    for name in sorted(path.stem for path in RECIPES.glob("*.yaml")):
+        files = (folder / name / "import.csv.gz" for folder in options.data_dirs)
+        file = next(filter(Path.is_file, files), None)
+        if file is None:
+            continue
+        answer = options.answers / f"{name}.json"
+        if not answer.is_file() and options.no_new:
+            continue
+        recipe = load_recipe(name)
+        if not answer.is_file():
+            print(name, flush=True)
+            command = command_of(recipe, file)
+            done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603, ours
+            failed = json.dumps({"refused": (done.stderr.strip().splitlines() or ["no message"])[-1]})
+            answer.write_text(failed if done.returncode else done.stdout, encoding="utf-8")
+        yield _entry_of_recipe(recipe, json.loads(answer.read_text(encoding="utf-8")))
+
+
+def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
+    origin, expected, name = recipe["origin"], recipe["expected"], recipe["name"]
+    kinds = " or ".join(Kind(kind).word for kind in expected["kinds"])
+    place = f"[{origin['repository'].removeprefix('https://github.com/')}]({origin['repository']})"
+    command = f"`python benchmarks/measured/convert.py {name} --from REPOSITORY --to FOLDER`"
+    return Entry(
+        name=name,
+        measured=recipe["measured"],
+        origin=f"{place} at {origin['commit'][:7]}, {origin['licence']}; {command}",
+        expected=[f"{kinds}. {expected['why']}"],
+        split=split_of(name).replace("_", " ").replace("develop", "developed on"),
+        channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
+        refused=content.get("refused", ""),
+    )
+
+
+def _of_sets(options: Namespace) -> Iterator[Entry]:
+    """Recordings of the sets that benchmarks/measured/recordings.py reads."""
+    for read in SETS:
+        folders = (folder / read.__name__ for folder in options.data_dirs)
+        folder = next(filter(Path.is_dir, folders), None)
+        if folder is None:
+            continue
+        repository, licence, measured = ORIGINS[read.__name__]
+        place = f"[{repository}](https://github.com/{repository}), {licence}"
+        for recording in read(folder):
+            answer = options.answers / f"{recording.name.replace(' ', '_')}.json"
+            if not answer.is_file() and options.no_new:
+                continue
+            yield Entry(
+                name=recording.name,
+                measured=f"{measured[0].upper()}{measured[1:]}.",
+                origin=f"{place}; read by benchmarks/measured",
+                expected=[expected.said for expected in recording.expected],
+                split="developed on",
+                unit=recording.unit,
+                channels=_answer_of_set(recording, answer),
+            )
+
+
+def _answer_of_set(recording: Recording, answer: Path) -> list[ChannelDiagnosis]:
+    if not answer.is_file():
+        print(recording.name, flush=True)
+        found = diagnose(recording.channels, recording.models, rng=np.random.default_rng(0))
+        answer.write_text(found.model_dump_json(), encoding="utf-8")
+    content = json.loads(answer.read_text(encoding="utf-8"))
+    channels = [ChannelDiagnosis.model_validate(one) for one in content["channels"]]
+    unit = {"effort_unit": recording.unit} if recording.unit else {}
+    return [channel.model_copy(update=unit) for channel in channels]
+
+
+def _summary(entries: list[Entry]) -> Iterator[str]:
+    """A table of all recordings."""
+    yield "| recording | verdict | largest kind | missing effects |"
+    yield "|---|---|---|---|"
+    for entry in entries:
+        link = f"[{entry.name}](#{entry.name.replace(' ', '-')})"
+        if entry.refused:
+            yield f"| {link} | refused | | |"
+        for channel in entry.channels:
+            where = "" if len(entry.channels) == 1 else f" {channel.channel}"
+            kind = channel.budget[0].kind.word if channel.budget else ""
+            names = ", ".join(
+                f"{one.effect} ({one.form.value})" if one.form.value != "exact" else one.effect
+                for one in channel.accepted
+            )
+            yield f"| {link}{where} | {channel.verdict.value} | {kind} | {names} |"
+    yield ""
+
+
+def _section(entry: Entry) -> str:
+    """One recording: what it is, what was expected, what was said, where the data are."""
+    lines = [f"## {entry.name}", "", f"{entry.measured} ({entry.split})", ""]
+    expected = [text.rstrip(".") for text in dict.fromkeys(entry.expected)]
+    lines += [f"**Expected**: {'; '.join(expected)}.", ""]
+    if entry.refused:
+        lines += [f"**Said**: refused. {entry.refused}", ""]
+    for channel in entry.channels:
+        budget, verdict = budget_view(channel), diagnosed(channel)
+        if budget is not None:
+            name = f"{entry.name.replace(' ', '_')}-{channel.channel}.svg"
+            (PICTURES / name).write_text(budget_picture(budget, WIDTH, INK) + "\n", encoding="utf-8")
+            lines += [budget.sentence, "", f"![error budget](pictures/recordings/{name})", ""]
+            lines += [line for confusion in budget.confusions for line in (confusion, "")]
+        lines += [f"**Said**: *{verdict.word}*. {verdict.sentence}", ""]
+    return "\n".join([*lines, f"**Data**: {entry.origin}.", ""])
+
+
+if __name__ == "__main__":
+    main()
