@@ -333,6 +333,7 @@ class Study(TableDisplay):
         channel: str | None = None,
         *,
         apply: bool = False,
+        plan: bool = True,
         progress: fitting.Progress = lambda what, share: None,
         judge: fitting.Judge = fitting.diagnose,
     ) -> StudyDiagnosis:
@@ -341,6 +342,7 @@ class Study(TableDisplay):
         Args:
             channel: only this one; None for all.
             apply: add the missing effects, as revisions.
+            plan: plan the next experiment for the arm that made the recording, if there is one.
             progress: called with the current step and the share of it that is done.
             judge: does the work, such as in another process.
 
@@ -358,6 +360,7 @@ class Study(TableDisplay):
                 reconcile(partial(self.fit, one), one, entry)
                 for one, entry in zip(chosen, judged.channels, strict=True)
             ]
+            entries = self._plan_next(entries, progress) if plan else entries
             averaged, warnings = self.source.averaged, self.warnings
             entries = [
                 entry.model_copy(
@@ -376,6 +379,12 @@ class Study(TableDisplay):
                 self._keep(one, [accepted.effect for accepted in entry.accepted], None)
         names = "+".join(dict.fromkeys(one.model.name for one in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=entries)
+
+    def _plan_next(
+        self, diagnosed: list[ChannelDiagnosis], progress: fitting.Progress
+    ) -> list[ChannelDiagnosis]:
+        """Replace next experiments by one that the arm can do; overridden where arms are known."""
+        return diagnosed
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """Return a diagnosis as plain data, with the data and models that it is about; keys are stable."""

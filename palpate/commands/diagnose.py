@@ -1,6 +1,5 @@
 """`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
 
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
@@ -24,7 +23,6 @@ from palpate.outcome import NAMES, write_outcome
 from palpate.outcome import as_json as json_text
 from palpate.render.progress import diagnosis_progress
 from palpate.render.terminal import print_diagnosis, print_files
-from palpate.resolving.designing import next_probe, with_proposal
 from palpate.study import Study
 from palpate.study_view import view_of
 from palpate.words import as_shell_word
@@ -73,10 +71,7 @@ def command(
     folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None
     with diagnosis_progress([one.name for one in study.chosen(channel)]) as progress:
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
-        processes = os.cpu_count() or 1
-        following = next_probe(study, diagnosis.channels, progress=progress, processes=processes)
-    if following is not None:
-        diagnosis = with_proposal(diagnosis, following)
+    following = study.next_probe(diagnosis.channels)
     content = study.diagnosis_data(diagnosis)
     results = [
         study.result(study.channel(one.channel), [entry.effect for entry in one.accepted], one)

@@ -16,13 +16,12 @@ from estimation.design.choice import NEARLY
 from estimation.design.discrimination import SMALL
 from estimation.design.next_experiment import FEW_READINGS, NextExperiment
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.study import StudyChannel, StudyDiagnosis
+from estimation.study import Study, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
 from palpate.resolving.experiments import Candidate, both, candidates
 from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.probing import PLAN
-from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.files.safe_yaml import parse_yaml
@@ -92,6 +91,8 @@ def next_probe(
     Raises:
         InputError: the session's own copies of robot file or plan are not valid.
     """
+    if not study.source.probed:
+        return None
     open_questions = undecided(study, found)
     if not open_questions:
         return _remedy(study, found, longest_s, progress)
@@ -204,16 +205,6 @@ def _remedy(
             )
             return NextProbe(candidate.plan, proposal, choice, tuple(one.channel for one in judged))
     return None
-
-
-def with_proposal(diagnosis: StudyDiagnosis, following: NextProbe) -> StudyDiagnosis:
-    """A diagnosis that proposes this probe in the channels of which it tells."""
-    change = {"next_experiment": following.proposal}
-    channels = [
-        one.model_copy(update=change) if one.channel in following.channels else one
-        for one in diagnosis.channels
-    ]
-    return diagnosis.model_copy(update={"channels": channels})
 
 
 def feasible(

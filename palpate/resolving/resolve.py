@@ -126,7 +126,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
         study = Study(folder)
         used_s = sum(one.seconds for one in decisions) + outcome.loop.duration_s
         with work([one.name for one in study.chosen(channel)]) as progress:
-            diagnosis = study.diagnose(channel, progress=progress)
+            diagnosis = study.diagnose(channel, plan=False, progress=progress)
             found = diagnosis.channels
             end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
             if end is End.SEPARATED and any(_is_adequate(one) and one.channel in shown for one in found):

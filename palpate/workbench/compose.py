@@ -178,13 +178,11 @@ def _next_step(home: Home, bench: Bench) -> None:
     simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
 
     async def go() -> None:
-        from palpate.resolving.designing import next_probe  # noqa: PLC0415, with the simulator
-
         place.clear()
         with place:
             ui.label(words.DESIGNING).classes("quiet")
         try:
-            following = await run.io_bound(lambda: next_probe(bench.study, [found]))
+            following = await run.io_bound(lambda: bench.study.next_probe([found]))
             if following is None:
                 ui.notify("no experiment that this arm can do would tell more")
                 return

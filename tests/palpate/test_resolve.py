@@ -153,6 +153,8 @@ def test_an_experiment_that_takes_longer_than_is_left_is_not_chosen(probed, diag
 def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed, tmp_path):
     following = next_probe(probed, diagnosed.channels)
     assert set(following.proposal.separates) == {"deadband", "bias"}
+    assert diagnosed.channels[0].next_experiment == following.proposal
+    assert probed.next_probe(diagnosed.channels).plan == following.plan
     (tmp_path / "next.yaml").write_text(plan_text(following.proposal, following.plan))
     assert load_probing_plan(tmp_path / "next.yaml") == following.plan
 
