@@ -41,7 +41,7 @@ from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.study.undecided_models import is_undecided
-from palpate.resolving.designing import NextProbe, feasible, next_probe
+from palpate.planning.next_probe import NextProbe, feasible, next_probe
 from palpate.resolving.resolve import Budget, Decision, End, resolve
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot

@@ -6,7 +6,8 @@ from typing import ClassVar
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
-from robot_io.calibration import NO_CALIBRATIONS
+
+LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a level base
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class ModelContext:
     tip_frame: str = ""  # name of the tip's frame in that URDF
     urdf_origin: str = "URDF text"  # where that text comes from, for errors
     # Shape (3,), fall acceleration in the axes of its root link [m/s^2].
-    gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
+    gravity_m_s2: tuple[float, float, float] = LEVEL_GRAVITY_M_S2
     # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
     rotor_inertia_kg_m2: tuple[float, ...] = ()
     # Whether a contact's surface was found from the data and so has an error of its own.

@@ -7,7 +7,7 @@ kept in it. In any other folder nothing is replaced without `--force`.
 from collections.abc import Iterable
 from pathlib import Path
 
-from estimation.data.channels import is_session
+from estimation.data.file_kind import is_session
 from estimation.study import Revisions
 from palpate.files import spare_files
 from robot_io.errors import InputError

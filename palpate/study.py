@@ -33,7 +33,7 @@ from sim_backend.scenario import Scenario
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from palpate.resolving.designing import NextProbe
+    from palpate.planning.next_probe import NextProbe
 
 TIP_FRAME = "tip"
 _ProbeKey = tuple[
@@ -175,7 +175,7 @@ class Study(StudyBase):
         Raises:
             InputError: the session's own copies of robot file or plan are not valid.
         """
-        from palpate.resolving.designing import next_probe  # noqa: PLC0415, with the simulator
+        from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
 
         key = tuple(
             (self.channel(one.channel).key, one.verdict, tuple(each.effect for each in one.accepted))

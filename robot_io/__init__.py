@@ -1,6 +1,17 @@
 """The hardware abstraction: what is measured and commanded, drivers, robot file, clock, guard, session."""
 
-from robot_io.session import Column, Samples, Session, SessionMetadata, SessionWriter, Stream, write_session
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from robot_io.session import (
+        Column,
+        Samples,
+        Session,
+        SessionMetadata,
+        SessionWriter,
+        Stream,
+        write_session,
+    )
 
 __all__ = [
     "Column",
@@ -11,3 +22,12 @@ __all__ = [
     "Stream",
     "write_session",
 ]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    """Import `robot_io.session` when it is asked for: types and errors need no MCAP library."""
+    if name in __all__:
+        from robot_io import session  # noqa: PLC0415
+
+        return getattr(session, name)
+    raise AttributeError(f"module 'robot_io' has no attribute '{name}'")

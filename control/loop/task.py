@@ -4,13 +4,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from control.arm.rigid_body import TipMotion
-from control.paths.trajectory import JointMotion
 from robot_io.types import Command, FloatArray, Measurement
+
+if TYPE_CHECKING:
+    from control.arm.rigid_body import TipMotion
+    from control.paths.trajectory import JointMotion
 
 
 class Phase(IntEnum):
@@ -91,8 +93,8 @@ class Task(Protocol):
 
 def make_output(
     command: Command,
-    motion: JointMotion,
-    tip: TipMotion,
+    motion: "JointMotion",
+    tip: "TipMotion",
     direction: FloatArray,
     phase: Phase,
     *,

@@ -6,11 +6,14 @@ arm.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from control.arm.rigid_body import PARAMETERS_PER_LINK, RigidBody
 from robot_io.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from control.arm.rigid_body import RigidBody
 
 _POSTURES = 200
 _INDEPENDENT = (
@@ -52,15 +55,15 @@ class BaseParameters:
 
 def inertial_name(column: int) -> str:
     """Of the parameter that belongs to a column of the regressor, such as "link2_Izz"."""
-    return f"link{column // PARAMETERS_PER_LINK + 1}_{_NAMES[column % PARAMETERS_PER_LINK]}"
+    return f"link{column // len(_NAMES) + 1}_{_NAMES[column % len(_NAMES)]}"
 
 
 def inertial_unit(column: int) -> str:
     """Of the parameter that belongs to a column of the regressor."""
-    return _UNITS[column % PARAMETERS_PER_LINK]
+    return _UNITS[column % len(_NAMES)]
 
 
-def base_parameters(body: RigidBody) -> BaseParameters:
+def base_parameters(body: "RigidBody") -> BaseParameters:
     """The base parameters of an arm, whatever its motion: from random postures, speeds and accelerations."""
     rng = np.random.default_rng(0)
     motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))

@@ -9,7 +9,7 @@ semidefinite programs is needed.
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
+import scipy
 
 from estimation.arm.pseudo_inertia import Divergence
 from estimation.information import Information
@@ -74,8 +74,8 @@ class _Problem:
         root = np.concatenate([self._root, np.sqrt(precision) * self._divergence.curvature_root(inertial)])
         scale = 1.0 / np.linalg.norm(root, axis=0)
         factor = np.linalg.qr(root * scale, mode="r")
-        half = solve_triangular(factor, scale * slope, trans="T", check_finite=False)
-        return scale * solve_triangular(factor, half, check_finite=False), float(half @ half)
+        half = scipy.linalg.solve_triangular(factor, scale * slope, trans="T", check_finite=False)
+        return scale * scipy.linalg.solve_triangular(factor, half, check_finite=False), float(half @ half)
 
     def _cost(self, inertial: FloatArray, precision: float) -> float:
         quadratic = inertial @ (0.5 * self._information.matrix @ inertial - self._information.vector)

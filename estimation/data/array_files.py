@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet
 from numpy.typing import NDArray
 
 from estimation.data.file_columns import FileColumns, check_size
@@ -25,7 +24,9 @@ def read_parquet(path: Path) -> FileColumns:
     Raises:
         InputError: it holds too much.
     """
-    with path.open("rb") as opened, pa.parquet.ParquetFile(opened) as file:  # Arrow takes no name but UTF-8
+    from pyarrow.parquet import ParquetFile  # noqa: PLC0415, slow to import
+
+    with path.open("rb") as opened, ParquetFile(opened) as file:  # Arrow takes no name but UTF-8
         check_size(path, _LEAST_CELL * file.metadata.num_rows * file.metadata.num_columns)
         batches, size = [], 0
         for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):  # what a row takes is known only then

@@ -1,8 +1,4 @@
-"""The channels of anything that a user may point at: a session or a data file."""
-
-import os
-from contextlib import suppress
-from pathlib import Path
+"""The channels of sessions."""
 
 from control.loop.tick_record import STREAM_NAME
 from estimation.channel import ChannelData
@@ -12,25 +8,6 @@ from estimation.data.tick_check import checked_ticks
 from estimation.signals.runwise import sample_time
 from robot_io.errors import InputError
 from robot_io.session import Session
-
-_MCAP_MAGIC = b"\x89MCAP"
-_ROS = b"\x04\x00\x00\x00ros2"  # the profile, behind the magic number and the header's length
-_HEAD_BYTES = 25
-
-
-def is_session(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is or should be a session: by its ending, or by its first bytes.
-
-    A recording of ROS 2 is an MCAP file too, but a data file like others.
-    """
-    place = Path(path)
-    if not place.is_file():
-        return place.suffix == ".mcap"
-    head = b""
-    with suppress(OSError), place.open("rb") as file:  # whoever reads it says what is wrong
-        head = file.read(_HEAD_BYTES)
-    mcap = head.startswith(_MCAP_MAGIC)
-    return (mcap or place.suffix == ".mcap") and not (mcap and _ROS in head)
 
 
 def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:

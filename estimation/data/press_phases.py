@@ -1,7 +1,7 @@
 """The phases of a press, from its motion: approach, loading, hold, unloading, retract, free."""
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from control.loop.task import Phase
 from estimation.data.press_runs import force_levels
@@ -50,8 +50,10 @@ def press_phases(
     way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
     for rows in blocks(run):
-        of_run = np.asarray(median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest"))
-        touching = np.asarray(median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
+        of_run = np.asarray(
+            scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
+        )
+        touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
         phase[rows] = _PHASES[touching, of_run + 1]
     return phase
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from estimation.signals.blocks import blocks
 from robot_io.errors import InputError
@@ -83,11 +83,14 @@ def cut_into(
     """
     from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
 
-    depth = np.asarray(median_filter(displacement, 5))
+    depth = np.asarray(scipy.ndimage.median_filter(displacement, 5))
     padded = np.pad(depth, 1, constant_values=depth.min())
     peaks = find_peaks(padded)[0]
     way = peak_prominences(padded, peaks)[0]
-    pressed = np.asarray(median_filter(force, 5))[peaks - 1] > force_levels(force, displacement).released
+    pressed = (
+        np.asarray(scipy.ndimage.median_filter(force, 5))[peaks - 1]
+        > force_levels(force, displacement).released
+    )
     is_press = pressed & (way > _RELEASED * np.ptp(depth))
     tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
     run = _cut(force, piece, tops, 1) if len(tops) else piece

@@ -7,7 +7,7 @@ has the figure and the remedy, such as the option that overrides what was taken.
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data_quality.motion_and_effort import (
@@ -61,7 +61,7 @@ def usable(data: ChannelData) -> BoolArray:
     """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
-    smooth = per_run(lambda effort: np.asarray(median_filter(effort, 5)), data.effort, data.run)
+    smooth = per_run(lambda effort: np.asarray(scipy.ndimage.median_filter(effort, 5)), data.effort, data.run)
     off = np.abs(data.effort - smooth)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
     good = np.asarray(off <= max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth))))

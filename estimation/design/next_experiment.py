@@ -1,7 +1,7 @@
 """What to record next, so that the data can say more: in words, for whoever made the motion.
 
 A probing arm can do more than repeat a motion in another way: its plan comes from
-`palpate.resolving.designing`.
+`palpate.planning.next_probe`.
 """
 
 from collections.abc import Mapping, Sequence

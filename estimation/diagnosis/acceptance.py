@@ -8,9 +8,9 @@ where each takes most of what a flexible law of its kind takes, beside flexible 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
 
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.bootstrap import SMALL, improvement_test
@@ -28,7 +28,7 @@ Complete = Callable[[FitResult], bool]
 _RIVALS = 5  # looked at in the place of an effect; each must explain half of what that does
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
 _DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
-_SURE = float(ndtri(1.0 - 0.5 * LEVEL) / ndtri(0.975))  # times a 95 % interval: that of `LEVEL`
+_SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
 _RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 

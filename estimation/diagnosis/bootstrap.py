@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import grid_step
@@ -58,7 +58,7 @@ class BootstrapTest:
         if count < _FEW:
             return False
         spread = float(np.std(self.simulated, ddof=1)) * np.sqrt(1.0 + 1.0 / count)
-        far = stdtrit(count - 1, 1.0 - _CHANCE) * spread
+        far = scipy.special.stdtrit(count - 1, 1.0 - _CHANCE) * spread
         return self.is_significant and bool(self.observed > np.mean(self.simulated) + far)
 
 

@@ -1,7 +1,7 @@
 """The sensor has coarse steps."""
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
@@ -81,5 +81,5 @@ def _carried_over(part: FloatArray, noise: float) -> FloatArray:
     over = np.zeros_like(part)
     for edge in _EDGES:
         near = part > edge - _FURTHEST * noise
-        over[near] += ndtr((part[near] - edge) / noise)
+        over[near] += scipy.special.ndtr((part[near] - edge) / noise)
     return over

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from estimation.estimate import Estimate
 from estimation.estimator import Estimator
@@ -81,7 +81,7 @@ class Ransac(Estimator):
         distance = np.abs(candidates @ columns[rows].T - effort[rows])
         quantiles = np.quantile(distance, _QUANTILE, axis=1)
         best = int(np.argmin(quantiles))
-        pilot, sigma = candidates[best], float(quantiles[best] / ndtri((1.0 + _QUANTILE) / 2.0))
+        pilot, sigma = candidates[best], float(quantiles[best] / scipy.special.ndtri((1.0 + _QUANTILE) / 2.0))
         gains, inliers = self._refine(regression, pilot, max(_CUT * sigma, least))
         left = (effort - columns @ gains)[inliers]
         sigma = float(np.sqrt(np.sum(left**2) / max(1, len(left) - columns.shape[1])))
@@ -137,7 +137,11 @@ def _covariance(
     """
     inside = np.abs(residuals) < threshold
     ratio = min(threshold / max(robust_sigma(residuals), np.finfo(float).tiny), _FAR_ABOVE)
-    slope = ndtr(ratio) - ndtr(-ratio) - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
+    slope = (
+        scipy.special.ndtr(ratio)
+        - scipy.special.ndtr(-ratio)
+        - 2 * ratio * np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
+    )
     score = np.where(inside, residuals, 0.0)
     refined = sandwich(regression.columns, score, np.full(len(score), slope), regression.run)
     spread = Covariance(rivals.T @ rivals / max(1, len(rivals)), refined.degrees_of_freedom)

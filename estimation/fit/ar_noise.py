@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+import scipy
 
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -50,4 +50,4 @@ def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -
     if not products[0] > 0.0:
         return WHITE
     products[0] *= 1.0 + 1e-6
-    return ArNoise(solve_toeplitz(products[:-1], products[1:]))
+    return ArNoise(scipy.linalg.solve_toeplitz(products[:-1], products[1:]))

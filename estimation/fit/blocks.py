@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.reading_error import reading_error
@@ -93,11 +93,13 @@ class BlockedData:
         return cache.get_or_compute(key, lambda: self.reduce(compute(self.data, inner)))
 
     @cached_property
-    def _sums(self) -> csr_array:
+    def _sums(self) -> "scipy.sparse.csr_array":
         """Adds up the samples of each block, (m, n): ten times faster than to pick them and to add."""
         count, block = self.rows.shape
         edges = np.arange(0, count * block + 1, block)
-        return csr_array((np.ones(count * block), self.rows.ravel(), edges), shape=(count, len(self.data)))
+        return scipy.sparse.csr_array(
+            (np.ones(count * block), self.rows.ravel(), edges), shape=(count, len(self.data))
+        )
 
 
 def block_length(data: ChannelData) -> int:

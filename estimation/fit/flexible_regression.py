@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import convolve1d
+import scipy
 
 from estimation.fit.blocks import BlockedData
 from estimation.fit.fit_problem import FitProblem, Solution
@@ -152,7 +152,9 @@ def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
     for _ in range(_POWERS):
         smooth = np.empty_like(signal)
         for rows in of_equal_length(run):
-            smooth[rows] = convolve1d(taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest")
+            smooth[rows] = scipy.ndimage.convolve1d(
+                taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
+            )
         taken.append(taken[-1] - smooth)
     return np.column_stack(taken[1:])
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from estimation.effect import Parameter
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
@@ -91,7 +91,7 @@ def _polished(problem: FitProblem, solution: Solution, settled: float, step: flo
         return problem.whiten(at(numbers).residual) / unit
 
     low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residual,
         np.zeros(len(scales)),
         bounds=(low, high),

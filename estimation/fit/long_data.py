@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+import scipy
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.blocks import BlockedData, block_length, decimate
@@ -100,7 +100,11 @@ def _near_motion(data: ChannelData) -> BoolArray:
     swept, reach = np.zeros(len(data)), int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run)))
     for rows in rows_of_runs(data.run):
         around = [
-            filtered(data.position[rows], 2 * reach + 1) for filtered in (maximum_filter1d, minimum_filter1d)
+            filtered(data.position[rows], 2 * reach + 1)
+            for filtered in (
+                scipy.ndimage.maximum_filter1d,
+                scipy.ndimage.minimum_filter1d,
+            )
         ]
         swept[rows] = around[0] - around[1]
     return np.asarray(swept > _STILL * np.ptp(data.position))

@@ -10,7 +10,7 @@ Application (1997), ch. 4).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_simpson
+import scipy
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import (
@@ -199,7 +199,7 @@ def _integrated(signal: FloatArray, data: ChannelData, times: int) -> FloatArray
     for _ in range(times):
         whole = whole.copy()
         for rows in blocks(data.run):
-            whole[rows] = cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
+            whole[rows] = scipy.integrate.cumulative_simpson(whole[rows], x=data.time_s[rows], initial=0.0)
     return whole
 
 

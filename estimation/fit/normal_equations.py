@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+import scipy
 
 from estimation.information import Information
 from robot_io.types import BoolArray, FloatArray
@@ -127,7 +127,7 @@ def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) 
 def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
     """Solve a symmetric system (q, q) that shrinkage made definite: in half the time of any other."""
     if target.size:
-        _, gains, failed = dposv(system, target)
+        _, gains, failed = scipy.linalg.lapack.dposv(system, target)
         if not failed:
             return np.asarray(gains)
     return np.asarray(np.linalg.solve(system, target))

@@ -1,11 +1,15 @@
 """Finds the arm and the joint that a rigid-body model is about."""
 
-from control.arm.rigid_body import RigidBody
+from typing import TYPE_CHECKING
+
 from estimation.base_model import ModelContext
 from robot_io.errors import InputError
 
+if TYPE_CHECKING:
+    from control.arm.rigid_body import RigidBody
 
-def arm_of(context: ModelContext, model: str) -> tuple[RigidBody, int]:
+
+def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
     """The arm, and the number of the joint from 0.
 
     Raises:
@@ -13,6 +17,8 @@ def arm_of(context: ModelContext, model: str) -> tuple[RigidBody, int]:
     """
     if not context.urdf or context.joint is None:
         raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
+    from control.arm.rigid_body import RigidBody  # noqa: PLC0415, needs Pinocchio
+
     body = RigidBody.from_urdf(
         context.urdf,
         context.tip_frame,

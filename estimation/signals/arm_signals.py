@@ -3,15 +3,18 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData
 from estimation.signals.runwise import steadied
 from estimation.signals.shifted_motion import BY_ACCELERATION, BY_POSITION
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
+
+if TYPE_CHECKING:
+    from control.arm.rigid_body import RigidBody
 
 TORQUE = "rigid_body_torque"
 REGRESSOR = "rigid_body_regressor"
@@ -30,7 +33,7 @@ _STEP_RAD = 1e-4
 
 
 def with_rigid_body(
-    data: ChannelData, body: RigidBody, joint: int, *, regressor: bool = False
+    data: ChannelData, body: "RigidBody", joint: int, *, regressor: bool = False
 ) -> ChannelData:
     """The channel of one joint with what the rigid body takes there.
 
@@ -95,12 +98,12 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
     }
 
 
-def _torque(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """What the arm takes at one joint, shape (n,)."""
     return body.inverse_dynamics_along(q, v, a)[:, joint]
 
 
-def _regressor(body: RigidBody, joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def _regressor(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """One joint's rows of the regressor, shape (n, 10 joints)."""
     return np.array([body.regressor(*rows)[joint] for rows in zip(q, v, a, strict=True)])
 
@@ -124,7 +127,7 @@ def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> 
     return steadied(np.where(touching, beyond, -force), data.time_s, data.run)
 
 
-def _levers(body: RigidBody, data: ChannelData) -> FloatArray:
+def _levers(body: "RigidBody", data: ChannelData) -> FloatArray:
     """Torques (n, joints) that press with one newton: J^T p, p the press direction."""
     jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
     torque: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gamma
+import scipy
 
 from estimation.signals.blocks import cut, in_order_of_time, places
 from estimation.signals.cache_by_array import of_arrays
@@ -90,7 +90,7 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
         return np.zeros(signal.shape)
     lowest, highest = np.log(_SLOWEST / np.ptp(time_s)), np.log(_FASTEST / shortest)
     rates = np.exp(np.arange(lowest, highest + _LADDER, _LADDER))
-    weights = _LADDER * rates**alpha / gamma(alpha)
+    weights = _LADDER * rates**alpha / scipy.special.gamma(alpha)
     slower = weights[0] / np.expm1(alpha * _LADDER)
     faster = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LADDER)
     slopes = np.diff(signal, axis=0, prepend=signal[:1]) / steps.reshape(-1, *([1] * (signal.ndim - 1)))

@@ -5,14 +5,15 @@ chapter on model validation.
 """
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray, IntArray
 
-SIGMAS_99 = float(ndtri(0.995))
+SIGMAS_99 = NormalDist().inv_cdf(0.995)
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,7 @@ def _centred(values: FloatArray) -> FloatArray:
 
 def _lagged(a: FloatArray, b: FloatArray, most: int) -> FloatArray:
     """Sum of a_t b_(t+k) for k from -most to most."""
-    from scipy.signal import correlate  # noqa: PLC0415, half of what it takes to import palpate
-
-    whole, n = correlate(b, a, mode="full", method="auto"), len(a)
+    whole, n = scipy.signal.correlate(b, a, mode="full", method="auto"), len(a)
     reach = min(most, n - 1)
     found = np.zeros(2 * most + 1)
     found[most - reach : most + reach + 1] = whole[n - 1 - reach : n + reach]

@@ -1,14 +1,15 @@
 """How large each sample's noise is: a part that is always there, and one that grows with the effort."""
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.special import ndtri
+import scipy
 
 from robot_io.types import FloatArray
 
-MAD_TO_SIGMA = 1.0 / ndtri(0.75)  # median absolute deviation of Gaussian noise, in sigmas, inverted
+# Standard deviation over median absolute deviation of Gaussian noise.
+MAD_TO_SIGMA = 1.0 / NormalDist().inv_cdf(0.75)
 _BIN_COUNT = 20
 _LEAST_PER_BIN = 25
 _NO_NOISE = 1e-100  # in any unit; its square and the inverse of that are still numbers
@@ -51,5 +52,5 @@ def fit_noise_level(residuals: FloatArray, predicted: FloatArray) -> NoiseLevel:
     square = np.mean(predicted[order] ** 2, axis=1)
     trust = 1.0 / np.maximum(variance, (_FLOOR_SHARE * overall) ** 2)  # the error of a variance grows with it
     design = np.column_stack([np.ones(bins), square])
-    (floor2, share2), _ = nnls(design * trust[:, None], variance * trust)
+    (floor2, share2), _ = scipy.optimize.nnls(design * trust[:, None], variance * trust)
     return NoiseLevel(max(float(np.sqrt(floor2)), _FLOOR_SHARE * overall), float(np.sqrt(share2)))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.statistics.least_squares import condition_of_gram, solve
@@ -33,7 +33,7 @@ class Covariance:
 
     def intervals(self, values: FloatArray) -> FloatArray:
         """95 % confidence intervals, shape (m, 2)."""
-        reach = stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
+        reach = scipy.special.stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
         return np.column_stack([values - reach, values + reach])
 
 

@@ -13,7 +13,8 @@ from estimation.estimators import ESTIMATORS
 from estimation.fit.fit_problem import Solution
 from estimation.model import Model
 from estimation.models import MODELS
-from estimation.study.source import NO_ARM, Arm, Source
+from estimation.study.arm import NO_ARM, Arm
+from estimation.study.source import Source
 from estimation.surface import Surface
 from robot_io.errors import InputError
 from robot_io.types import BoolArray, FloatArray

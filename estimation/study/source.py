@@ -1,67 +1,32 @@
-"""What a study is about: a session, a data file, or measurements that are in memory already."""
+"""The measurement of a study: a session, a data file, or arrays in memory."""
 
 import os
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from control.loop.tick_record import STREAM_NAME
-from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
 from estimation.data.array_files import arrow_of
-from estimation.data.channels import is_session, session_channels
-from estimation.data.import_file import Imported, chosen_texts, import_file, import_table
+from estimation.data.file_kind import is_session
+from estimation.data.import_file import Imported, import_file, import_table
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
 from estimation.data.joining import joined_channels
 from estimation.data.quantities import RUN
-from estimation.data.session_streams import run_labels
 from estimation.data.table import table_of
 from estimation.fit.long_data import shortened
-from robot_io.calibration import NO_CALIBRATIONS, parse_calibrations
+from estimation.study.arm import NO_ARM, Arm
 from robot_io.errors import InputError
-from robot_io.robot_file import parse_robot_file
-from robot_io.session import Session
-from robot_io.types import IntArray
+
+if TYPE_CHECKING:
+    from robot_io.session import Session
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # what measurements without a file are called
-
-
-@dataclass(frozen=True)
-class Arm:
-    """The arm that was measured."""
-
-    urdf: str = ""  # text of its URDF, empty where it is not known
-    tip_frame: str = ""  # the tip's frame in it
-    origin: str = "URDF text"  # where the URDF comes from, for errors
-    # Shape (3,), fall acceleration in the axes of its base [m/s^2].
-    gravity_m_s2: tuple[float, float, float] = NO_CALIBRATIONS.gravity_base_m_s2
-    # Shape (n,), what its drives' rotors add to the joints, or empty [kg m^2].
-    rotor_inertia_kg_m2: tuple[float, ...] = ()
-    notes: tuple[str, ...] = ()  # sentences on it that the reader should see
-
-    def context_of(self, channel: ChannelData) -> ModelContext:
-        """What a base model may need to know beside a channel."""
-        joint = re.fullmatch(r"joint_(\d+)", channel.name)
-        return ModelContext(
-            joint=int(joint[1]) - 1 if joint else None,
-            urdf=self.urdf,
-            tip_frame=self.tip_frame,
-            urdf_origin=self.origin,
-            gravity_m_s2=self.gravity_m_s2,
-            rotor_inertia_kg_m2=self.rotor_inertia_kg_m2,
-            surface_found=channel.surface is not None,
-        )
-
-
-NO_ARM = Arm()
 
 
 @dataclass(frozen=True)
@@ -72,10 +37,10 @@ class Source:
     channels: tuple[ChannelData, ...]  # efforts with their motion, as they were measured
     arm: Arm = NO_ARM  # what the channels belong to
     path: Path | None = None  # session, folder of sessions, or data file; None for measurements in memory
-    session: Session | None = None  # the first; None if it is none
+    session: "Session | None" = None  # the first; None if it is none
     unused: tuple[str, ...] = ()  # columns of numbers that nothing was made of
     notes: tuple[str, ...] = ()  # sentences on the data that the reader should see
-    more: tuple[Session, ...] = ()  # further probings by the same arm, that belong to the study
+    more: "tuple[Session, ...]" = ()  # further probings by the same arm, that belong to the study
     read: str = ""  # what was taken for what in a data file; empty for a session
     # A sentence for each channel that was too long to be searched as it was recorded, by name.
     averaged: Mapping[str, str] = field(default_factory=dict)
@@ -85,6 +50,8 @@ class Source:
     @property
     def probed(self) -> bool:
         """Whether an arm was to touch something."""
+        from control.loop.tick_record import STREAM_NAME  # noqa: PLC0415, needs the MCAP library
+
         return self.session is not None and STREAM_NAME in self.session.stream_names
 
     @property
@@ -110,7 +77,11 @@ class Source:
         """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
         if self.session is None:
             return self.channels
-        return _of_runs(session_channels(self.session, *self.more, tared=True), np.array(self.runs))
+        from estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
+
+        tared = session_channels(self.session, *self.more, tared=True)
+        chosen = (channel.of_runs(np.array(self.runs)) for channel in tared)
+        return tuple(channel for channel in chosen if len(channel))
 
 
 def open_source(data: Any, options: ImportOptions = NO_OPTIONS, arm: Arm | None = None) -> Source:  # noqa: ANN401
@@ -198,21 +169,14 @@ def _of_import(name: str, imported: Imported, path: Path | None = None) -> Sourc
     )
 
 
-def _of_folder(folder: Path) -> Source:
-    """The probings in a folder, as one measurement."""
-    sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
-    if not sessions:
-        raise InputError(f"{folder}: is a folder without a session (.mcap) or a data file")
-    first, *more = sessions
-    channels = session_channels(first, *more)
-    return Source(folder.name, channels, arm_of(first), folder, first, more=tuple(more))
-
-
 def _of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
             raise InputError(f"{path}: is a folder of sessions, whose options are those of their import")
-        return _of_folder(path)
+        from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
+
+        (first, *more), channels = sessions.read_folder(path)
+        return Source(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
     if path.is_dir():
         return _of_import(path.name, import_files(files, options), path)
     if not is_session(path):
@@ -222,34 +186,10 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
             f"{path}: is a session, which takes --where run=0,2; "
             "--column, --unit, --context, --runs and --fresh-runs are for data files"
         )
-    session = Session.open(path)
-    channels = session_channels(session)
-    if runs:
-        named = _named_runs(session, channels)
-        numbers = [named[text] for text in chosen_texts(RUN, runs, named, str(path))]
-        channels = _of_runs(channels, np.array(numbers))
-    return Source(path.name, channels, arm_of(session), path, session)
+    from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
-
-def _named_runs(session: Session, channels: Iterable[ChannelData]) -> dict[str, int]:
-    """Number of each run by what it is called: in the data file that it was imported from, or its number.
-
-    A number that is another run's name says neither.
-    """
-    there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
-    called = {label: run for label, run in run_labels(session).items() if run in there}
-    unnamed = {str(run): run for run in there}
-    return {
-        name: run
-        for name, run in (unnamed | called).items()
-        if unnamed.get(name, run) == called.get(name, run)
-    }
-
-
-def _of_runs(channels: Iterable[ChannelData], runs: IntArray) -> tuple[ChannelData, ...]:
-    """What of the channels is of these runs."""
-    chosen = (one.of_runs(runs) for one in channels)
-    return tuple(one for one in chosen if len(one))
+    session, channels = sessions.read_session(path, runs or "")
+    return Source(path.name, channels, sessions.arm_of(session), path, session)
 
 
 def _arrow(data: Any) -> pa.Table:  # noqa: ANN401
@@ -275,14 +215,3 @@ def _plain(values: Any) -> np.ndarray[Any, Any]:  # noqa: ANN401
     if isinstance(values, np.ma.MaskedArray):
         return np.asarray(np.ma.filled(values.astype(np.float64), np.nan))
     return np.asarray(values)
-
-
-def arm_of(session: Session) -> Arm:
-    """The arm as the session keeps it. InputError: its copy of the robot file is not valid."""
-    text = session.metadata.robot_file
-    robot_file = parse_robot_file(text, f"{session.path}, its robot file") if text else None
-    tip_frame = robot_file.tip_frame if robot_file else ""
-    rotors = robot_file.rotor_inertia_kg_m2 if robot_file else None
-    calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
-    origin = f"{session.path}, its URDF"
-    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2, rotors or ())

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cached_property, partial
-from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
@@ -25,6 +24,7 @@ from estimation.fit.fit_problem import NOT_HELD
 from estimation.fit.fit_result import FitResult
 from estimation.shared_gains import with_shared_gains
 from estimation.study import fitting
+from estimation.study.arm import Arm
 from estimation.study.channels import (
     ALL_CHANNELS,
     FITTED_ARM_MODEL,
@@ -43,7 +43,7 @@ from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
 from estimation.study.saved_diagnosis import diagnosis_data, read_diagnosis
-from estimation.study.source import NO_OPTIONS, Arm, limit_length, open_source
+from estimation.study.source import NO_OPTIONS, limit_length, open_source
 from robot_io.errors import InputError
 
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
@@ -727,6 +727,8 @@ class Study(TableDisplay):
     def _keep_one(
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None, *, removed: str = ""
     ) -> Revision:
+        from importlib.metadata import version  # noqa: PLC0415, slow to import
+
         fit, created = self.fit(channel, effects), self._now().isoformat(timespec="seconds")
         return self._revisions.keep(
             lambda number: Revision(

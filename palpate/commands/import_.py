@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from estimation.data.channels import is_session
+from estimation.data.file_kind import is_session
 from estimation.data.import_file import Imported
 from estimation.data.import_files import data_files, import_files
 from estimation.data.session_streams import import_extra, import_streams

@@ -13,8 +13,8 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate import console
 from palpate.files import existing_file
 from palpate.option_sets import takes
+from palpate.planning.next_probe import next_probe
 from palpate.render.progress import diagnosis_progress, probing_progress
-from palpate.resolving.designing import next_probe
 from palpate.resolving.resolve import DECISIONS, Budget, Decision, Resolved, resolve
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
 from palpate.runs.permission import ask_for_power, motion_in_words

@@ -14,8 +14,8 @@ from estimation.study.saved_diagnosis import RESULT
 from estimation.study.undecided_models import is_undecided, with_the_simplest
 from palpate.files import output_folder, write_text
 from palpate.outcome import as_json
-from palpate.resolving.designing import NextProbe, Progress, next_probe
-from palpate.resolving.rehearsal import LONGEST_S
+from palpate.planning.next_probe import NextProbe, Progress, next_probe
+from palpate.planning.rehearsal import LONGEST_S
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study
 from palpate.words import count

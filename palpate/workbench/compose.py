@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from estimation.data.channels import is_session
+from estimation.data.file_kind import is_session
 from estimation.data.import_options import ImportOptions
 from palpate import console
 from palpate.files import output_folder, write_text

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from estimation.data.channels import is_session
 from estimation.data.clock_times import clocks_of
 from estimation.data.column_guess import Guess, guess_columns
+from estimation.data.file_kind import is_session
 from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, RUN, si_unit
 from estimation.data.table import Table, read_table

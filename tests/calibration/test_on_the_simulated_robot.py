@@ -13,7 +13,8 @@ from calibration.force.fit import fit_force
 from calibration.force.plateaus import read_weighing
 from control.probing.plan import ProbingPlan
 from estimation.study.estimates import estimate_with
-from estimation.study.source import arm_of, open_source
+from estimation.study.sessions import arm_of
+from estimation.study.source import open_source
 from palpate.files import write_text
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from estimation.data.channels import is_session, session_channels
+from estimation.data.channels import session_channels
+from estimation.data.file_kind import is_session
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.data.session_streams import import_extra, import_streams, run_labels

@@ -12,10 +12,10 @@ from estimation.design import Choice, Experiment
 from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import Verdict
 from palpate.next_plan import plan_text
-from palpate.resolving import rehearsal
-from palpate.resolving.designing import NextProbe, feasible, next_probe
-from palpate.resolving.experiments import candidates
-from palpate.resolving.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
+from palpate.planning import rehearsal
+from palpate.planning.experiments import candidates
+from palpate.planning.next_probe import NextProbe, feasible, next_probe
+from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
 from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
 from palpate.runs.hiding import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing

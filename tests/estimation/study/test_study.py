@@ -13,9 +13,9 @@ from estimation.data.import_options import ImportOptions
 from estimation.effects import EFFECTS
 from estimation.fit.fit_result import FitResult
 from estimation.study import Study, fitting
+from estimation.study.arm import NO_ARM, Arm
 from estimation.study.fitting import PackedFit
 from estimation.study.saved_diagnosis import RESULT
-from estimation.study.source import NO_ARM, Arm
 from robot_io.errors import InputError
 from tests.estimation.fits import cubic
 from tests.estimation.presses import session

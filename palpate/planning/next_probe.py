@@ -19,8 +19,8 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study import Study, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
-from palpate.resolving.experiments import Candidate, both, candidates
-from palpate.resolving.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
+from palpate.planning.experiments import Candidate, both, candidates
+from palpate.planning.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.probing import PLAN
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate

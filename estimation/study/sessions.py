@@ -1,0 +1,83 @@
+"""Read sessions for a study: their channels, runs and arm."""
+
+from collections.abc import Iterable
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel import ChannelData
+from estimation.data.channels import session_channels
+from estimation.data.import_file import chosen_texts
+from estimation.data.quantities import RUN
+from estimation.data.session_streams import run_labels
+from estimation.study.arm import Arm
+from robot_io.calibration import parse_calibrations
+from robot_io.errors import InputError
+from robot_io.robot_file import parse_robot_file
+from robot_io.session import Session
+
+
+def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData, ...]]:
+    """Read the channels of one session.
+
+    Args:
+        path: of the session.
+        runs: only these, by number or by label in the imported data file, with commas between; "" for all.
+
+    Raises:
+        InputError: it cannot be read, or has no such run.
+    """
+    session = Session.open(path)
+    channels = session_channels(session)
+    if not runs:
+        return session, channels
+    known = _run_numbers(session, channels)
+    numbers = np.array([known[text] for text in chosen_texts(RUN, runs, known, str(path))])
+    chosen = (channel.of_runs(numbers) for channel in channels)
+    return session, tuple(channel for channel in chosen if len(channel))
+
+
+def read_folder(folder: Path) -> tuple[list[Session], tuple[ChannelData, ...]]:
+    """Read the probings in a folder as one measurement.
+
+    Args:
+        folder: of sessions by one arm.
+
+    Raises:
+        InputError: there is none, or they do not belong together.
+    """
+    sessions = [Session.open(path) for path in sorted(folder.glob("*.mcap"))]
+    if not sessions:
+        raise InputError(f"{folder}: is a folder without a session (.mcap) or a data file")
+    return sessions, session_channels(*sessions)
+
+
+def _run_numbers(session: Session, channels: Iterable[ChannelData]) -> dict[str, int]:
+    """Number of each run by its label in the imported data file, and by its number.
+
+    A number that is another run's label is left out, since it is ambiguous.
+    """
+    there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
+    called = {label: run for label, run in run_labels(session).items() if run in there}
+    unnamed = {str(run): run for run in there}
+    return {
+        name: run
+        for name, run in (unnamed | called).items()
+        if unnamed.get(name, run) == called.get(name, run)
+    }
+
+
+def arm_of(session: Session) -> Arm:
+    """Return the arm as a session describes it.
+
+    Raises:
+        InputError: the session's copy of the robot file or calibration is not valid.
+    """
+    text = session.metadata.robot_file
+    robot_file = parse_robot_file(text, f"{session.path}, its robot file") if text else None
+    tip_frame = robot_file.tip_frame if robot_file else ""
+    rotors = robot_file.rotor_inertia_kg_m2 if robot_file else None
+    calibrations = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
+    origin = f"{session.path}, its URDF"
+    return Arm(session.metadata.urdf, tip_frame, origin, calibrations.gravity_base_m_s2, rotors or ())

@@ -1,0 +1,1 @@
+"""Plan the next experiment for the arm that made a recording."""

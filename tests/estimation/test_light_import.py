@@ -1,0 +1,75 @@
+"""Estimation needs numpy, scipy, pyarrow and pydantic only, and imports quickly."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = (
+    *("estimation.channel", "estimation.effects", "estimation.models", "estimation.estimators"),
+    *("estimation.fit.fit_result", "estimation.diagnosis", "estimation.study"),
+)
+MOST_S = 0.4
+
+# Own packages, what may be installed, and what these bring with them.
+ALLOWED = (
+    *("estimation", "control", "robot_io", "numpy", "scipy", "pyarrow", "pydantic"),
+    *("pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"),
+)
+BLOCK = f"""
+import importlib, sys, time
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition(".")[0]
+        if top not in sys.stdlib_module_names and top not in {ALLOWED} and not top.startswith("_"):
+            raise ModuleNotFoundError(f"{{name}} is not installed", name=name)
+
+sys.path.insert(0, {str(ROOT)!r})
+sys.meta_path.insert(0, Blocker())
+"""
+IMPORT = f"""
+start = time.process_time()
+for name in {MODULES}:
+    importlib.import_module(name)
+print(time.process_time() - start)
+"""
+FIT = """
+import numpy as np
+from estimation.study import Study
+
+rng, t = np.random.default_rng(1), np.arange(0.0, 1.0, 0.005)
+x, v, run = (np.concatenate(parts) for parts in zip(*[
+    (0.003 * np.sin(w * t), 0.003 * w * np.cos(w * t), np.full(len(t), n)) for n, w in enumerate((8, 11, 15))
+]))
+press = {"time_s": np.tile(t, 3), "displacement_m": x, "velocity_m_s": v, "run": run}
+press["force_N"] = np.where(x > 0, 400 * x + 3 * v, 0).clip(0) + rng.normal(0, 0.01, len(x))
+study = Study(press, "kelvin_voigt")
+study.fit("contact").parameters["stiffness.k"]
+print(study.fit("contact").values["stiffness.k"])
+"""
+
+
+def run(code):
+    """Run code where nothing else is installed, and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", BLOCK + code], capture_output=True, text=True, check=False, cwd="/"
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_package_that_is_not_allowed_is_seen():
+    done = subprocess.run(
+        [sys.executable, "-c", BLOCK + "import yaml"], capture_output=True, text=True, check=False
+    )
+    assert "yaml is not installed" in done.stderr
+
+
+def test_estimation_imports_without_optional_packages_in_little_time():
+    """Processor time, the least of five: other work on the machine counts as little as possible."""
+    assert min(float(run(IMPORT)) for _ in range(5)) < MOST_S
+
+
+def test_a_table_is_fitted_without_optional_packages():
+    assert 390 < float(run(FIT)) < 410
