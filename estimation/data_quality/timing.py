@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.optimize import minimize_scalar
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.model import Model
@@ -76,7 +76,9 @@ def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: 
     rough_s = float(tried[np.argmin([left(float(delay_s)) for delay_s in tried])])
     width_s = float(tried[1] - tried[0])
     ends = rough_s - width_s, rough_s + width_s
-    found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": tolerance_s})
+    found = scipy.optimize.minimize_scalar(
+        left, bounds=ends, method="bounded", options={"xatol": tolerance_s}
+    )
     return float(found.x)
 
 
