@@ -287,11 +287,6 @@ def test_what_is_below_a_step_of_the_reader_may_be_its_rounding(step, without, e
     assert acceptance._is_below_a_step(search, whole, name) is below
 
 
-def driven(q, v, a):
-    """Drag by the square of the speed, which alone looks like a damping; the joint's own is a drive."""
-    return 0.4 * v * np.abs(v) - (0.15 + 0.2) * v
-
-
 def test_a_model_is_fitted_once_and_kept_where_another_start_leads_to_no_less():
     search = searched(swings(1, rippling), "torque_ripple", "coulomb_friction")
     ripple = SWING.with_effect(EFFECTS["torque_ripple"]())
