@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 from robot_io.types import FloatArray
 
@@ -81,7 +81,7 @@ def solve_within_bounds(
         free = ~(low | high)
         if free.any():
             left = moment[free] - system[free] @ solution
-            solution[free] = cho_solve(cho_factor(system[np.ix_(free, free)]), left)
+            solution[free] = scipy.linalg.cho_solve(scipy.linalg.cho_factor(system[np.ix_(free, free)]), left)
         slope = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))
