@@ -46,6 +46,7 @@ _WORDS = {
     Kind.DRIFT: "drift",
     Kind.RUN_DIFFERENCES: "differences between runs",
     Kind.RECORDED_CONTEXT: "recorded context",
+    Kind.OTHER: "other effects",
 }
 
 _DESCRIPTIONS = {

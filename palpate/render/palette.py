@@ -39,6 +39,7 @@ KINDS = {  # of effects, in an error budget; noise has the colour of the noise f
     Kind.DRIFT: "#86a35a",
     Kind.RUN_DIFFERENCES: "#6f8aa3",
     Kind.RECORDED_CONTEXT: "#4f9e9a",
+    Kind.OTHER: "#5f6b78",
 }
 UNEXPLAINED = "#aab4be"
 UNKNOWN_PHASE = ("unknown", "#9aa5b1")
