@@ -50,7 +50,7 @@ NEAR = 1.5  # times the squared error that is left, from which another effect ma
 _LITTLE = 0.2  # of the error, beyond which draws that show as much prove no more than that they are few
 FEW_STARTS = 4  # places where a second effect is tried
 _ENOUGH, _ENOUGH_RUNS = 2000, 12  # blocks and runs of a sketch
-_MOST_BLOCKS = 2500  # of a sketch, before runs are chosen
+_MOST_BLOCKS = 12000  # of a sketch, before runs are chosen
 Progress = Callable[[str, float], None]
 _Key = tuple[frozenset[tuple[str, int]], tuple[str, ...]]
 
