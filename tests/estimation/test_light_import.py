@@ -9,7 +9,7 @@ MODULES = (
     *("estimation.channel", "estimation.effects", "estimation.models", "estimation.estimators"),
     *("estimation.fit.fit_result", "estimation.diagnosis", "estimation.study"),
 )
-MOST_S = 0.4
+MOST = 4.0  # times what its libraries take to be imported alone
 
 # Own packages, what may be installed, and what these bring with them.
 ALLOWED = (
@@ -30,9 +30,12 @@ sys.meta_path.insert(0, Blocker())
 """
 IMPORT = f"""
 start = time.process_time()
+import numpy, pydantic, pyarrow
+libraries = time.process_time() - start
+start = time.process_time()
 for name in {MODULES}:
     importlib.import_module(name)
-print(time.process_time() - start)
+print((time.process_time() - start) / libraries)
 """
 FIT = """
 import numpy as np
@@ -67,8 +70,8 @@ def test_a_package_that_is_not_allowed_is_seen():
 
 
 def test_estimation_imports_without_optional_packages_in_little_time():
-    """Processor time, the least of five: other work on the machine counts as little as possible."""
-    assert min(float(run(IMPORT)) for _ in range(5)) < MOST_S
+    """As a ratio to its libraries in the same process, the least of five: other work counts little."""
+    assert min(float(run(IMPORT)) for _ in range(5)) < MOST
 
 
 def test_a_table_is_fitted_without_optional_packages():

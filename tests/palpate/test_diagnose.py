@@ -125,7 +125,8 @@ def test_a_column_that_the_error_depends_on_is_found_guilty(tmp_path):
     plain = write_presses(tmp_path / "warm.csv", cubic=0, speeds_m_s=(0.02, 0.04, 0.08, 0.03, 0.05, 0.06))
     warm = rewritten(plain, "warmth", [21.0, 29.0, 23.0, 27.0, 25.0, 22.0], soften)
     blamed = run("diagnose", warm, "--context", "warmth")
-    assert blamed.stdout.startswith("MISSING  contact: recorded_dependence")
+    assert blamed.stdout.startswith("contact  Of the 0.175 N error: recorded context 99 %")
+    assert "\nMISSING  contact: recorded_dependence" in blamed.stdout
     assert "change_warmth" in blamed.stdout
 
 
@@ -262,7 +263,7 @@ def test_why_nothing_is_named_is_told_on_the_screen_and_in_the_report(tmp_path):
     presses = write_presses(tmp_path / "two.csv", cubic=0.0)
     specimen = rewritten(presses, "warmth", [21.0, 29.0, 23.0, 27.0], bend_the_last)
     result = run("diagnose", specimen, "--out", tmp_path / "out")
-    assert result.stdout.startswith("UNEXPLAINED  contact")
+    assert "\nUNEXPLAINED  contact" in result.stdout
     told = " ".join(result.stdout.split())
     assert "the runs do not follow one law" in told
     assert "a sensor changed? " in told  # one mark, not two

@@ -19,11 +19,12 @@ from robot_io.drivers.feetech.tables import (
     PRESENT_LOAD,
     PRESENT_POSITION,
     PRESENT_SPEED,
+    RESTARTED_LIMIT,
     TORQUE_ENABLE,
 )
 from robot_io.drivers.servo.dialect import Packet
 from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.errors import ProtocolError
+from robot_io.errors import DeviceError, ProtocolError
 from robot_io.serial_port import SerialPort
 
 # Torque enable, acceleration, goal, its time and speed, torque limit, five reserved bytes, lock, position,
@@ -127,10 +128,18 @@ class Plausibility:
             self._goals[servo_id].appendleft(goal)
 
     def decode(self, packet: Packet) -> Feedback:
-        """Decode the feedback in an answer. ProtocolError: it is not to be believed."""
+        """Decode the feedback in an answer.
+
+        Args:
+            packet: An answer of at least `FEEDBACK_SIZE` bytes.
+
+        Raises:
+            ProtocolError: It is not to be believed.
+            DeviceError: The servo has restarted.
+        """
         feedback, servo_id = decode_feedback(packet), packet.servo_id
         if feedback.settings != self._settings[servo_id]:
-            raise ProtocolError(f"servo {servo_id}: {self._changed_setting(servo_id, feedback)}")
+            raise self._changed_setting(servo_id, feedback)
         goals = self._goals[servo_id]
         if feedback.torque_on and goals and feedback.goal not in goals:
             raise ProtocolError(
@@ -146,10 +155,14 @@ class Plausibility:
         self._last[servo_id] = now_s, feedback.position
         return feedback
 
-    def _changed_setting(self, servo_id: int, feedback: Feedback) -> str:
+    def _changed_setting(self, servo_id: int, feedback: Feedback) -> DeviceError:
         settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
-        name, shown, told = next(setting for setting in settings if setting[1] != setting[2])
-        return f"{name} is {shown} in place of {told}: damaged, or it has restarted"
+        changed = [setting for setting in settings if setting[1] != setting[2]]
+        name, shown, told = changed[0]
+        problem = f"servo {servo_id}: {name} is {shown} in place of {told}"
+        if len(changed) == 1 and (name, shown, feedback.torque_on) == ("torque limit", RESTARTED_LIMIT, 0):
+            return DeviceError(f"{problem}: it has restarted")
+        return ProtocolError(f"{problem}: damaged, or it has restarted")
 
 
 def feedback_problem(

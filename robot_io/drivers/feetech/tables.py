@@ -53,8 +53,8 @@ STATUS: Final = Register("status", 65, 1)  # error bits, as in the error byte of
 
 POSITION_CONTROL: Final = 0  # operating mode
 ANSWER_EVERYTHING: Final = 1
-# Torque limit: a servo that restarts sets it to 1000, as delivered, so that the restart shows.
-LARGEST_LIMIT: Final = 999
+RESTARTED_LIMIT: Final = 1000  # torque limit after a restart, as delivered: what shows a restart
+LARGEST_LIMIT: Final = 999  # that is set
 
 # Bits of the phase, what each must be, and what it does otherwise.
 _PHASE_BITS = (

@@ -185,8 +185,8 @@ def test_a_restart_between_two_readings_shows(arm):
     arm.robot.configure()
     arm.tick(None)
     servos(arm)[2].reboot(arm.clock.now_s(), 0.0)
-    assert arm.tick(None).encoder_status is Status.STALE
-    assert "servo 2: torque limit is 1000 in place of 999" in arm.problem
+    assert arm.tick(None).encoder_status is Status.FAULT
+    assert "servo 2: torque limit is 1000 in place of 999: it has restarted" in arm.problem
 
 
 @pytest.mark.parametrize("counts_s", [7000, -7000, 32767])
