@@ -34,12 +34,22 @@ def _give_free_name(unfinished: Path, path: Path) -> None:
         os.link(unfinished, path)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links: a second file holds the name for this program meanwhile
-        taken = path.with_name(f".{path.name}.taken")
-        taken.touch(exist_ok=False)
-        try:
+    except OSError:  # a file system without links
+        with held_name(path):
             if path.exists():
                 raise FileExistsError(path) from None
             unfinished.replace(path)
-        finally:
-            taken.unlink()
+
+
+@contextmanager
+def held_name(path: Path) -> Iterator[None]:
+    """Hold a name by a second file, for as long as it takes to give it to a file.
+
+    FileExistsError: another program holds it.
+    """
+    taken = path.with_name(f".{path.name}.taken")
+    taken.touch(exist_ok=False)
+    try:
+        yield
+    finally:
+        taken.unlink()

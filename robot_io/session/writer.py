@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
 from robot_io.files.whole_file import whole_file
 from robot_io.session.event import EVENT_STREAM, Event, encode_event
+from robot_io.session.lock import is_locked
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.ring import RingBuffer
@@ -179,6 +180,8 @@ class SessionWriter:
         if self.failure is not None:
             self._closed = True
             self._process.wait()
+            if isinstance(self._log.system_error, FileExistsError):  # somebody was quicker
+                raise _exists(self.path)
             raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def _wait_until_finished(self) -> bool:
@@ -210,6 +213,8 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
 
 
 def _exists(path: Path) -> SessionError:
+    if is_locked(path):
+        return SessionError(f"{path} is being written by another program at this moment; choose another name")
     return SessionError(f"{path} exists already; a session is never changed")
 
 

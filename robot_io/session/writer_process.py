@@ -8,9 +8,13 @@ import signal
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
 
 from robot_io.errors import SessionError
+from robot_io.files.whole_file import held_name
 from robot_io.session.event import EVENT_STREAM, encode_event, unclosed
+from robot_io.session.lock import lock
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.metadata import SessionMetadata
 from robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
@@ -48,7 +52,7 @@ def _leave_real_time() -> None:
 
 
 def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> None:
-    with open(job.path, "xb") as file:
+    with _new_file(Path(job.path)) as file:
         drain = _Drain(log, McapFile(file, streams, SessionMetadata.from_strings(job.metadata, job.extra)))
         log.state = READY
         drain.run(job.parent_pid)
@@ -56,6 +60,14 @@ def _write_session(job: Job, streams: tuple[Stream, ...], log: SharedLog) -> Non
         os.fsync(file.fileno())
         if not (os.path.exists(job.path) and os.path.samestat(os.stat(job.path), os.fstat(file.fileno()))):
             raise SessionError("the file was deleted or replaced while it was being written")
+
+
+def _new_file(path: Path) -> BinaryIO:
+    """The file, which this program alone has begun, and holds. FileExistsError: another one was quicker."""
+    with held_name(path):
+        file = path.open("xb")
+    lock(file)
+    return file
 
 
 class _Drain:

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session import Column, Event, Session, SessionWriter, Stream, writer
+from robot_io.files.whole_file import whole_file
+from robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
 from robot_io.session.event import decode_event, encode_event
+from robot_io.session.lock import is_locked
 from robot_io.session.mcap_file import McapFile
 from robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
@@ -405,3 +407,75 @@ def test_it_works_where_there_is_no_memfd(tmp_path, monkeypatch):
     with SessionWriter(tmp_path / "s", [TICK], METADATA) as log:
         log.append("tick", tick(0))
     assert_ticks(Session.open(tmp_path / "s").samples("tick"), [0])
+
+
+RACE = """
+import sys, time
+from robot_io.session import SessionWriter
+from tests.robot_io.session_parts import METADATA, TICK, tick
+path, first = sys.argv[1], int(sys.argv[2])
+print("ready", flush=True)
+sys.stdin.readline()
+with SessionWriter(path, [TICK], METADATA) as log:
+    for number in range(first, first + 100):
+        log.append("tick", tick(number))
+        time.sleep(0.01)
+"""
+
+
+def test_of_programs_that_begin_one_session_at_once_all_but_one_are_refused(tmp_path):
+    path = tmp_path / "s.mcap"
+    firsts = (0, 1000, 2000)
+    begun = [
+        subprocess.Popen(
+            [sys.executable, "-c", RACE, str(path), str(first)],
+            cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for first in firsts
+    ]  # fmt: skip
+    assert [one.stdout.readline() for one in begun] == ["ready\n"] * 3
+    for one in begun:
+        one.stdin.write("go\n")
+        one.stdin.flush()
+    said = [one.communicate(timeout=60)[1].strip().splitlines()[-1:] for one in begun]
+    (first,) = (first for first, words in zip(firsts, said, strict=True) if not words)
+    assert_ticks(Session.open(path).samples("tick"), range(first, first + 100))
+    assert not Session.open(path).truncated
+    for words in said:
+        late = ("is being written by another program at this moment", "exists already; a session is never")
+        assert not words or any(reason in words[0] for reason in late)
+
+
+def test_a_session_that_is_being_written_is_locked_until_its_program_is_gone(tmp_path):
+    path = tmp_path / "s.mcap"
+    with SessionWriter(path, [TICK], METADATA) as log:
+        append(log, range(10))
+        with pytest.raises(SessionError, match="is being written by another program at this moment"):
+            SessionWriter(path, [TICK], METADATA)
+        with pytest.raises(SessionError, match="is being written by another program at this moment"):
+            write_session(path, [], METADATA)
+    with pytest.raises(SessionError, match="exists already; a session is never changed"):
+        SessionWriter(path, [TICK], METADATA)
+    assert_ticks(Session.open(path).samples("tick"), range(10))
+    killed = SessionWriter(tmp_path / "killed.mcap", [TICK], METADATA)
+    os.kill(pid(killed), signal.SIGKILL)
+    wait_until(lambda: not is_locked(tmp_path / "killed.mcap"))
+
+
+def test_without_links_nobody_can_begin_a_session_while_a_file_takes_its_name(tmp_path, monkeypatch):
+    path, replace_file = tmp_path / "s.mcap", Path.replace
+
+    def refuse(*_):
+        raise PermissionError(1, "no links")
+
+    def begin_first(self, target):
+        with pytest.raises(SessionError, match="exists already"):
+            SessionWriter(target, [TICK], METADATA)
+        return replace_file(self, target)
+
+    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(Path, "replace", begin_first)
+    with whole_file(path, replace=False) as unfinished:
+        unfinished.write_bytes(b"ours")
+    assert path.read_bytes() == b"ours"
+    assert [file.name for file in tmp_path.iterdir()] == ["s.mcap"]
