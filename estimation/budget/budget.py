@@ -6,15 +6,13 @@ range goes from what is lost when the kind is left out of all (necessary) to wha
 (sufficient).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import factorial
-from typing import Protocol
 
 import numpy as np
 
-from estimation.budget.held_out import Kinds
+from estimation.budget.held_out import Kinds, SquaredErrors
 from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
@@ -58,19 +56,6 @@ class ErrorBudget:
     def kinds(self) -> tuple[Kind, ...]:
         """The kinds that account for the error, the largest first."""
         return tuple(entry.kind for entry in self.entries)
-
-
-class SquaredErrors(Protocol):
-    """Squared errors in held-out runs for sets of kinds."""
-
-    @property
-    def kinds(self) -> Sequence[Kind]: ...  # noqa: D102
-    @property
-    def runs(self) -> int: ...  # noqa: D102
-    @property
-    def counts(self) -> FloatArray: ...  # noqa: D102
-    def by_run(self, kinds: Kinds) -> FloatArray: ...  # noqa: D102
-    def mean_square(self, kinds: Kinds = ...) -> float: ...  # noqa: D102
 
 
 def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | None = None) -> ErrorBudget:

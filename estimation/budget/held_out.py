@@ -1,5 +1,6 @@
 """Held-out error of a base model beside the flexible laws of any set of kinds."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -29,14 +30,50 @@ class BaseColumns:
     lower: FloatArray  # smallest coefficient that makes physical sense, shape (q,)
 
 
-@dataclass
-class HeldOutError:
-    """Squared errors in held-out runs, by run, for sets of kinds; each set is fitted once.
+class SquaredErrors(ABC):
+    """Squared errors in held-out runs for sets of kinds; each set is evaluated once."""
 
-    Coefficients come from ridge regression on all other folds. Those whose sign physics fixes are
-    not negative (non-negative least squares). Differences between runs are no
-    columns: a run that is held out tells its own gain and zero in every second piece, and the other pieces
-    judge them.
+    _run: IntArray  # number of each block's run, from 0, shape (n,)
+    _squares: dict[Kinds, FloatArray]  # by_run of the sets that were asked for
+
+    @property
+    @abstractmethod
+    def kinds(self) -> list[Kind]:
+        """Kinds that can be in a set."""
+
+    @abstractmethod
+    def residual(self, kinds: Kinds) -> FloatArray:
+        """Return what a model with these kinds leaves in held-out runs, shape (n,) [effort]."""
+
+    @property
+    def runs(self) -> int:
+        """Number of runs r."""
+        return int(self._run.max()) + 1
+
+    @property
+    def counts(self) -> FloatArray:
+        """Blocks of each run, shape (r,)."""
+        return np.bincount(self._run).astype(np.float64)
+
+    def by_run(self, kinds: Kinds) -> FloatArray:
+        """Return the sum of squared errors of each run, shape (r,) [effort^2]."""
+        if kinds not in self._squares:
+            squares = np.bincount(self._run, weights=self.residual(kinds) ** 2)
+            self._squares[kinds] = np.asarray(squares, dtype=np.float64)
+        return self._squares[kinds]
+
+    def mean_square(self, kinds: Kinds = frozenset()) -> float:
+        """Return the mean squared error [effort^2]."""
+        return float(self.by_run(kinds).sum()) / len(self._run)
+
+
+@dataclass
+class HeldOutError(SquaredErrors):
+    """Squared errors of a base model beside the flexible laws of some kinds.
+
+    Coefficients come from ridge regression on all other folds; those whose sign physics fixes are not
+    negative. Differences between runs are no columns: a run that is held out tells its own gain and zero in
+    every second piece, and the other pieces judge them.
     """
 
     base: BaseColumns
@@ -45,7 +82,7 @@ class HeldOutError:
     blocked: BlockedData
     used: BoolArray  # blocks that count, shape (m,)
     _predictions: dict[Kinds, FloatArray] = field(default_factory=dict)
-    _errors: dict[Kinds, FloatArray] = field(default_factory=dict)
+    _squares: dict[Kinds, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Put all columns side by side, of unit size, and prepare the products by fold."""
@@ -79,35 +116,19 @@ class HeldOutError:
             own.append(Kind.PERIODIC)
         return [*own, Kind.RUN_DIFFERENCES] if self.runs > 1 else own
 
-    @property
-    def runs(self) -> int:
-        """Number of runs r."""
-        return int(self._run.max()) + 1
-
-    @property
-    def counts(self) -> FloatArray:
-        """Blocks of each run, shape (r,)."""
-        return np.bincount(self._run).astype(np.float64)
-
-    def by_run(self, kinds: Kinds) -> FloatArray:
-        """Return the sum of squared held-out errors of each run, shape (r,) [effort^2]."""
-        if kinds not in self._errors:
-            predicted = self._predicted(kinds - {Kind.RUN_DIFFERENCES})
-            error = self._target - predicted
-            if Kind.RUN_DIFFERENCES in kinds:
-                adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
-                adjusted += [  # a predicted phase of all runs would stand in the way
-                    fit_each_run(self._target - self._predicted(kinds - own), columns, self._run)
-                    for own, columns in self._of_runs.items()
-                    if own <= kinds
-                ]
-                error = min((error, *adjusted), key=lambda left: float(left @ left))
-            self._errors[kinds] = np.asarray(np.bincount(self._run, weights=error**2), dtype=np.float64)
-        return self._errors[kinds]
-
-    def mean_square(self, kinds: Kinds = frozenset()) -> float:
-        """Return the mean squared error in held-out runs [effort^2]."""
-        return float(self.by_run(kinds).sum()) / len(self._target)
+    def residual(self, kinds: Kinds) -> FloatArray:
+        """See `SquaredErrors.residual`."""
+        predicted = self._predicted(kinds - {Kind.RUN_DIFFERENCES})
+        error: FloatArray = self._target - predicted
+        if Kind.RUN_DIFFERENCES not in kinds:
+            return error
+        adjusted = _adjusted_to_runs(self._target, predicted, self._run, self._half)
+        adjusted += [  # a predicted phase of all runs would stand in the way
+            fit_each_run(self._target - self._predicted(kinds - own), columns, self._run)
+            for own, columns in self._of_runs.items()
+            if own <= kinds
+        ]
+        return min((error, *adjusted), key=lambda left: float(left @ left))
 
     def _predicted(self, kinds: Kinds) -> FloatArray:
         if kinds not in self._predictions:

@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from estimation.budget.budget import ErrorBudget, error_budget
-from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds
+from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
 from estimation.budget.laws import Law, flexible_laws
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
@@ -310,8 +310,8 @@ def _run_test(partial: PartiallyLinear, end: FitResult, kinds: Kinds, name: str)
 
 
 @dataclass
-class NamedError:
-    """Squared errors in held-out runs of a model reduced to the effects of some kinds; see `HeldOutError`."""
+class NamedError(SquaredErrors):
+    """Squared errors of a model reduced to its effects of some kinds."""
 
     search: Search
     end: FitResult
@@ -321,34 +321,18 @@ class NamedError:
         base = {effect.name for effect in self.search.model.effects}
         self._added = [effect for effect in self.end.solution.model.effects if effect.name not in base]
         self._run = np.unique(self.end.problem.blocked.run[self.end.problem.used], return_inverse=True)[1]
-        self._errors: dict[Kinds, FloatArray] = {}
+        self._squares: dict[Kinds, FloatArray] = {}
 
     @property
     def kinds(self) -> list[Kind]:
         """Kinds of the effects."""
         return sorted({effect.kind for effect in self._added})
 
-    @property
-    def runs(self) -> int:
-        """Number of runs r."""
-        return int(self._run.max()) + 1
-
-    @property
-    def counts(self) -> FloatArray:
-        """Blocks of each run, shape (r,)."""
-        return np.bincount(self._run).astype(np.float64)
-
-    def by_run(self, kinds: Kinds) -> FloatArray:
-        """Return the sum of squared held-out errors of each run, shape (r,) [effort^2]."""
-        if kinds not in self._errors:
-            problem, model = self.end.problem, self.end.solution.model
-            without = [effect.name for effect in self._added if effect.kind not in kinds]
-            solution = solve_gains(problem, model.without(*without), self.end.solution.parameters, rounds=2)
-            gains = solution.linear_fit.fold_gains[problem.blocked.fold]
-            left = (solution.target - np.sum(solution.columns * gains, axis=1))[problem.used]
-            self._errors[kinds] = np.asarray(np.bincount(self._run, weights=left**2), dtype=np.float64)
-        return self._errors[kinds]
-
-    def mean_square(self, kinds: Kinds = frozenset()) -> float:
-        """Return the mean squared error in held-out runs [effort^2]."""
-        return float(self.by_run(kinds).sum() / self.counts.sum())
+    def residual(self, kinds: Kinds) -> FloatArray:
+        """See `SquaredErrors.residual`."""
+        problem, model = self.end.problem, self.end.solution.model
+        without = [effect.name for effect in self._added if effect.kind not in kinds]
+        solution = solve_gains(problem, model.without(*without), self.end.solution.parameters, rounds=2)
+        gains = solution.linear_fit.fold_gains[problem.blocked.fold]
+        left: FloatArray = solution.target - np.sum(solution.columns * gains, axis=1)
+        return left[problem.used]

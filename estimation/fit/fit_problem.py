@@ -91,8 +91,10 @@ class FitProblem:
         if np.any((fit.gains < lower) | (fit.gains > upper)):
             scale = np.maximum(fit.scale, _NO_SCALE)
             unit = fit.gains / scale
-            bounded = solve_within_bounds(fit.system, fit.system @ unit, lower / scale, upper / scale)
-            is_low, is_high = bounded == lower / scale, bounded == upper / scale
+            with np.errstate(over="ignore"):  # a column that hardly moves has no bound in its unit
+                low, high = lower / scale, upper / scale
+            bounded = solve_within_bounds(fit.system, fit.system @ unit, low, high)
+            is_low, is_high = bounded == low, bounded == high
             at_bound, fixed = is_low | is_high, np.where(is_low, lower, np.where(is_high, upper, 0.0))
             fit = solve_normal_equations(equations.with_fixed(at_bound, fixed), dof=len(self._by_fold[0]))
             places = np.flatnonzero(free)[at_bound]
