@@ -93,6 +93,7 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
     accepted = _accepted(found, path, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
     floor = found.floor
+    budget, rest = _budget(found, floor)
     times = end.rmse / floor if floor > 0.0 else 1.0
     return ChannelDiagnosis(
         channel=search.data.name,
@@ -101,8 +102,8 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         effort_unit=search.data.kind.effort_unit,
         noise_floor=floor,
         floor=Floor(value=floor, free_air=free_air_noise(search.data), share_left=end.explainable_share()),
-        budget=_budget(found),
-        rest=_rest(found, floor),
+        budget=budget,
+        rest=rest,
         baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
         accepted=accepted,
         ranking=_ranking(search),
@@ -114,8 +115,17 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
     )
 
 
-def _budget(found: Evidence) -> list[BudgetShare]:
-    """Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count."""
+def _budget(found: Evidence, floor: float) -> tuple[list[BudgetShare], Rest]:
+    """Shares of the base model's squared error on blocks, which add up to one.
+
+    Args:
+        found: where the search ended.
+        floor: the error that a complete model would leave [effort].
+
+    Returns:
+        Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count; and
+        what they leave. Beside a complete model that is noise.
+    """
     search, end = found.search, found.end
     named: dict[Kind, list[str]] = {}
     for effect in end.solution.model.effects:
@@ -123,7 +133,7 @@ def _budget(found: Evidence) -> list[BudgetShare]:
             named.setdefault(effect.kind, []).append(effect.name)
     if found.partial is None:
         if not named:
-            return []
+            return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
         budget = error_budget(NamedError(search, end), np.random.default_rng(0), frozenset(named))
     else:
         kinds = found.partial.kinds | frozenset(named)
@@ -148,17 +158,10 @@ def _budget(found: Evidence) -> list[BudgetShare]:
                 experiment=separating_experiment(entry.kind, replaceable[0]) if replaceable else "",
             )
         )
-    return shares
-
-
-def _rest(found: Evidence, floor: float) -> Rest:
-    """Shares of noise and of what nothing explains."""
-    base = found.search.start.rmse
-    if not base > 0.0:
-        return Rest(noise=0.0, unexplained=0.0)
-    left = (found.end.rmse / base) ** 2 if found.partial is None else found.partial.budget.left
-    noise = min((floor / base) ** 2, left)
-    return Rest(noise=noise, unexplained=max(left - noise, 0.0))
+    noise = budget.left
+    if found.partial is not None:
+        noise = min((floor / max(search.start.rmse, 1e-300)) ** 2, budget.left)
+    return shares, Rest(noise=noise, unexplained=budget.left - noise)
 
 
 def _parameters(fit: FitResult) -> dict[str, ParameterValue]:

@@ -239,3 +239,24 @@ def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
     assert entry.rmse_after < 0.3 * entry.rmse_before
     assert entry.p_value <= 0.01
     assert entry.parameters["k3"].unit == "N/m^3"
+
+
+@pytest.mark.parametrize(
+    ("law", "tried", "complete"),
+    [
+        (cubic, ("cubic_stiffness", "bias"), True),
+        (
+            lambda t, x, v, run: cubic(t, x, v, run) + 0.4 * np.sin(3000.0 * x),
+            ("cubic_stiffness", "bias"),
+            False,
+        ),
+        (lambda t, x, v, run: 0.0, ("cubic_stiffness", "bias"), True),
+    ],
+)
+def test_shares_of_kinds_and_what_they_leave_add_up_to_the_error(law, tried, complete):
+    found = decide_verdict(pressed(4, law), *tried)
+    assert found.complete is complete
+    total = sum(entry.share for entry in found.budget) + found.rest.noise + found.rest.unexplained
+    assert total == pytest.approx(1.0, abs=1e-9)
+    assert found.rest.unexplained >= 0.0
+    assert not (complete and found.rest.unexplained)
