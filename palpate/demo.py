@@ -28,7 +28,7 @@ from sim_backend.secret import SealedAnswer
 PLAN = ProbingPlan()  # the paper's three speeds
 HIDDEN_PLAN = ProbingPlan(repeats=2)
 HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
-STRENGTH = 20.0  # times the noise floor
+STRENGTH = 20.0  # times the noise level
 _SEEDS = 1_000_000  # few enough to be typed
 
 

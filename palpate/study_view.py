@@ -34,7 +34,7 @@ def result_view(result: ChannelResult) -> ChannelView:
     return channel_view(
         result.channel.data,
         [_stage(stage, result.stages[: place + 1]) for place, stage in enumerate(result.stages)],
-        result.noise_floor or float("nan"),
+        result.noise,
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
         diagnosis=diagnosis,

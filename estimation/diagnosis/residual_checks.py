@@ -11,20 +11,19 @@ import numpy as np
 
 from estimation.budget.held_out import fit_each_run
 from estimation.budget.laws import periodic_columns
-from estimation.channel import ChannelData, ChannelKind
+from estimation.channel import ChannelKind
 from estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
 from estimation.fit.blocks import BlockedData, is_moving
 from estimation.fit.fit_problem import Solution, held_out_residual, rmse
 from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import MeasurementModel
+from estimation.fit.measurement_noise import free_air_noise
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.periodicity import strongest_swing
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
-_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
-_LEAST = 50  # samples
 _APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself
 _ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
@@ -43,8 +42,6 @@ class ResidualFinding:
 
     reason: str  # in words
     depends_on: str  # what the error depends on
-    # The error that a complete model would leave, as far as this shows, in the unit of the effort.
-    floor: float
 
 
 def check_residuals(
@@ -67,7 +64,6 @@ def check_residuals(
             "the error ripples over the position, with a phase of its own in each run: waves of each run "
             f"would leave {left:.3g} {unit}; begin each run at one reference position",
             "run",
-            left,
         )
     if apart and _is_no_chance(apart, end, measurement, rng):
         return ResidualFinding(
@@ -75,7 +71,6 @@ def check_residuals(
             f"when predicted from the others, by {apart.run_alone:.3g} {unit} when fitted alone; was "
             "something else probed, or a sensor changed?",
             "run",
-            apart.alone,
         )
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
@@ -87,7 +82,6 @@ def check_residuals(
         f"what is left {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
         f"times the noise {elsewhere}, does not look like noise{swings}; no signal of the data explains it",
         "time",
-        free_air_noise(end.data) or excess.expected,
     )
 
 
@@ -145,7 +139,6 @@ def _swings(end: FitResult) -> ResidualFinding | None:
     return ResidualFinding(
         f"the error swings at {found[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
         "time",
-        float(floor),
     )
 
 
@@ -248,17 +241,3 @@ def _shared_by_neighbours(residual: FloatArray, run: IntArray, chosen: BoolArray
     if pairs.sum() < _BLOCKS // 2:
         return 0.0
     return float(np.sqrt(max(np.mean(residual[1:][pairs] * residual[:-1][pairs]), 0.0)))
-
-
-def free_air_noise(data: ChannelData) -> float | None:
-    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
-    if data.kind is not ChannelKind.CONTACT:
-        return None
-    parts = []
-    for rows in rows_of_runs(data.run):
-        pressed = data.engaged[rows]
-        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
-        before = before[: int(_FREE * len(before))]
-        if len(before) >= _LEAST:
-            parts.append(data.effort[before] - data.effort[before].mean())
-    return rmse(np.concatenate(parts)) if parts else None

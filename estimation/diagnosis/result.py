@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis.forms import Form
 from estimation.estimate import ParameterEstimate
+from estimation.fit.measurement_noise import NoiseSource
 from estimation.kinds import Kind
 
 
@@ -99,14 +100,16 @@ class Remaining(_Entry):
     """What is left of the error with all that was accepted."""
 
     rmse: float  # error in held-out runs
-    times_floor: float  # over the noise floor
+    times_floor: float  # over the noise
     depends_on: list[str]  # signals that it depends on; empty where it is noise
 
 
 class Floor(_Entry):
-    """The noise floor and what it rests on; in the unit of the effort."""
+    """The noise and what it rests on; in the unit of the effort."""
 
     value: float  # the error that a complete model would leave in held-out runs
+    source: NoiseSource = NoiseSource.SMOOTH_LAW  # what it is known from
+    at_most: bool = True  # whether the noise may be less
     free_air: float | None  # noise before the first touch of each run; None if there is no free air
     share_left: float  # share of the error, on means over a few samples, that a smooth law still explains
 
@@ -118,7 +121,7 @@ class ChannelDiagnosis(_Entry):
     verdict: Verdict  # see `Verdict`
     reason: str  # one sentence
     effort_unit: str  # unit of all errors
-    noise_floor: float | None = None  # error that a complete model would leave
+    noise_floor: float | None = None  # error that a complete model would leave, whatever the model
     floor: Floor | None = None  # what that rests on
     budget: list[BudgetShare] = Field(default_factory=list)  # of the base model's error, largest share first
     rest: Rest | None = None  # of the same error

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from estimation.diagnosis.acceptance import indistinguishable_models, models_by_
 from estimation.diagnosis.bootstrap import SMALL, encoder_step_error
 from estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
 from estimation.diagnosis.random_effects import run_standard_deviation
-from estimation.diagnosis.residual_checks import ResidualFinding, free_air_noise, periodic_component
+from estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
 from estimation.diagnosis.result import (
     Accepted,
     BudgetShare,
@@ -30,6 +31,7 @@ from estimation.effects.run_variation import RunVariation
 from estimation.fit.fit_result import FitResult, final_solution
 from estimation.fit.intervals import estimate_parameters
 from estimation.fit.measurement_model import MeasurementModel
+from estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from estimation.kinds import Kind, separating_experiment
 
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
@@ -49,13 +51,10 @@ class Evidence:
     partial: PartiallyLinear | None = None  # the kinds that account for the error, where it is not complete
     coarse: PartiallyLinear | None = None  # the same on a coarse copy
 
-    @property
-    def floor(self) -> float:
-        """The error that a complete model would leave, in the unit of the effort."""
-        if self.complete:
-            return self.end.rmse
-        known = self.objection.floor if self.objection else np.inf
-        return min(self.end.floor(), self.end.rmse, known)
+    @cached_property
+    def noise(self) -> MeasurementNoise:
+        """The noise of the channel, which no model changes."""
+        return measurement_noise(self.search.start)
 
     def form(self, effect: str) -> Form:
         """How well the form of an accepted effect is known."""
@@ -92,16 +91,22 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         others = {name: similar_forms(search, end, name) for name in names}
     accepted = _accepted(found, path, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
-    floor = found.floor
-    budget, rest = _budget(found, floor)
-    times = end.rmse / floor if floor > 0.0 else 1.0
+    noise = found.noise
+    budget, rest = _budget(found)
+    times = end.rmse / noise.value if noise.value > 0.0 else 1.0
     return ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
         reason=_reason(found, verdict, accepted),
         effort_unit=search.data.kind.effort_unit,
-        noise_floor=floor,
-        floor=Floor(value=floor, free_air=free_air_noise(search.data), share_left=end.explainable_share()),
+        noise_floor=noise.value,
+        floor=Floor(
+            value=noise.value,
+            source=noise.source,
+            at_most=noise.is_bound,
+            free_air=free_air_noise(search.data),
+            share_left=end.explainable_share(),
+        ),
         budget=budget,
         rest=rest,
         baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
@@ -115,12 +120,8 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
     )
 
 
-def _budget(found: Evidence, floor: float) -> tuple[list[BudgetShare], Rest]:
+def _budget(found: Evidence) -> tuple[list[BudgetShare], Rest]:
     """Shares of the base model's squared error on blocks, which add up to one.
-
-    Args:
-        found: where the search ended.
-        floor: the error that a complete model would leave [effort].
 
     Returns:
         Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count; and
@@ -160,7 +161,7 @@ def _budget(found: Evidence, floor: float) -> tuple[list[BudgetShare], Rest]:
         )
     noise = budget.left
     if found.partial is not None:
-        noise = min((floor / max(search.start.rmse, 1e-300)) ** 2, budget.left)
+        noise = min((found.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 
 
@@ -257,8 +258,8 @@ def _peaks(end: FitResult) -> str:
 def _left(found: Evidence) -> str:
     if found.objection:
         return found.objection.reason
-    told, floor = ", ".join(found.signals) or "a mix of signals", found.floor
-    times = f"{found.end.rmse / floor:.2g} times the noise floor, " if floor > 0.0 else ""
+    told, noise = ", ".join(found.signals) or "a mix of signals", found.noise
+    times = f"{found.end.rmse / noise.value:.2g} times the noise, " if noise.value > 0.0 else ""
     return f"what is left is {times}and depends on {told}"
 
 

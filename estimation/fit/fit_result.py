@@ -224,8 +224,8 @@ class FitResult(TableDisplay):
         )
 
     @cached_property
-    def noise_floor(self) -> float:
-        """Held-out error that a complete model would leave, in the unit of the effort."""
+    def smooth_law_error(self) -> float:
+        """Error in the runs that judge that a flexible regression leaves beside the model [effort]."""
         with single_threaded():
             if self.validation is None:
                 return self.floor()

@@ -38,8 +38,12 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     if not pairs.any():
         return Misfit(float("nan"), float("nan"))
     noise = float(np.sqrt(np.mean(np.diff(residuals)[pairs] ** 2) / 2))
-    size = float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
-    return Misfit(noise, size / noise if noise > 0 else float("nan"))
+    return Misfit(noise, residual_scale(residuals) / noise if noise > 0 else float("nan"))
+
+
+def residual_scale(residuals: FloatArray) -> float:
+    """Standard deviation of residuals (n,), from the magnitude below which nine tenths of them lie."""
+    return float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
 
 
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:

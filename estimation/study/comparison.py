@@ -12,6 +12,7 @@ from estimation.diagnosis.forms import error_of_kinds
 from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
 from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.fit.threads import single_threaded
 from estimation.physical import UNPHYSICAL
 from estimation.study.patterns import Part, Pattern, patterns
@@ -19,7 +20,7 @@ from estimation.study.split import splits
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray
 
-AT_FLOOR = 1.1  # times the noise floor, below which an error passes for noise
+AT_NOISE = 1.1  # times the noise, below which an error passes for noise
 _MOST_SPLITS = 3  # that are put into words
 
 
@@ -31,7 +32,7 @@ class Comparison(TableDisplay):
     effort_unit: str  # unit of all errors
     model: str  # its name, with the effects that were added
     fitted: FitResult  # the model; what it leaves is on runs that the fit has not seen
-    noise_floor: float  # of the channel, whatever the model: see `Study.noise_floor`
+    noise: MeasurementNoise  # of the channel, whatever the model
     # By way of splitting (phase, run, direction, speed, depth or position, effort, load).
     parts: Mapping[str, tuple[Part, ...]]
     words: tuple[str, ...]  # how far off the model is, where first, and what kinds explain it, in sentences
@@ -46,8 +47,8 @@ class Comparison(TableDisplay):
 
     @property
     def lack_of_fit(self) -> float:
-        """Error over noise floor: 1 where nothing is missing."""
-        return self.rmse / self.noise_floor if self.noise_floor > 0.0 else float("inf")
+        """Error over noise: about 1 where nothing is missing."""
+        return self.rmse / self.noise.value if self.noise.value > 0.0 else float("inf")
 
     @property
     def parameters(self) -> Mapping[str, ParameterEstimate]:
@@ -80,7 +81,7 @@ class Comparison(TableDisplay):
         ]
         unit = self.effort_unit
         caption = f"{self.model} beside {self.channel}. {' '.join(self.words[:1])} {self.not_judged}"
-        return DisplayTable(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x floor"), rows)
+        return DisplayTable(caption, ("by", "where", f"rmse [{unit}]", f"mean [{unit}]", "x noise"), rows)
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,28 +112,28 @@ class Comparisons(TableDisplay):
             for one in self.channels
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
-        columns = ("channel", "model", "held-out error", "x noise floor", "not judged")
+        columns = ("channel", "model", "held-out error", "x noise", "not judged")
         return DisplayTable("Models beside the measurement", columns, rows)
 
 
-def compare(fitted: FitResult, model: str, noise_floor: float) -> Comparison:
+def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Comparison:
     """Put a fitted model beside the measurement, and split the error.
 
     Args:
         fitted: the model.
         model: its name, with the effects that were added.
-        noise_floor: of the channel, in the unit of the effort.
+        noise: of the channel.
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
-    parts = _parts(fitted, noise_floor)
-    is_noise = fitted.rmse < AT_FLOOR * noise_floor
+    parts = _parts(fitted, noise.value)
+    is_noise = fitted.rmse < AT_NOISE * noise.value
     seen = () if is_noise else patterns(parts, fitted.rmse)
     kinds = () if is_noise else _kinds(fitted)
-    first, *where = _words(fitted.rmse, noise_floor, parts, unit)
+    first, *where = _words(fitted.rmse, noise, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
     words = (first, *where, *(one.sentence for one in seen), *_kinds_in_words(kinds))
-    return Comparison(data.name, unit, model, fitted, noise_floor, parts, words, seen, kinds)
+    return Comparison(data.name, unit, model, fitted, noise, parts, words, seen, kinds)
 
 
 def _kinds(fitted: FitResult) -> tuple[BudgetEntry, ...]:
@@ -150,33 +151,36 @@ def _kinds_in_words(kinds: tuple[BudgetEntry, ...]) -> tuple[str, ...]:
     return (f"Kinds of effects that would explain it, as shares of the squared error: {shares}.",)
 
 
-def _parts(fitted: FitResult, floor: float) -> dict[str, tuple[Part, ...]]:
+def _parts(fitted: FitResult, noise: float) -> dict[str, tuple[Part, ...]]:
     """The error by each way of splitting that leaves more than one part with samples."""
     found = {}
     for by, masks in splits(fitted.data).items():
-        every = (_part(label, fitted.residual, mask & fitted.judged, floor) for label, mask in masks.items())
+        every = (_part(label, fitted.residual, mask & fitted.judged, noise) for label, mask in masks.items())
         occupied = tuple(part for part in every if part is not None)
         if len(occupied) > 1:
             found[by] = occupied
     return found
 
 
-def _part(label: str, residual: FloatArray, mask: BoolArray, floor: float) -> Part | None:
+def _part(label: str, residual: FloatArray, mask: BoolArray, noise: float) -> Part | None:
     own = residual[mask]
     if not len(own):
         return None
     size = float(np.sqrt(np.mean(own**2)))
     energy = float(np.sum(own**2) / np.nansum(residual**2))
-    excess = size / floor if floor > 0.0 else float("inf")
+    excess = size / noise if noise > 0.0 else float("inf")
     return Part(label, len(own), size, float(own.mean()), energy, excess)
 
 
-def _words(error: float, floor: float, parts: Mapping[str, tuple[Part, ...]], unit: str) -> tuple[str, ...]:
+def _words(
+    error: float, noise: MeasurementNoise, parts: Mapping[str, tuple[Part, ...]], unit: str
+) -> tuple[str, ...]:
     """The overall judgement, then the splits in which the error is most uneven."""
-    if error < AT_FLOOR * floor:
-        return (f"The error of {error:.3g} {unit} is noise: the noise floor is {floor:.3g} {unit}.",)
-    times = error / floor if floor > 0.0 else float("inf")
-    said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise floor of {floor:.3g} {unit}."]
+    level = noise.describe(unit)
+    if error < AT_NOISE * noise.value:
+        return (f"The error of {error:.3g} {unit} passes for noise (the noise is {level}).",)
+    times = error / noise.value if noise.value > 0.0 else float("inf")
+    said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
         worst, least = (pick(parts[by], key=lambda part: part.rmse) for pick in (max, min))
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all as large: they differ in their means

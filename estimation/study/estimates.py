@@ -11,8 +11,10 @@ from estimation.estimate import Estimate, Identifiability
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimators import ESTIMATORS
 from estimation.fit.fit_problem import Solution
+from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
 from estimation.models import MODELS
+from estimation.statistics.misfit import residual_scale
 from estimation.study.arm import NO_ARM, Arm
 from estimation.study.source import Source
 from estimation.surface import Surface
@@ -36,6 +38,7 @@ class ChannelEstimates(TableDisplay):
     model: Model  # what was fitted
     estimates: tuple[Estimate, ...]  # one for each estimator that could work on these samples; at least one
     failures: Mapping[str, str] = field(default_factory=dict)  # why the others could not, by name
+    noise: MeasurementNoise | None = None  # of the channel; None where the data cannot judge a model
 
     @property
     def best(self) -> Estimate:
@@ -51,6 +54,13 @@ class ChannelEstimates(TableDisplay):
             if np.mean(estimate.inliers) >= MOST and estimate.identifiability is not Identifiability.NONE
         ]
         return (trusted or ranked or list(self.estimates))[0]
+
+    @property
+    def misfit(self) -> float:
+        """Size of what the best estimate leaves, over the noise; NaN where that is not known."""
+        if self.noise is None or not self.noise.value > 0.0:
+            return float("nan")
+        return residual_scale(self.best.residuals) / self.noise.value
 
     def surface_of(self, estimate: Estimate) -> Surface | None:
         """The surface as this estimate has it, not below the touch; None where depth was given."""

@@ -183,7 +183,7 @@ class Sides(TableDisplay):
         if self.overlay is None or a is None or b is None:
             return float("nan")
         apart = np.nanmean((self.overlay - self.first.data.effort) ** 2)
-        return float(np.sqrt(apart) / max(np.hypot(a.noise_floor, b.noise_floor), np.finfo(float).tiny))
+        return float(np.sqrt(apart) / max(np.hypot(a.noise.value, b.noise.value), np.finfo(float).tiny))
 
     @cached_property
     def fits(self) -> tuple[tuple[float, float], tuple[float, float]]:

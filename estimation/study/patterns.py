@@ -28,7 +28,7 @@ class Part:
     rmse: float  # root mean square of the residual
     mean: float  # mean of the residual; positive where the measurement is above the model
     energy: float  # share of the whole squared error
-    excess: float  # rmse over the noise floor
+    excess: float  # rmse over the noise level
 
 
 @dataclass(frozen=True)

@@ -26,16 +26,13 @@ def reconcile(fit: Fit, channel: StudyChannel, found: ChannelDiagnosis) -> Chann
     fits = [fit(names[:count]) for count in range(len(names) + 1)]
     accepted = [_accepted(*one) for one in zip(found.accepted, fits, fits[1:], strict=False)]
     last = fits[-1].rmse
-    value = last if found.complete else found.noise_floor
-    times = last / value if value > 0.0 else 1.0
-    floor, left = found.floor, found.remaining
+    times = last / found.noise_floor if found.noise_floor > 0.0 else 1.0
+    left = found.remaining
     ranking = _ranking(fit, found.ranking)
     return found.model_copy(
         update={
             "reason": _with_errors(reason_of(found, ranking), found, fits[0].rmse, last),
-            "floor": floor and floor.model_copy(update={"value": value}),
             "remaining": left and left.model_copy(update={"rmse": last, "times_floor": times}),
-            "noise_floor": value,
             "baseline": _entry(fits[0]),
             "final": _entry(fits[-1]),
             "accepted": accepted,

@@ -6,6 +6,7 @@ from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
 from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.revisions import Revision
@@ -42,7 +43,7 @@ class ChannelResult(TableDisplay):
     stages: tuple[Stage, ...] = ()
     grown: Comparison | None = None  # the last stage beside the measurement; None where nothing was added
     # Of the channel, by which all its stages are measured; None as for the comparison.
-    noise_floor: float | None = None
+    noise: MeasurementNoise | None = None
     reason: str = ""  # why there is no comparison, or why what was added is left out; empty else
 
     @property
@@ -61,18 +62,20 @@ class ChannelResult(TableDisplay):
         return self.grown or self.comparison
 
     def _table(self) -> DisplayTable:
-        floor, unit = self.noise_floor or float("nan"), self.channel.effort_unit
+        unit = self.channel.effort_unit
+        noise = self.noise.value if self.noise else float("nan")
         rows = [
             (
                 "" if one.number is None else one.number,
                 f"+ {one.added}" if one.added else one.fitted.model.name,
                 f"{one.rmse:.4g} {unit}",
-                f"{one.rmse / floor:.2f}",
+                f"{one.rmse / noise:.2f}",
             )
             for one in self.stages
         ]
-        caption = f"{self.channel.name}: noise floor {floor:.4g} {unit}. {self.reason}"
-        return DisplayTable(caption, ("revision", "model", "held-out error", "x noise floor"), rows)
+        level = f"noise {self.noise.describe(unit)}. " if self.noise else ""
+        caption = f"{self.channel.name}: {level}{self.reason}"
+        return DisplayTable(caption, ("revision", "model", "held-out error", "x noise"), rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

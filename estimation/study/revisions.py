@@ -45,7 +45,7 @@ class Revision(BaseModel):
     user_effects: list[str]  # effects of the user's own among them, as FILE.py:Class
     effort_unit: str  # unit of the errors
     rmse: SizedError  # error in held-out runs
-    noise_floor: SizedError  # error that a complete model would leave
+    noise_floor: SizedError  # error that a complete model would leave, whatever the model
     parameters: dict[str, KeptParameter]  # by "effect.parameter"
     data_sha256: str  # of the channel that it was fitted to
     created_utc: str  # when

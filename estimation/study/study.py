@@ -22,6 +22,7 @@ from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
 from estimation.fit.fit_problem import NOT_HELD
 from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
 from estimation.shared_gains import with_shared_gains
 from estimation.study import fitting
 from estimation.study.arm import Arm
@@ -55,7 +56,7 @@ class Study(TableDisplay):
     """Models of one measurement: fit, compare, diagnose, extend, and go back to an earlier revision.
 
     A model is fitted once for each combination of data, base model and added effects, and all methods share
-    that fit. The noise floor of a channel is one number too, see `noise_floor`. Methods may be called from
+    that fit. The noise of a channel is one number too, see `noise`. Methods may be called from
     several threads.
 
     Args:
@@ -96,7 +97,8 @@ class Study(TableDisplay):
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_FitKey, FitResult] = {}
-        self._comparisons: dict[tuple[_FitKey, float], Comparison] = {}
+        self._comparisons: dict[_FitKey, Comparison] = {}
+        self._noise: dict[ChannelKey, MeasurementNoise] = {}
         self._diagnoses: dict[ChannelKey, ChannelDiagnosis] = {}
         measured = self.source.channels if model is None else described_by(self.source, model)
         self.channels = self._with_shared_gains(tuple(self._channel(data, model) for data in measured))
@@ -263,28 +265,21 @@ class Study(TableDisplay):
                     return fit
                 fixed |= outside
 
-    def noise_floor(self, channel: StudyChannel | str, *reached: float) -> float:
-        """Return the held-out error that a complete model would leave: one number for a channel.
+    def noise(self, channel: StudyChannel | str) -> MeasurementNoise:
+        """Return the noise of a channel: the held-out error that a complete model would leave.
 
-        After a diagnosis it is that diagnosis's floor, which is the final error of a complete model. Without
-        a diagnosis, or where runs are held out by choice, it is estimated beside the base model. It never
-        exceeds the error that a model reaches.
+        It is found beside the base model, and no added effect changes it; see `measurement_noise`.
 
         Args:
             channel: the channel, or its name.
-            reached: held-out errors of models that are compared with it, in the unit of the effort.
-
-        Returns:
-            Root mean square error in the unit of the effort.
 
         Raises:
             InputError: the channel cannot be judged.
         """
         channel = self._resolve(channel)
-        diagnosis = self.known_diagnosis(channel)
-        if diagnosis is not None and diagnosis.noise_floor is not None and not channel.held_out:
-            return min([diagnosis.noise_floor, *reached])
-        return min([self.fit(channel).noise_floor, *reached])
+        if channel.key not in self._noise:
+            self._noise[channel.key] = measurement_noise(self.fit(channel))
+        return self._noise[channel.key]
 
     # Comparison with the measurement
 
@@ -319,11 +314,10 @@ class Study(TableDisplay):
         """
         with self._lock:
             fit = self.fit(channel, effects)
-            floor = self.noise_floor(channel, fit.rmse)
-            key = (channel.key, tuple(effects)), floor
+            key = channel.key, tuple(effects)
             if key not in self._comparisons:
                 name = " + ".join([channel.model.name, *effects])
-                self._comparisons[key] = compare(fit, name, floor)
+                self._comparisons[key] = compare(fit, name, self.noise(channel))
             return self._comparisons[key]
 
     # Diagnosis
@@ -427,7 +421,19 @@ class Study(TableDisplay):
         if not data:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
         chosen = [one if runs is None else only_runs(one, runs, self.source) for one in data]
-        return tuple(estimate_with(one, models[one.name], names, self.source.arm) for one in chosen)
+        return tuple(
+            replace(
+                estimate_with(one, models[one.name], names, self.source.arm),
+                noise=self._noise_if_judged(one.name),
+            )
+            for one in chosen
+        )
+
+    def _noise_if_judged(self, name: str) -> MeasurementNoise | None:
+        try:
+            return self.noise(name)
+        except InputError:
+            return None
 
     # Revisions
 
@@ -595,8 +601,7 @@ class Study(TableDisplay):
             Stage(self.fit(channel, chain), "".join(chain[-1:]), numbers.get(chain)) for chain in chains
         ]
         grown = self.comparison(channel, effects) if effects else None
-        floor = self.noise_floor(channel, *(stage.fitted.rmse for stage in stages))
-        return ChannelResult(channel, diagnosis, base, tuple(stages), grown, floor, reason)
+        return ChannelResult(channel, diagnosis, base, tuple(stages), grown, self.noise(channel), reason)
 
     def _table(self) -> DisplayTable:
         rows = [
@@ -640,8 +645,7 @@ class Study(TableDisplay):
         while len(self._fits) > _MOST_FITS:
             oldest = next(iter(self._fits))
             del self._fits[oldest]
-            for compared in [key for key in self._comparisons if key[0] == oldest]:
-                del self._comparisons[compared]
+            self._comparisons.pop(oldest, None)
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:
@@ -742,7 +746,7 @@ class Study(TableDisplay):
                 user_effects=[self._own[name] for name in effects if name in self._own],
                 effort_unit=channel.effort_unit,
                 rmse=fit.rmse,
-                noise_floor=self.noise_floor(channel),
+                noise_floor=self.noise(channel).value,
                 parameters={name: KeptParameter.of(value) for name, value in fit.parameters.items()},
                 data_sha256=channel.sha256,
                 created_utc=created,

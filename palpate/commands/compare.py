@@ -71,7 +71,7 @@ def command(
     """Put a model beside the measurement: how far off it is, and where it fails first.
 
     The base model, whatever was added; --revision shows that. All errors are on runs that the fit has not
-    seen; the noise floor is what a complete model would leave.
+    seen; the noise level is what a complete model would leave.
 
     With OTHER, two measurements side by side: how far each follows the other and each model describes the
     other (fit in %), how parameters differ, and what each model leaves.
@@ -161,7 +161,9 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
         "model": comparison.model,
         "effort_unit": comparison.effort_unit,
         "rmse": comparison.rmse,
-        "noise_floor": comparison.noise_floor,
+        "noise_floor": comparison.noise.value,
+        "noise_source": comparison.noise.source,
+        "noise_at_most": comparison.noise.is_bound,
         "lack_of_fit": comparison.lack_of_fit,
         "parameters": {name: parameter.value for name, parameter in comparison.parameters.items()},
         "parts": {by: list(map(vars, parts)) for by, parts in comparison.parts.items()},

@@ -27,8 +27,8 @@ def budget_view(found: ChannelDiagnosis) -> BudgetView | None:
         )
         for entry in found.budget
     ]
-    is_measured = found.floor is not None and found.floor.free_air is not None
-    at_most, at_least = ("", "") if is_measured else ("at most", "at least")
+    is_bound = found.floor is None or found.floor.at_most
+    at_most, at_least = ("at most", "at least") if is_bound else ("", "")
     parts = [*kinds, BudgetPart("noise", found.rest.noise, palette.FLOOR, at_most)]
     if found.rest.unexplained >= _SHOWN:
         parts.append(BudgetPart("unexplained", found.rest.unexplained, palette.UNEXPLAINED, at_least))

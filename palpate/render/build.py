@@ -13,6 +13,7 @@ from estimation.diagnosis.result import ParameterValue
 from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
 from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
+from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
 from estimation.signals.blocks import blocks, places, since_their_start
 from estimation.study.patterns import Part
@@ -41,7 +42,7 @@ Found = ParameterEstimate | ParameterValue
 def channel_view(
     data: ChannelData,
     stages: Sequence[StageView],
-    noise_floor: float,
+    noise: MeasurementNoise | None,
     *,
     parts: Mapping[str, Sequence[Part]] | None = None,
     words: Sequence[str] = (),
@@ -55,7 +56,7 @@ def channel_view(
     Args:
         data: the measurement, n samples.
         stages: of its model, the base model first; none where the data cannot be judged.
-        noise_floor: error that a complete model would leave.
+        noise: what a complete model would leave; None where nothing is known.
         parts: the last stage's error by way of splitting.
         words: where the last stage fails, in sentences.
         diagnosis: what is missing, if that was asked.
@@ -80,7 +81,8 @@ def channel_view(
         stages=tuple(stages),
         fall=_fall(stages, diagnosis),
         parameters=_parameters(stages, diagnosis),
-        floor=noise_floor,
+        floor=noise.value if noise else 0.0,
+        noise=noise.describe(data.kind.effort_unit) if noise else "",
         verdict=VerdictView("", ""),
         parts=parts or {},
     )
@@ -197,7 +199,12 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     wrong = sentences.impossible(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         verdict = sentences.compared(
-            view.name, " ".join(labels), errors[-1], view.floor, unit, possible=not wrong
+            view.name,
+            " ".join(labels),
+            f"{errors[-1]:.3g} {unit}",
+            view.times_floor(errors[-1]),
+            view.noise,
+            possible=not wrong,
         )
         return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
     verdict = sentences.diagnosed(diagnosis)

@@ -15,7 +15,6 @@ from estimation.data_quality import contaminated
 from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.rounding import in_steps, steps_spanned
-from estimation.statistics.misfit import Misfit, misfit
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
 from palpate.console import natural_width, table
@@ -65,16 +64,17 @@ def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
     residual = np.where(found.rows, found.channel.effort - predicted, np.nan)
     parameters = {p.name: p for p in best.parameters}
     stage = stage_view(found.model, parameters, predicted, residual, rmse=best.rmse, label=found.model.name)
-    noise, unit = misfit_of(found).noise, found.channel.kind.effort_unit
+    unit = found.channel.kind.effort_unit
+    level = f"; the noise is {found.noise.describe(unit)}" if found.noise else ""
     sentence = (
         f"{found.channel.name}: {found.model.name} by estimator {best.estimator} leaves {best.rmse:.3g} "
-        f"{unit}; the noise from sample to sample is {noise:.3g} {unit}."
+        f"{unit}{level}."
     )
     share = PERCENT * (1.0 - float(np.mean(found.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
-    view = channel_view(found.channel, [stage], noise, judged=found.rows)
+    view = channel_view(found.channel, [stage], found.noise, judged=found.rows)
     spoilt = spoilt_by(found) or best.unphysical
-    word = "misses" if misfit_of(found).times > POOR or spoilt else "fits"
+    word = "misses" if found.misfit > POOR or spoilt else "fits"
     names = (found.channel.name, found.model.name)
     verdict = VerdictView(word, sentence, (*remarks(found, truth), unfitted), names)
     return replace(view, fall=(), verdict=verdict)
@@ -179,12 +179,6 @@ def spoilt_by(found: ChannelEstimates) -> str | None:
     return contaminated(found.channel, found.model)
 
 
-def misfit_of(found: ChannelEstimates) -> Misfit:
-    """What the best estimate leaves beside the noise."""
-    best = found.best
-    return misfit(best.residuals, found.channel.run[found.rows], best.inliers)
-
-
 def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
     reason, surface, channel = spoilt_by(found), found.surface_of(found.best), found.channel
     if reason is not None:
@@ -205,11 +199,11 @@ def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
 
 
 def _on_fit(found: ChannelEstimates) -> Iterator[str]:
-    left, best, unit = misfit_of(found), found.best, found.channel.kind.effort_unit
-    if left.times > POOR:
+    best, unit = found.best, found.channel.kind.effort_unit
+    if found.noise is not None and found.misfit > POOR:
         yield (
             f"{found.model.name} does not describe these data: {best.estimator} leaves "
-            f"{best.rmse:.2g} {unit} (rms), and the noise from sample to sample is {left.noise:.2g} {unit}. "
+            f"{best.rmse:.2g} {unit} (rms), and the noise is {found.noise.describe(unit)}. "
             "The intervals do not count that; palpate diagnose looks for what is missing"
         )
     surface, offset = found.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
@@ -266,7 +260,7 @@ def as_data(found: ChannelEstimates, truth: Truth) -> dict[str, Any]:
         "tare": _tare_data(found.channel),
         "spoilt": spoilt_by(found),
         "failures": found.failures,
-        "misfit": vars(misfit_of(found)),
+        "misfit": {"noise": found.noise.value if found.noise else None, "times": found.misfit},
         "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
     }
 

@@ -53,7 +53,7 @@ def figure(channel: ChannelView | StudyView) -> go.Figure:
 
 
 def fall_figure(channel: ChannelView) -> go.Figure:
-    """The error in held-out runs, stage by stage down to the noise floor."""
+    """The error in held-out runs, stage by stage down to the noise level."""
     made = make_subplots(1, 1)
     _draw_fall(made, channel)
     return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
@@ -151,7 +151,7 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     made.add_vline(
         x=channel.floor,
         line={"color": palette.FLOOR, "width": 1.5, "dash": "dot"},
-        annotation={"text": f" noise floor {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
+        annotation={"text": f" noise level {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
         annotation_position="bottom right" if left else "bottom left",
         row=1,
         col=1,
@@ -175,7 +175,7 @@ def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
-    """What the first and the last model leave, between two noise floors above and below zero."""
+    """What the first and the last model leave, between two noise levels above and below zero."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
     for stage in channel.shown_stages:
         look = replace(_look_of(channel, stage), named=False)

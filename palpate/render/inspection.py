@@ -106,7 +106,7 @@ def _view(
     if found is not None and channel.name == found.channel.name:
         view = estimates_view(found, truth)
         return view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, found.channel)))
-    view = channel_view(channel, (), float("nan"))
+    view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view

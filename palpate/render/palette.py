@@ -25,7 +25,7 @@ PHASES = {
     Phase.FREE_AIR: "#b5c99a",
     Phase.STOPPED: "#8c1d18",
 }
-KINDS = {  # of effects, in an error budget; noise has the colour of the noise floor
+KINDS = {  # of effects, in an error budget; noise has the colour of the noise level
     Kind.ELASTIC_SHAPE: "#3f86c8",
     Kind.RATE_DEPENDENCE: "#5aa7b5",
     Kind.FRICTION: "#de7a26",

@@ -67,7 +67,7 @@ def _error(found: ChannelDiagnosis) -> str:
     unit, before, after = found.effort_unit, found.baseline, found.final
     if before is None or after is None:
         return ""
-    floor = "" if found.noise_floor is None else f" ({_floor(found)})"
+    floor = _noise(found)
     if not found.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
     added = "it" if len(found.accepted) == 1 else "them"
@@ -77,12 +77,15 @@ def _error(found: ChannelDiagnosis) -> str:
     return f"With {added}, the error in held-out runs falls {fall}{floor}."
 
 
-def _floor(found: ChannelDiagnosis) -> str:
-    """The noise floor; of a complete model its own error, beside which only free air says something else."""
-    if not found.complete:
-        return f"noise floor {found.noise_floor:.3g} {found.effort_unit}"
-    air = found.floor.free_air if found.floor else None
-    return "taken for noise" + ("" if air is None else f"; in free air {air:.3g} {found.effort_unit}")
+def _noise(found: ChannelDiagnosis) -> str:
+    """The noise with its source, in parentheses; nothing where it is not known."""
+    if found.noise_floor is None or found.floor is None:
+        return ""
+    size = f"{found.noise_floor:.3g} {found.effort_unit}"
+    source = found.floor.source.value
+    return (
+        f" (noise at most {size}, by {source})" if found.floor.at_most else f" (noise {size}, from {source})"
+    )
 
 
 def _rest(found: ChannelDiagnosis) -> str:
@@ -91,7 +94,9 @@ def _rest(found: ChannelDiagnosis) -> str:
         return ""
     signals = found.remaining.depends_on
     on = f", depends on {enumerated(signals)}" if signals else ""
-    left = f" Something more is left: {found.remaining.times_floor:.2g} times the floor{on}."
+    times = found.remaining.times_floor
+    size = f": {times:.2g} times the noise" if times >= NOISE else ""
+    left = f" Something more is left{size}{on}."
     kinds = _kinds_without_form(found)
     return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
 
@@ -107,16 +112,15 @@ def _ended(reason: str) -> str:
 
 
 def compared(
-    channel: str, model: str, error: float, floor: float, unit: str, *, possible: bool = True
+    channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
 ) -> VerdictView:
-    """Whether a model fits: its error in held-out runs beside that of a complete model, in the same unit.
+    """Whether a model fits, by its error in held-out runs beside the noise.
 
     One whose parameters are not `possible` fits nothing, however small its error.
     """
-    times = error / floor if floor > 0.0 else float("inf")
     word = "fits" if times < NOISE and possible else "misses"
-    errors = f"{error:.3g} {unit} in held-out runs, noise floor {floor:.3g} {unit}"
-    far = "" if times < NOISE else f", {times:.1f} times the floor"
+    errors = f"{error} in held-out runs, noise {noise}"
+    far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
     return VerdictView(word, f"{model} {word} {channel}: {errors}{far}.", (), (channel, model))
 
 
@@ -140,7 +144,7 @@ def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: 
     if last > _NO_FALL * first:
         return f"{whole} does not fall: from {first:.3g} to {last:.3g} {unit}."
     times = last / floor if floor > 0.0 else float("inf")
-    ends = "down to the noise floor" if times < NOISE else f"to {times:.1f} times the noise floor"
+    ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
     falls = f"{whole} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
     before = errors[-2]
     if last <= _NO_FALL * before:

@@ -19,7 +19,7 @@ from palpate.words import safe, significant
 
 LETTERS = ("A", "B")
 _CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
-_POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise floors, that together are worth a word
+_POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise levels, that together are worth a word
 _PERCENT = 100.0
 
 
@@ -95,7 +95,7 @@ def _words(found: Sides) -> Iterator[str]:
             yield f"What {letter}'s model leaves is noise, which keeps every fit to {letter} this low."
         elif side.compared is not None and side.compared.lack_of_fit > FAR:
             yield (
-                f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise floor, and so its "
+                f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
                 "parameters say little: add what is missing, and compare that (--revision)."
             )
     yield from _of_parameters(found)

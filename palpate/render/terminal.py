@@ -92,7 +92,7 @@ def _budget_table(budget: BudgetView, width: int) -> Table:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Each channel's error beside the noise floor, and where it is largest; tables where a model misses."""
+    """Each channel's error beside the noise level, and where it is largest; tables where a model misses."""
     for channel in view.channels:
         _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
@@ -107,18 +107,14 @@ def print_stages(console: Console, channel: ChannelView) -> None:
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
-    """All revisions of a session; one effect a line and no dates where there are few columns.
-
-    Errors stand beside the lowest noise floor of their channel: a better model sees it more clearly.
-    """
+    """All revisions of a session; one effect a line and no dates where there are few columns."""
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
-    errors, when = ("held-out\nerror", "× floor"), ("made",) if roomy else ()
+    errors, when = ("held-out\nerror", "× noise"), ("made",) if roomy else ()
     words = ("channel", "model") if roomy else ("model",)
     made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
     for one in kept:
-        floor = min(other.noise_floor for other in kept if other.channel == one.channel)
-        times = one.rmse / floor if floor > 0.0 else float("inf")
+        times = one.rmse / one.noise_floor if one.noise_floor > 0.0 else float("inf")
         before = "" if one.parent is None else str(one.parent)
         number = [str(one.number), before] if roomy else [f"{before} → {one.number}".removeprefix(" → ")]
         model = (" + " if roomy else "\n+ ").join(map(safe, [one.model, *one.effects]))
@@ -165,12 +161,12 @@ def safe_text(text: str) -> str:
 
 
 def grade(times: float) -> str:
-    """Colour of an error by how many times the noise floor it is."""
+    """Colour of an error by how many times the noise level it is."""
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
 def fall_table(channel: ChannelView, width: int) -> Table:
-    """The error in held-out runs, one row a stage, down to the noise floor; narrow, without bars."""
+    """The error in held-out runs, one row a stage, down to the noise level; narrow, without bars."""
     made = _fall_table(channel, width, narrow=False)
     return made if natural_width(made) <= width else _fall_table(channel, width, narrow=True)
 
@@ -181,8 +177,8 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     number = ("no." if narrow else "revision",) if any(kept) else ()
     evidence = {f"+ {entry.effect}": chance(entry.p_value) for entry in channel.accepted}
     last = ("p",) if evidence else ()
-    right = (*number, error, "× floor", "p")
-    made = table("", *number, "model", error, "× floor", *[""] * (not narrow), *last, right=right)
+    right = (*number, error, "× noise", "p")
+    made = table("", *number, "model", error, "× noise", *[""] * (not narrow), *last, right=right)
     worst = max(value for _, value in channel.fall)
     for row, (label, value) in enumerate(channel.fall):
         times = channel.times_floor(value)
@@ -196,7 +192,7 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
             *[evidence.get(label, "")] * len(last),
         )
     floor, bar = f"[dim]{channel.floor:.4g}[/dim]", _bar(channel.floor / worst, "bright_black", width)
-    made.add_row(*[""] * len(number), "[dim]noise floor[/dim]", floor, "", *[bar] * (not narrow))
+    made.add_row(*[""] * len(number), "[dim]noise level[/dim]", floor, "", *[bar] * (not narrow))
     return made
 
 
@@ -236,9 +232,9 @@ def with_interval(one: ParameterView) -> tuple[str, str]:
 
 
 def parts_table(channel: ChannelView, width: int) -> Table:
-    """The error part by part, each beside the noise floor; the worst of each kind in bold."""
+    """The error part by part, each beside the noise level; the worst of each kind in bold."""
     unit = channel.axes.effort_unit
-    numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× floor")
+    numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")
     made = table("", "by", "where", *numbers, "", right=numbers)
     most = max(part.rmse for parts in channel.parts.values() for part in parts)
     for kind, parts in channel.parts_by():

@@ -14,9 +14,9 @@ from estimation.effect import Effect
 from estimation.study.patterns import Part
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-NOISE = 1.1  # times the noise floor, below which an error passes for noise
+NOISE = 1.1  # times the noise level, below which an error passes for noise
 _MOST_PARTS = 8
-FAR = 3.0  # times the noise floor, above which a model is far off
+FAR = 3.0  # times the noise level, above which a model is far off
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,8 @@ class ChannelView:
     stages: tuple[StageView, ...]  # base model first; empty where the data cannot be judged
     fall: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
-    floor: float  # error that a complete model would leave
+    floor: float  # error that a complete model would leave, 0 where that is not known
+    noise: str  # the same with its source, in words
     verdict: VerdictView  # the answer
     budget: BudgetView | None = None  # of the base model's error; None where nobody asked or nothing is known
     # The last model's error by phase, run, speed and so on.
@@ -158,7 +159,7 @@ class ChannelView:
     wanted: tuple[str, FloatArray] | None = None
 
     def times_floor(self, error: float) -> float:
-        """An error over the noise floor."""
+        """An error over the noise."""
         return error / self.floor if self.floor > 0.0 else float("inf")
 
     def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:

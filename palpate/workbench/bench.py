@@ -60,7 +60,7 @@ class Shown:
     fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
-    floor: float  # noise floor of the channel: no more than the least error that any of these models leaves
+    floor: float  # noise of the channel, whatever the model [effort]
     is_rough: bool = False  # a first look, until the fit is there
 
     @property
@@ -127,8 +127,8 @@ class Bench:
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
         steps = tuple((label, one.rmse) for label, one in zip(labels, stages, strict=False))
-        floor = self.study.noise_floor(choice.channel, *(error for _, error in steps))
-        return Shown(choice, base, stages[-1], steps, floor, is_rough)
+        noise = self.study.noise(choice.channel).value
+        return Shown(choice, base, stages[-1], steps, noise, is_rough)
 
     def glance(self, choice: Choice) -> Shown | None:
         """What `show` is going to give, roughly; None where that is known, or holds and bounds are asked for.

@@ -112,7 +112,7 @@ class Page:
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
     def found(self) -> None:
-        """A diagnosis is there: the error is measured by its noise floor, and groups by its word."""
+        """A diagnosis is there: the error is measured by its noise level, and groups by its word."""
         if self._shown is not None:
             self._effects.arrange()
             ui.timer(0.01, lambda: self._change(self.bench.show), once=True)

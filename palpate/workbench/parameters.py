@@ -33,7 +33,7 @@ class Judged:
 
 def judged(shown: Shown) -> Judged:
     """What is known of a fit; takes as long as its intervals."""
-    return Judged(shown, shown.fitted.unphysical, shown.fitted.noise_floor)
+    return Judged(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
 
 
 class Error:
@@ -81,7 +81,7 @@ class Error:
 def _number(error: float, unit: str, floor: float, what: str = "", kind: str = "") -> str:
     times = error / floor if floor > 0.0 else math.inf
     at_floor = times < NOISE
-    beside = "at the noise floor" if at_floor else f"{times:.1f} × noise floor"
+    beside = "at the noise level" if at_floor else f"{times:.1f} × noise level"
     is_rough = what == words.ROUGH
     return (
         f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_floor else ""}" '
@@ -91,7 +91,7 @@ def _number(error: float, unit: str, floor: float, what: str = "", kind: str = "
 
 
 def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> str:
-    """The error of each stage as bars, with the noise floor as a line."""
+    """The error of each stage as bars, with the noise level as a line."""
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]
     for label, error in steps:
@@ -104,7 +104,7 @@ def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> 
             f'<span class="value">{error:.3g} {unit}<em>{falls}</em></span></div>'
         )
         before = error
-    return f'<div class="fall">{"".join(rows)}<div class="floor">noise floor {floor:.3g} {unit}</div></div>'
+    return f'<div class="fall">{"".join(rows)}<div class="floor">noise level {floor:.3g} {unit}</div></div>'
 
 
 class Parameters:

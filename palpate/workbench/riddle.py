@@ -80,7 +80,7 @@ class RiddleCard:
             heading("Riddle")
             ui.label(
                 "The arm pressed an object that is a spring and a damper, and one thing more. Tick what you "
-                "think it is until the error falls to the noise floor; then say so."
+                "think it is until the error falls to the noise level; then say so."
             )
             self._button = (
                 ui.button("That is it", on_click=self._judge).props("unelevated dense no-caps").mark("guess")

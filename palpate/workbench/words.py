@@ -8,7 +8,7 @@ FLOOR = (
     "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
 )
 ROUGH = "first look, refining …"
-FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise floor."
+FALL = "Error in held-out runs, one bar for each effect added; the green line is the noise level."
 CURVES = (
     "Blue is measured, grey the base model, orange the model that is chosen; below, measured minus model."
 )

@@ -4,6 +4,7 @@ import numpy as np
 
 from estimation.base_model import ModelContext
 from estimation.diagnosis.candidates import effect_library
+from estimation.fit.measurement_noise import measurement_noise
 from estimation.models import MODELS
 from estimation.study import comparison
 from estimation.study.fitting import fit_base, fit_extended
@@ -29,4 +30,4 @@ def fits(data, model, names=(), effects=None):
 def compare(data, model):
     """The model beside the measurement."""
     fitted = fit_base(data, model)
-    return comparison.compare(fitted, model.name, fitted.noise_floor)
+    return comparison.compare(fitted, model.name, measurement_noise(fitted))

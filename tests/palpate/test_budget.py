@@ -41,7 +41,7 @@ def diagnosis(*budget, verdict="missing", noise=0.04, unexplained=0.0, free_air=
         reason="r",
         effort_unit="N",
         noise_floor=0.03,
-        floor={"value": 0.03, "free_air": free_air, "share_left": 0.0},
+        floor={"value": 0.03, "at_most": free_air is None, "free_air": free_air, "share_left": 0.0},
         budget=list(budget),
         rest={"noise": noise, "unexplained": unexplained},
         baseline={"rmse": 0.144, "parameters": {}},

@@ -33,7 +33,7 @@ def test_the_first_line_says_how_far_off_the_model_is(hardening):
     result = done("compare", hardening)
     first, second = result.stdout.splitlines()[:2]
     assert "kelvin_voigt misses contact" in first
-    assert "times the floor" in first
+    assert "times the noise" in first
     assert "largest for" in second
     assert "palpate diagnose" in result.stderr
 

@@ -49,7 +49,7 @@ def test_the_error_budget_comes_first_then_the_verdict_and_the_next_commands_las
     (verdict,) = [line for line in result.stdout.splitlines() if line.startswith("MISSING")]
     assert verdict.startswith("MISSING  contact: cubic_stiffness")
     assert "missing from the model" in verdict
-    for words in ("noise floor", "k3", "95 % interval", "equation F = k3 x^3"):
+    for words in ("(noise 0.02", "k3", "95 % interval", "equation F = k3 x^3"):
         assert words in result.stdout
     assert "Next" in result.stderr
     assert "palpate export" in result.stderr

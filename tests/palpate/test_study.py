@@ -164,14 +164,14 @@ def test_held_out_runs_judge_what_the_others_were_fitted_to(tmp_path):
     assert found.channel.runs.tolist() == [0, 2]
 
 
-def test_the_noise_floor_is_that_of_the_runs_that_judge(frame):
+def test_the_noise_is_that_of_the_runs_that_judge(frame):
     columns = {name: frame[name].to_numpy() for name in frame.column_names}
     more = np.where(columns["run"] == 3, np.random.default_rng(1).normal(0, 0.06, len(frame)), 0)
     noisy = {**columns, "force_N": columns["force_N"] + more}
     for run, noise_n in {3: np.hypot(0.06, 0.02), 1: 0.02}.items():
         study = Study(noisy, held_out=[run])
         assert study.fit("contact", ["cubic_stiffness"]).rmse == pytest.approx(noise_n, rel=0.1)
-        assert study.noise_floor("contact") == pytest.approx(noise_n, rel=0.1)
+        assert study.noise("contact").value == pytest.approx(noise_n, rel=0.1)
 
 
 def test_a_diagnosis_judges_the_fitted_runs_by_each_other(few_effects, frame):

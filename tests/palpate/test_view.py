@@ -11,6 +11,7 @@ from rich.console import Console
 from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.result import Floor
 from palpate.render import palette, sentences, terminal
 from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds
 from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
@@ -27,6 +28,7 @@ def accepted(effect, before, after, *rivals):
 def diagnosis(verdict, *steps, after=0.1, floor=0.1, **more):
     base = {"rmse": 0.5, "parameters": {}}
     about = {"channel": "contact", "reason": "r", "effort_unit": "N", "noise_floor": floor}
+    about["floor"] = Floor(value=floor, source="free air", at_most=False, free_air=floor, share_left=0.0)
     final = {"rmse": after, "parameters": {}}
     return ChannelDiagnosis(
         verdict=verdict, accepted=list(steps), baseline=base, final=final, **{**about, **more}
@@ -39,7 +41,11 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
 @pytest.mark.parametrize(
     ("found", "words", "absent"),
     [
-        (diagnosis("adequate", after=0.102), ("nothing is missing", "runs is 0.102 N (noise floor 0.1"), ()),
+        (
+            diagnosis("adequate", after=0.102),
+            ("nothing is missing", "runs is 0.102 N (noise 0.1 N, from free air)"),
+            (),
+        ),
         (diagnosis("insufficient", reason="a single run"), ("cannot say: a single run.",), ("error",)),
         (diagnosis("insufficient", reason="which?"), ("cannot say: which?",), ("?.",)),
         (
@@ -65,7 +71,10 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
 
 @pytest.mark.parametrize(
     ("complete", "words"),
-    [(True, "(taken for noise)."), (False, "Something more is left: 1.8 times the floor, depends on a.")],
+    [
+        (True, "(noise 0.1 N, from free air)."),
+        (False, "Something more is left: 1.8 times the noise, depends on a."),
+    ],
 )
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
     rest = SimpleNamespace(rmse=0.18, times_floor=1.8, depends_on=["a"])
@@ -82,8 +91,8 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
     [
         ((0.0871, 0.01035, 0.01035), "last step, second, does next to nothing: from 0.01035 to 0.01035 N."),
         ((0.0871, 0.01035, 0.02), "last step, second, makes it worse: from 0.01035 to 0.02 N."),
-        ((0.0871, 0.05, 0.01), "down to the noise floor."),
-        ((0.0871, 0.03), "3.0 times the noise floor."),
+        ((0.0871, 0.05, 0.01), "down to the noise."),
+        ((0.0871, 0.03), "3.0 times the noise."),
         ((0.0871, 0.0870), "does not fall: from 0.0871 to 0.087 N."),
     ],
 )
@@ -162,7 +171,7 @@ def test_runs_that_each_begin_at_zero_are_shown_one_after_the_other(contact):
 
 def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
     judged = contact.position < 0.01
-    view = channel_view(contact, (), 0.02, judged=judged)
+    view = channel_view(contact, (), None, judged=judged)
     used = view.engaged & view.judged
     flat = residual_map(view.position, view.velocity, np.where(judged, 0.3, 99.0), used)
     seen = flat.mean[np.isfinite(flat.mean)]
@@ -175,9 +184,9 @@ def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
 
 
 def test_what_is_not_judged_is_said(contact):
-    view = channel_view(contact, (), 0.02, judged=np.arange(len(contact)) % 4 > 0)
+    view = channel_view(contact, (), None, judged=np.arange(len(contact)) % 4 > 0)
     assert view.verdict.remarks == ("25 % of the samples are not judged; the report shades them.",)
-    told = channel_view(contact, (), 0.02, judged=view.judged, not_judged="1 in 4 is not judged.")
+    told = channel_view(contact, (), None, judged=view.judged, not_judged="1 in 4 is not judged.")
     assert told.verdict.remarks == ("1 in 4 is not judged.",)
 
 
@@ -203,7 +212,7 @@ def test_a_diagnosis_fits_into_its_terminal_and_breaks_no_name(contact, width):
     long = accepted("load_dependent_friction", 0.5, 0.2, "asymmetric_friction")
     ranking = [{"effect": "load_dependent_friction", "rmse_held_out": 0.2, "score": 0.6}]
     found = diagnosis("missing", long, after=0.2, ranking=ranking)
-    view = channel_view(contact, (), 0.1, diagnosis=found)
+    view = channel_view(contact, (), None, diagnosis=found)
     out = io.StringIO()
     terminal.print_diagnosis(Console(file=out, width=width), StudyView("f", (view,)))
     lines = out.getvalue().splitlines()

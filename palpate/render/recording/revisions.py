@@ -100,7 +100,7 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
 
 
 def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
-    """The error of each revision beside that of revision 0, over the noise floor."""
+    """The error of each revision beside that of revision 0, over the noise level."""
     errors, unit, floor = [stage.rmse for stage in channel.stages], channel.axes.effort_unit, channel.floor
     reach = 1.16 * max(errors)
     chart = Chart(f"{channel.name}/error", (0.0, WIDTH), (0.0, reach), "", f"held-out error [{unit}]")
@@ -108,7 +108,7 @@ def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
     line = chart.strips([(np.array([0.0, WIDTH]), np.full(2, floor))], palette.FLOOR, 2.0)
     recording.log(f"{chart.entity}/floor", line, static=True)
     height = float(chart.place(np.zeros(1), np.array([floor]))[0, 1])
-    words = label((WIDTH - 18.0, height - 9.0), f"noise floor {floor:.3g}", palette.FLOOR)
+    words = label((WIDTH - 18.0, height - 9.0), f"noise level {floor:.3g}", palette.FLOOR)
     recording.log(f"{chart.entity}/floor_word", words, static=True)
     first = f"revision 0: {errors[0]:.3g}"
     chart.log_bar(recording, "first", _FIRST, errors[0], palette.BASE, first, static=True)
@@ -122,7 +122,7 @@ def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
 def _words(channel: ChannelView, number: int) -> str:
     stage, unit = channel.stages[number], channel.axes.effort_unit
     lines = [f"### Revision {number}", f"**{stage.label}**{'' if number else ', the base model'}", ""]
-    lines += [f"held-out error **{stage.rmse:.4g} {unit}**, noise floor {channel.floor:.4g} {unit}", ""]
+    lines += [f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}", ""]
     lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
     lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
     for one in stage.parameters:

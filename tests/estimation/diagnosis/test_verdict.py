@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -65,10 +64,10 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
     assert found.baseline.parameters.keys() == SWING.gains.keys()
 
 
-def test_where_nothing_is_left_the_error_is_the_floor_and_nothing_is_to_be_recorded(swung):
+def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     found, _, end = said(swung, complete=True)
-    assert found.noise_floor == found.floor.value == end.rmse == pytest.approx(NOISE_NM, rel=0.1)
-    assert found.remaining.times_floor == 1.0
+    assert found.noise_floor == found.floor.value == pytest.approx(NOISE_NM, rel=0.1)
+    assert found.remaining.times_floor == end.rmse / found.noise_floor
     assert found.remaining.depends_on == found.depends_on == []
     assert found.next_experiment is None
     assert (found.floor.free_air, found.floor.share_left) == (None, end.explainable_share())
@@ -90,37 +89,32 @@ def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
 def test_where_something_is_left_it_is_told_how_much_and_what_it_depends_on(swung):
     found, _, end = said(swung, complete=False, nothing=True)
     assert (found.verdict, found.complete, found.accepted) == (Verdict.UNEXPLAINED, False, [])
-    assert found.noise_floor == end.floor() < 0.5 * end.rmse
-    assert found.remaining.times_floor == pytest.approx(end.rmse / end.floor())
+    assert found.noise_floor < 0.5 * end.rmse
+    assert found.remaining.times_floor == pytest.approx(end.rmse / found.noise_floor)
     assert found.depends_on == found.remaining.depends_on == end.depends_on != []
     assert (
-        f"{end.rmse / end.floor():.2g} times the noise floor, and depends on {found.depends_on[0]}"
+        f"{end.rmse / found.noise_floor:.2g} times the noise, and depends on {found.depends_on[0]}"
         in found.reason
     )
     assert found.next_experiment.purpose.endswith(", ".join(found.depends_on))
     assert said(swung, complete=True, nothing=True)[0].verdict is Verdict.ADEQUATE
 
 
-def test_an_objection_says_what_is_left_and_how_little_it_could_be(swung):
-    objection = ResidualFinding("run 2 is off", "run", 1e-3)
+def test_an_objection_says_what_is_left(swung):
+    objection = ResidualFinding("run 2 is off", "run")
     found, *_ = said(swung, complete=False, objection=objection)
     assert found.verdict is Verdict.MISSING
     assert found.reason.endswith("; run 2 is off")
     assert found.depends_on == ["run"]
-    assert found.noise_floor == 1e-3
     assert found.next_experiment.purpose.endswith("run")
 
 
-@pytest.mark.parametrize(
-    ("complete", "held", "floor"),
-    [(True, 1.0, 3.0), (False, None, 2.0), (False, 1.0, 1.0), (False, 5.0, 2.0)],
-)
-@pytest.mark.parametrize("rmse", [3.0, 1.5])
-def test_the_floor_is_the_lowest_that_is_known(complete, held, floor, rmse):
-    end = SimpleNamespace(rmse=rmse, floor=lambda: 2.0)
-    objection = None if held is None else ResidualFinding("", "time", held)
-    found = Evidence(None, None, end, complete, objection).floor
-    assert found == (rmse if complete else min(floor, rmse))
+def test_the_noise_is_one_number_whatever_model_the_search_ends_with(swung):
+    told = [
+        said(swung, complete=complete, nothing=nothing)[0]
+        for complete, nothing in ((True, False), (False, False), (False, True))
+    ]
+    assert len({(one.noise_floor, one.floor.source, one.floor.at_most) for one in told}) == 1
 
 
 def test_candidates_alone_are_ranked_by_the_error_that_each_would_leave(swung):

@@ -15,7 +15,7 @@ def test_comparison_says_where_a_stiffening_spring_is_missed():
     assert sum(part.energy for part in found.parts["run"]) == pytest.approx(1.0)
     deepest = found.parts["depth"][-1]
     assert deepest.mean > 0.0  # the measurement is above a straight line where it is deepest
-    assert "times the noise floor" in found.words[0]
+    assert "times the noise" in found.words[0]
     assert any("depth" in words or "effort" in words for words in found.words[1:])
 
 

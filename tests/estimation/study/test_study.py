@@ -11,7 +11,6 @@ import pytest
 
 from estimation.data.import_options import ImportOptions
 from estimation.effects import EFFECTS
-from estimation.fit.fit_result import FitResult
 from estimation.study import Study, fitting
 from estimation.study.arm import NO_ARM, Arm
 from estimation.study.fitting import PackedFit
@@ -82,22 +81,15 @@ def test_what_a_diagnosis_ranks_is_what_add_does(pressed):
         assert entry.score == pytest.approx(1 - entry.rmse_held_out / study.fit("contact").rmse)
 
 
-def test_a_channel_has_one_noise_floor(pressed):
+def test_a_channel_has_one_noise(pressed):
     study, diagnosis = pressed
     change = study.add("bias", fresh=True)
     found = diagnosis.channels[0]
-    floors = {study.compare()["contact"].noise_floor, found.noise_floor, found.floor.value}
-    floors |= {change.result.noise_floor, change.result.grown.noise_floor, study.noise_floor("contact")}
-    floors |= {revision.noise_floor for revision in study.revisions}
-    assert len(floors) == 1
-
-
-def test_what_a_model_reaches_is_no_less_than_the_noise_floor(monkeypatch):
-    monkeypatch.setattr(FitResult, "noise_floor", 1e3)  # beside a base model it is an upper bound
-    study = Study(session(4, cubic), "kelvin_voigt")
-    change = study.add("cubic_stiffness")
-    least = min(stage.rmse for stage in change.result.stages)
-    assert change.result.noise_floor == change.result.grown.noise_floor == least
+    levels = {study.compare()["contact"].noise.value, found.noise_floor, found.floor.value}
+    levels |= {change.result.noise.value, change.result.grown.noise.value, study.noise("contact").value}
+    levels |= {revision.noise_floor for revision in study.revisions}
+    levels |= {one.noise.value for one in study.estimate("lsq")}
+    assert len(levels) == 1
 
 
 def test_every_channel_that_is_compared_is_diagnosed(arm):
@@ -105,7 +97,7 @@ def test_every_channel_that_is_compared_is_diagnosed(arm):
     assert [one.channel for one in diagnosis.channels] == [one.channel for one in study.compare().channels]
     for found in diagnosis.channels:
         compared = study.compare()[found.channel]
-        assert (found.baseline.rmse, found.noise_floor) == (compared.rmse, compared.noise_floor)
+        assert (found.baseline.rmse, found.noise_floor) == (compared.rmse, compared.noise.value)
     assert "coulomb_friction" in [entry.effect for entry in diagnosis.channels[2].accepted]
 
 
@@ -243,7 +235,7 @@ def test_results_are_tables_in_a_notebook(pressed):
     study, diagnosis = pressed
     for result, words in (
         (study, "kelvin_voigt"),
-        (study.compare(), "x noise floor"),
+        (study.compare(), "x noise"),
         (diagnosis, "cubic_stiffness"),
         (study.add("cubic_stiffness", fresh=True), "+ cubic_stiffness"),
         (study.revisions, "kelvin_voigt + cubic_stiffness"),

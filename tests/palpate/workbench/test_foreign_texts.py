@@ -29,7 +29,7 @@ HOSTILE = (
     """</script><script>globalThis.Pwned=1</script>{{globalThis.Pwned=1}}${globalThis.Pwned=1}`"""
 )
 # By which a diagnosis is found, and what has a fixed set of words.
-FIXED = {"verdict", "channel", "model", "data_sha256", "kind", "form", "replaceable_by"}
+FIXED = {"verdict", "channel", "model", "data_sha256", "kind", "form", "replaceable_by", "source"}
 SHOWN = {"text", "label", "title", "aria-label", "value", "model-value", "options", "innerHTML"}
 SHOWN |= {"data-parameter", "effects", "alt"}
 MARKUP = {"div", "span", "b", "i", "u", "em", "ul", "li", "br"}

@@ -1,0 +1,148 @@
+"""Noise of a channel: the error that a complete model would leave, whatever model is tried.
+
+The effort has noise of its own, which free air shows, or the part of its spectrum that no motion reaches. The
+motion's readings have errors too, which a model passes on to the effort that it predicts. Both are found
+beside the base model, and no effect that is added changes them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import pairwise
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.fit.fit_problem import rmse
+from estimation.fit.fit_result import FitResult
+from estimation.fit.measurement_model import identify_measurement_model
+from estimation.signals.blocks import rows_of_runs
+from robot_io.types import FloatArray
+
+_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
+_LEAST = 50  # samples
+_DIFFERENCES = (1.0, -3.0, 3.0, -1.0)  # of neighbouring readings: no motion that is smooth passes
+_WHITE = 1.2  # ratio of differences at twice the distance, up to which no motion passes
+_REPEATED = 0.01  # of the range of positions, by which runs that repeat one motion may differ
+_SLOWER = 1.5  # ratio of noise by repeats to noise by neighbors, above which some noise is slow
+_SEED = 0  # of the readings that are drawn: one number for a channel
+
+
+class NoiseSource(StrEnum):
+    """What the noise of a channel is known from."""
+
+    FREE_AIR = "free air"
+    NEIGHBORS = "neighboring readings"  # differences, in which only what is faster than the motion is left
+    REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
+    SMOOTH_LAW = "smooth law of all signals"  # an upper bound: it may not follow everything
+
+
+@dataclass(frozen=True)
+class MeasurementNoise:
+    """The noise of a channel, root mean square in the unit of the effort."""
+
+    value: float  # what a complete model would leave, at least as far as this is known
+    source: NoiseSource
+    effort: float | None  # the effort's own part; None where only a bound of the whole is known
+    motion: float  # what errors of the motion's readings add, passed on by the base model
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether the noise is at most `value`, and may be less."""
+        return self.effort is None
+
+    def describe(self, unit: str) -> str:
+        """Return the noise in words, such as "at most 0.031 N, by repeated runs"."""
+        size = f"{self.value:.3g} {unit}"
+        return (
+            f"at most {size}, by {self.source.value}"
+            if self.is_bound
+            else f"{size}, from {self.source.value}"
+        )
+
+
+def measurement_noise(base: FitResult) -> MeasurementNoise:
+    """Estimate the noise of a channel.
+
+    Args:
+        base: the base model fitted to the channel, without added effects.
+    """
+    data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the runs that judge
+    bound, source = base.smooth_law_error, NoiseSource.SMOOTH_LAW
+    if (repeated := _between_repeats(base)) is not None and repeated < bound:
+        bound, source = repeated, NoiseSource.REPEATS
+    motion, air, fast = _of_motion(base), free_air_noise(data), _fast_noise(data)
+    if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
+        return MeasurementNoise(min(float(np.hypot(air, motion)), bound), NoiseSource.FREE_AIR, air, motion)
+    is_slower = source is NoiseSource.REPEATS and fast and bound > _SLOWER * np.hypot(fast, motion)
+    if fast and fast <= bound and not is_slower:
+        value = min(float(np.hypot(fast, motion)), bound)
+        return MeasurementNoise(value, NoiseSource.NEIGHBORS, fast, motion)
+    return MeasurementNoise(bound, source, None, motion)
+
+
+def free_air_noise(data: ChannelData) -> float | None:
+    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    parts = []
+    for rows in rows_of_runs(data.run):
+        pressed = data.engaged[rows]
+        before = rows[: int(np.argmax(pressed)) if pressed.any() else len(rows)]
+        before = before[: int(_FREE * len(before))]
+        if len(before) >= _LEAST:
+            parts.append(data.effort[before] - data.effort[before].mean())
+    return rmse(np.concatenate(parts)) if parts else None
+
+
+def _fast_noise(data: ChannelData) -> float | None:
+    """Standard deviation of white noise, from third differences; None where slower signals pass too.
+
+    P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
+    """
+    near, far = (_third_differences(data, distance) for distance in (1, 2))
+    if not near or not far or far > _WHITE * near:
+        return None
+    return near
+
+
+def _third_differences(data: ChannelData, distance: int) -> float:
+    """Root mean square of third differences of readings so many samples apart, of unit gain for noise."""
+    parts = []
+    for rows in rows_of_runs(data.run):
+        effort, count = data.effort[rows], len(rows) - 3 * distance
+        if count > 0:
+            shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
+            parts.append(np.array(_DIFFERENCES) @ shifted)
+    return rmse(np.concatenate(parts)) / float(np.linalg.norm(_DIFFERENCES)) if parts else 0.0
+
+
+def _between_repeats(base: FitResult) -> float | None:
+    """Noise of one run by its difference from the next where both make one motion; None if none do."""
+    parts = list(_differences(base))
+    return rmse(np.concatenate(parts)) / np.sqrt(2.0) if parts else None
+
+
+def _differences(base: FitResult) -> Iterator[FloatArray]:
+    """What the base model leaves in each run less what it leaves in the one before that it repeats."""
+    data, left = base.data, base.data.effort - base.predict(base.solution.parameters)
+    reach = _REPEATED * float(np.ptp(data.position))
+    for first, second in pairwise(rows_of_runs(data.run)):
+        count = min(len(first), len(second))
+        one, other = first[:count], second[:count]
+        if count >= _LEAST and rmse(data.position[one] - data.position[other]) <= reach:
+            apart = left[one] - left[other]
+            yield apart[np.isfinite(base.residual[one]) & np.isfinite(base.residual[other])]
+
+
+def _of_motion(base: FitResult) -> float:
+    """Error that the base model makes of another reading of the same motion."""
+    measurement = identify_measurement_model(base.data)
+    motions = (measurement.smoothed_motion, measurement.simulate(np.random.default_rng(_SEED)))
+    smooth, read = (
+        base.model.predict(
+            replace(motion, context={**base.data.context, **motion.context}), base.solution.parameters
+        )
+        for motion in motions
+    )
+    return rmse(np.where(base.judged, read - smooth, np.nan))
