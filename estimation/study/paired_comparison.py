@@ -10,10 +10,12 @@ from estimation.channel import ChannelData
 from estimation.display import DisplayTable, TableDisplay
 from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
+from estimation.fit.samples import slopes_of
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
 from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
 from estimation.statistics.misfit import fit_percent
+from estimation.statistics.uncertainty import sandwich
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
 from estimation.study.study import Study
@@ -23,6 +25,8 @@ from robot_io.types import FloatArray
 Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
 _LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples
 _ALIKE = 0.9  # share of the longer run that the shorter one must last, to be put over it
+_SAME_MOTION = 0.1  # largest difference of two motions, in that of the motion itself, that passes for none
+_NOTHING = 0.05  # noise floors that a parameter's difference must change the effort by, to be worth a word
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,18 +80,33 @@ class Side:
         """Of what the model leaves with the velocity."""
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
+    def floors_of(self, other: "Side") -> float:
+        """Error of this side's model on the other's measurement in noise floors of that, or NaN."""
+        predicted = self._prediction_of(other)
+        if predicted is None or other.compared is None:
+            return float("nan")
+        judged, floor = other.compared.fitted.judged, other.compared.noise_floor
+        error = float(np.sqrt(np.mean((other.data.effort - predicted)[judged] ** 2)))
+        return error / floor if floor > 0.0 else float("inf")
+
+    def _prediction_of(self, other: "Side") -> FloatArray | None:
+        """Effort (n,) by this side's model for the other's motion, its own in held-out runs; or None."""
+        if self.compared is None or other.compared is None:
+            return None
+        if other is self:
+            return other.data.effort - self.residual
+        try:
+            return self.compared.fitted.model.predict(other.data, self.compared.fitted.values)
+        except (InputError, KeyError):  # the other lacks a signal that this model needs
+            return None
+
     def fit_of(self, other: "Side") -> float:
         """How far this side's model describes the other's measurement; its own in held-out runs [%]."""
-        if self.compared is None or other.compared is None:
+        predicted = self._prediction_of(other)
+        if predicted is None or other.compared is None:
             return float("nan")
-        data, judged = other.data, other.compared.fitted.judged
-        if other is self:
-            return fit_percent(data.effort[judged], (data.effort - self.residual)[judged])
-        try:
-            predicted = self.compared.fitted.model.predict(data, self.compared.fitted.values)
-        except (InputError, KeyError):  # the other lacks a signal that this model needs
-            return float("nan")
-        return fit_percent(data.effort[judged], predicted[judged])
+        judged = other.compared.fitted.judged
+        return fit_percent(other.data.effort[judged], predicted[judged])
 
 
 @dataclass(frozen=True)
@@ -100,6 +119,9 @@ class ParameterDifference:
     second: ParameterEstimate | None  # likewise
     # Whether both come from one measurement: then their errors are no more independent.
     is_same_data: bool = False
+    # Of the difference, where one measurement repeats the other; None where errors are independent.
+    paired_std_err: float | None = None
+    floors: float = float("inf")  # by how many noise floors the difference changes the effort
 
     @property
     def value(self) -> float:
@@ -110,15 +132,19 @@ class ParameterDifference:
 
     @property
     def half(self) -> float:
-        """Half of the difference's 95 % interval, from independent errors; NaN where it is not known."""
+        """Half of the difference's 95 % interval; NaN where it is not known."""
         if self.first is None or self.second is None or self.is_same_data:
             return float("nan")
+        if self.paired_std_err is not None:
+            return SIGMAS_95 * self.paired_std_err
         return SIGMAS_95 * float(np.hypot(self.first.std_err, self.second.std_err))
 
     @property
     def differs(self) -> bool | None:
-        """Whether the interval leaves zero out; None where there is none."""
-        return bool(abs(self.value) > self.half) if np.isfinite(self.half) else None
+        """Whether the interval leaves zero out, and the effort shows it; None where there is no interval."""
+        if not np.isfinite(self.half):
+            return None
+        return bool(abs(self.value) > self.half) and self.floors > _NOTHING
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,13 +175,66 @@ class Sides(TableDisplay):
                 first.get(name),
                 second.get(name),
                 self.is_same_data,
+                self._paired_errors.get(name),
+                self._floors_of(name),
             )
             for name in dict.fromkeys([*first, *second])
         )
 
     @cached_property
+    def _paired_errors(self) -> Mapping[str, float]:
+        """Standard errors of the differences where one measurement repeats the other; else none.
+
+        With the same motion on both sides, of slopes X, what the model leaves alike in both, such as what it
+        lacks, cancels: the difference of least squares is (X'X)^-1 X'(eB - eA).
+        """
+        a, b = self.first.compared, self.second.compared
+        position = self._at_times_of_first(self.second.data.position)
+        if a is None or b is None or position is None or list(a.parameters) != list(b.parameters):
+            return {}
+        left_b = self._at_times_of_first(
+            np.where(b.fitted.judged, b.fitted.data.effort - b.fitted.predicted, np.nan)
+        )
+        assert left_b is not None  # noqa: S101, as the position
+        left = left_b - (a.fitted.data.effort - a.fitted.predicted)
+        rows = a.fitted.judged & np.isfinite(left)
+        apart = np.nanstd(position - self.first.data.position)
+        if not rows.any() or apart > _SAME_MOTION * np.std(self.first.data.position):
+            return {}
+        slopes = self._slopes[rows]
+        free = slopes.any(axis=0)
+        covariance = sandwich(
+            slopes[:, free], left[rows], np.ones(np.count_nonzero(rows)), a.fitted.data.run[rows]
+        )
+        names = np.array([*a.fitted.model.gains, *a.fitted.model.inner])[free].tolist()
+        errors = dict(zip(names, covariance.std_err.tolist(), strict=True))
+        return {name: error for name, error in errors.items() if np.isfinite(error)}
+
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        """Slopes of the first model's effort by its parameters, shape (n, p)."""
+        assert self.first.compared is not None  # noqa: S101, asked for where it is there
+        fitted = self.first.compared.fitted
+        return slopes_of(fitted.model, fitted.data, fitted.values)
+
+    def _floors_of(self, name: str) -> float:
+        """By how many noise floors a parameter's difference changes the effort; infinite if not known."""
+        a, b = self.first.compared, self.second.compared
+        if a is None or b is None or not {name} <= a.parameters.keys() & b.parameters.keys():
+            return float("inf")
+        model = a.fitted.model
+        slope = self._slopes[a.fitted.judged, [*model.gains, *model.inner].index(name)]
+        change = abs(b.parameters[name].value - a.parameters[name].value) * float(np.sqrt(np.mean(slope**2)))
+        floor = max(a.noise_floor, b.noise_floor)
+        return change / floor if floor > 0.0 else float("inf")
+
+    @cached_property
     def overlay(self) -> FloatArray | None:
-        """The second's effort at the times of the first, run by run from each run's begin, shape (n,).
+        """The second's effort at the times of the first, shape (n,); None where it is no repetition."""
+        return self._at_times_of_first(self.second.data.effort)
+
+    def _at_times_of_first(self, values: FloatArray) -> FloatArray | None:
+        """Values of the second (m,) at the times of the first, run by run from each run's begin, shape (n,).
 
         NaN beyond its end; None where runs are not as many or not as long: they are no repetition.
         """
@@ -163,12 +242,12 @@ class Sides(TableDisplay):
         if self.is_same_data or len(a.runs) != len(b.runs):
             return None
         found = np.full(len(a), np.nan)
-        for one, other in zip(a.runs, b.runs, strict=True):
-            rows, there = a.run == one, b.run == other
+        for run, run_of_b in zip(a.runs, b.runs, strict=True):
+            rows, there = a.run == run, b.run == run_of_b
             t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[there] - b.time_s[there][0]
             if min(t[-1], u[-1]) < _ALIKE * max(t[-1], u[-1]):
                 return None
-            found[rows] = np.interp(t, u, b.effort[there], right=np.nan)
+            found[rows] = np.interp(t, u, values[there], right=np.nan)
         return found
 
     @property

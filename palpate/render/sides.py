@@ -21,6 +21,8 @@ LETTERS = ("A", "B")
 _CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
 _POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise levels, that together are worth a word
 _PERCENT = 100.0
+_NOISE_ALONE = "only noise"  # is left
+PAIRED = "The intervals of the differences are paired: what both models lack alike cancels."
 
 
 @dataclass(frozen=True)
@@ -38,23 +40,30 @@ class SidesView:
         return self.found.first, self.found.second
 
     @property
+    def on_intervals(self) -> str:
+        """What the intervals of differences are."""
+        if self.found.is_same_data:
+            return "Of one measurement, so the errors are not independent: differences have no intervals."
+        if any(one.paired_std_err is not None for one in self.found.differences):
+            return PAIRED
+        return "95 % intervals of independent errors; SI units."
+
+    @property
     def fit_columns(self) -> tuple[str, ...]:
         """To which measurements fits are stated."""
         return ("fit [%]",) if self.found.is_same_data else ("to A [%]", "to B [%]")
 
     @property
-    def fit_rows(self) -> list[tuple[str, tuple[float, ...]]]:
-        """What describes, and its fit to each of these measurements [%]."""
-        models = [f"{letter}'s model" for letter in LETTERS]
-        (a_of_a, a_of_b), (b_of_a, b_of_b) = self.found.fits
-        if self.found.is_same_data:
-            return [(models[0], (a_of_a,)), (models[1], (b_of_b,))]
-        rows: list[tuple[str, tuple[float, ...]]] = [
-            (models[0], (a_of_a, a_of_b)),
-            (models[1], (b_of_a, b_of_b)),
-        ]
+    def fit_rows(self) -> list[tuple[str, tuple[str, ...]]]:
+        """What describes, and its fit to each of these measurements [%], in text."""
+        rows = []
+        for letter, side in zip(LETTERS, self.pair, strict=True):
+            measured = (side,) if self.found.is_same_data else self.pair
+            rows.append((f"{letter}'s model", tuple(fit_text(side, other) for other in measured)))
         if np.isfinite(self.found.followed):
-            rows.append(("B as measured", (self.found.followed, _PERCENT)))
+            only_noise = self.found.apart < _ONLY_NOISE
+            followed = _NOISE_ALONE if only_noise else percent_text(self.found.followed)
+            rows.append(("B as measured", (followed, percent_text(_PERCENT))))
         return rows
 
 
@@ -81,19 +90,22 @@ def _words(found: Sides) -> Iterator[str]:
     for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
-    if np.isfinite(found.followed):
-        noise = "; no more than the noise of both is between them" if found.apart < _ONLY_NOISE else ""
-        yield f"B follows A to {found.followed:.1f} % over time, run by run{noise}."
-    (own_a, a_of_b), (b_of_a, own_b) = found.fits
+    if found.apart < _ONLY_NOISE:
+        yield "B repeats A, run by run: the two differ by no more than the noise of both."
+    elif np.isfinite(found.followed):
+        yield f"B follows A to {found.followed:.1f} % over time, run by run."
+    pair = tuple(zip(LETTERS, (found.first, found.second), strict=True))
     if found.is_same_data:
-        yield f"A's model describes the measurement to {own_a:.1f} %, B's to {own_b:.1f} %."
-    elif np.isfinite(a_of_b) or np.isfinite(b_of_a):
-        yield f"A's model describes B to {a_of_b:.1f} % (A to {own_a:.1f} %)."
-        yield f"B's model describes A to {b_of_a:.1f} % (B to {own_b:.1f} %)."
-    for letter, side, fit in zip(LETTERS, (found.first, found.second), (own_a, own_b), strict=True):
-        if side.compared is not None and fit < _POOR and side.compared.lack_of_fit < _ONLY_NOISE:
-            yield f"What {letter}'s model leaves is noise, which keeps every fit to {letter} this low."
-        elif side.compared is not None and side.compared.lack_of_fit > FAR:
+        texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
+        yield f"{' and '.join(texts)} of the measurement."
+    elif found.first.compared is not None and found.second.compared is not None:
+        for (letter, side), (other_letter, other) in (pair, pair[::-1]):
+            yield (
+                f"{letter}'s model {_described(side, other)} of {other_letter} ({_described(side, side)} of "
+                f"{letter})."
+            )
+    for letter, side in pair:
+        if side.compared is not None and side.compared.lack_of_fit > FAR:
             yield (
                 f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
                 "parameters say little: add what is missing, and compare that (--revision)."
@@ -109,6 +121,22 @@ def _words(found: Sides) -> Iterator[str]:
                 yield f"What {letter}'s model leaves {what} {share}."
 
 
+def _is_only_noise(model: Side, measured: Side) -> bool:
+    """Whether a model leaves no more than noise of a measurement that hardly rises above it.
+
+    How many percent of such a measurement a model describes tells its noise, and not the model.
+    """
+    fit = model.fit_of(measured)
+    return bool(fit < _POOR and model.floors_of(measured) < _ONLY_NOISE)
+
+
+def _described(model: Side, measured: Side) -> str:
+    if _is_only_noise(model, measured):
+        return "leaves nothing but noise"
+    fit = model.fit_of(measured)
+    return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
+
+
 def _of_parameters(found: Sides) -> Iterator[str]:
     told = [one for one in found.differences if one.differs is not None]
     for one in told:
@@ -116,6 +144,8 @@ def _of_parameters(found: Sides) -> Iterator[str]:
             yield f"{one.name} differs: {difference_text(one)} {one.unit}{_relative(one)}."
     if told and not any(one.differs for one in told):
         yield "No parameter differs by more than its 95 % interval."
+    if any(one.paired_std_err is not None for one in told):
+        yield PAIRED
 
 
 def _relative(one: ParameterDifference) -> str:
@@ -151,7 +181,7 @@ def _fit_table(view: SidesView) -> Table:
     columns = [safe(name) for name in view.fit_columns]
     made = table("", "fit of", *columns, right=columns)
     for what, fits in view.fit_rows:
-        made.add_row(what, *map(percent_text, fits))
+        made.add_row(what, *fits)
     return made
 
 
@@ -188,6 +218,11 @@ def _table_of_differences(
     return made
 
 
+def fit_text(model: Side, measured: Side) -> str:
+    """How far a side's model describes a measurement [%], or that only noise is left of it."""
+    return _NOISE_ALONE if _is_only_noise(model, measured) else percent_text(model.fit_of(measured))
+
+
 def percent_text(fit: float) -> str:
     """A fit, or that there is none."""
     return "–" if np.isnan(fit) else f"{fit:.1f}"
@@ -222,7 +257,8 @@ def _difference_data(one: ParameterDifference) -> dict[str, Any]:
         for each in (one.first, one.second)
     ]
     interval = [one.value - one.half, one.value + one.half]
-    difference = {"value": one.value, "interval": interval, "differs": one.differs}
+    difference: dict[str, Any] = {"value": one.value, "interval": interval, "differs": one.differs}
+    difference["paired"] = one.paired_std_err is not None
     return {"name": one.name, "unit": one.unit, "sides": sides, "difference": difference}
 
 

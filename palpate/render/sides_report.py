@@ -11,7 +11,7 @@ from estimation.estimate import ParameterEstimate
 from palpate.render import sides_figures
 from palpate.render.page import rendered
 from palpate.render.report import as_html
-from palpate.render.sides import LETTERS, PairView, SidesView, difference_text, percent_text
+from palpate.render.sides import LETTERS, PairView, SidesView, difference_text
 from palpate.words import significant
 
 _TEMPLATE = Path(__file__).parent / "sides.html"
@@ -20,7 +20,6 @@ _TEMPLATE = Path(__file__).parent / "sides.html"
 def document(pair: PairView) -> str:
     """The whole page."""
     filters: dict[str, Callable[..., Any]] = {
-        "percent": percent_text,
         "value": _value,
         "difference": difference_text,
     }

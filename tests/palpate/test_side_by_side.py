@@ -57,6 +57,56 @@ def test_a_repetition_shows_no_difference_and_follows_as_far_as_noise_lets_it(so
     assert other_of == pytest.approx(own, abs=0.3)
 
 
+def test_what_the_model_lacks_alike_in_two_repetitions_leaves_their_difference_sharp(tmp_path):
+    """A hidden cubic term makes each stiffness uncertain by 100 N/m, and the difference by less than one."""
+
+    def hardening(stiffness, seed):
+        return write_presses(
+            tmp_path / f"{stiffness}-{seed}.csv",
+            force_of=lambda x, v: stiffness * x + 6.0 * v + 2e6 * x**3,
+            seed=seed,
+            speeds_m_s=(0.04, 0.08, 0.06),
+        )
+
+    kept = []
+    for seed in range(1, 5):
+        found = {
+            one.name: one for one in sides(hardening(400.0, seed), hardening(400.0, seed + 10)).differences
+        }
+        kept += [abs(one.value) < one.half for one in found.values()]
+        one = found["stiffness.k"]
+        assert one.half < 1.0 < 20.0 < np.hypot(one.first.std_err, one.second.std_err)
+    assert sum(kept) >= 7  # of 8, at 95 %
+    found = {one.name: one for one in sides(hardening(400.0, 1), hardening(405.0, 12)).differences}
+    assert found["stiffness.k"].differs
+    assert found["stiffness.k"].value == pytest.approx(5.0, abs=0.6)
+
+
+def test_another_motion_is_not_paired(soft, tmp_path):
+    file = write_presses(tmp_path / "deeper.csv", force_of=law(400.0), seed=2)
+    time_s, depth, force, run_number = np.loadtxt(file, delimiter=",", skiprows=1).T
+    deeper = write_table(file, time_s=time_s, displacement_m=1.5 * depth, force_N=1.5 * force, run=run_number)
+    assert all(
+        one.paired_std_err is not None
+        for one in sides(soft, write_presses(tmp_path / "b.csv", force_of=law(400.0), seed=3)).differences
+    )
+    assert all(one.paired_std_err is None for one in sides(soft, deeper).differences)
+
+
+def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_percent(tmp_path):
+    first = write_presses(tmp_path / "first.csv")
+    time_s, depth, force, run_number = np.loadtxt(first, delimiter=",", skiprows=1).T
+    columns = {"time_s": time_s, "displacement_m": depth, "force_N": force + 1e-4 * depth, "run": run_number}
+    second = write_table(tmp_path / "second.csv", **columns)
+    found = {one.name: one for one in sides(first, second).differences}
+    assert abs(found["stiffness.k"].value) > found["stiffness.k"].half  # rounding alone is beyond it
+    assert not any(one.differs for one in found.values())
+    said = " ".join(run("compare", first, second).stdout.split())
+    assert "differ by no more than the noise of both" in said
+    assert "No parameter differs" in said
+    assert "B follows A" not in said
+
+
 def test_the_model_of_another_object_fits_worse(soft, stiff):
     (own, of_other), (other_of, other_own) = sides(soft, stiff).fits
     assert min(own, other_own) > 98.0
@@ -156,8 +206,8 @@ def test_what_was_added_is_put_side_by_side(hardening, tmp_path):
 def test_of_a_fit_that_noise_keeps_low_that_is_said(soft, tmp_path):
     weak = write_presses(tmp_path / "weak.csv", force_of=lambda x, v: 10.0 * x + 0.0 * v, seed=5)
     said = run("compare", soft, weak).stdout
-    assert "What B's model leaves is noise, which keeps every fit to B this low." in " ".join(said.split())
-    assert "every fit to A" not in said
+    assert "(leaves nothing but noise of B)" in " ".join(said.split())
+    assert said.count("only noise") == 1
 
 
 @pytest.mark.parametrize(
