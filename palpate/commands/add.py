@@ -9,6 +9,7 @@ import typer
 
 from estimation.study import Change, ChannelResult
 from estimation.study.channels import ALL_CHANNELS
+from estimation.study.comparison import AT_NOISE
 from palpate import console
 from palpate.completion import effect_names
 from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
@@ -91,5 +92,7 @@ def _next(
     if newest.parent is not None:
         back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
         yield back, "go back, and try another effect"
-    yield f"palpate compare {kept} --revision {newest.number}", "where the model still fails"
+    grown = change.result.grown
+    if grown is None or grown.lack_of_fit >= AT_NOISE:
+        yield f"palpate compare {kept} --revision {newest.number}", "where the model still fails"
     yield f"palpate export {kept}", "the improved model as a simulated world"

@@ -134,5 +134,5 @@ def _print(again: str, path: Path, export: Export, recorded: Path | None) -> Non
     console.next_steps(
         (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
         *([(twin, "the recorded motion again, on the model")] if twin else []),
-        (f"palpate compare {again}", "where the model still fails"),
+        (f"palpate compare {again}", "the model beside the measurement"),
     )

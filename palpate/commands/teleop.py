@@ -224,7 +224,7 @@ def demo(
     """Both sides as two processes on this machine, with an operator by script; ends within a minute.
 
     The operator chooses two places and presses on a virtual object that begins as a guess. The last line says
-    how far what was felt is from what is really there.
+    how far what was felt is from what is really there; where the machine was too slow, one more says so.
 
       palpate teleop demo --out teleop-demo
       palpate teleop demo --out far --scenario hunt_crossley --bad-network 500,20,10
@@ -244,6 +244,9 @@ def demo(
                 "verdicts": made.merged.verdicts(),
                 "model_share": made.modelled.share,
                 "clock_offset_s": made.merged.offset_s,
+                "missed_tick_share": made.merged.missed_share,
+                "slipped_clock_share": made.merged.slipped_share,
+                "too_slow": made.slowness_summary(),
             }
         )
         return
@@ -256,6 +259,8 @@ def demo(
         (f"palpate estimate {typed(made.files['follower'])}", "stiffness and damping of every place"),
     )
     console.stdout().print(made.force_summary(), soft_wrap=True)
+    if slowness := made.slowness_summary():
+        console.stdout().print(f"[yellow]{slowness}[/yellow]", soft_wrap=True)
 
 
 def _us(seconds: float) -> str:

@@ -44,6 +44,19 @@ class TeleopDemo:
     felt: ForceComparison  # what was felt, and what the real object would have answered
     modelled: ForceComparison  # what the models answer to the follower's presses, and what it measured
     files: dict[str, Path]
+    ended_early: bool = False  # whether the leader was told to end before the operator's script did
+
+    def slowness_summary(self) -> str:
+        """What this machine was too slow for; empty where it kept pace."""
+        clauses = self.merged.slowness()
+        if self.ended_early:
+            clauses.append(f"the leader was ended after {_LIMIT_S:g} s, before the operator's script")
+        if not clauses:
+            return ""
+        return (
+            f"This machine was too slow: {'; '.join(clauses)}. The figures describe the machine, not the "
+            "teleoperation. End other programs and repeat the demo."
+        )
 
     def verdict_summary(self) -> str:
         """What the diagnosis said of each target, as far as it came before the end."""
@@ -141,16 +154,17 @@ def run_demo(
         key.write_bytes(secrets.token_bytes(32))
         for options in commands.values():
             options += ["--key", str(key)]
-        _run_both(folder, commands)
+        ended_early = _run_both(folder, commands)
     merged = merge_sessions(*(Session.open(path) for path in sessions.values()))
     felt, modelled = merged.felt_and_real(real), merged.modelled_and_measured()
     files = {**sessions, "recording": folder / "teleop.rrd", "figures": folder / "figures.png"}
     record_both(merged, files["recording"])
     draw(files["figures"], merged, felt, modelled)
-    return TeleopDemo(merged, felt, modelled, files)
+    return TeleopDemo(merged, felt, modelled, files, ended_early)
 
 
-def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
+def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
+    """Run both sides to their end. Returns whether the leader had to be told to end."""
     program = [sys.executable, "-P", "-m", "palpate.main", "teleop"]
     until_s, running = time.monotonic() + _LIMIT_S, {}
     valid = {0}
@@ -176,6 +190,7 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> None:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(_END_S)
                 process.kill()
+    return INTERRUPTED in valid
 
 
 def _last_words(log: Path) -> str:

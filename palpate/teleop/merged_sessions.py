@@ -23,6 +23,7 @@ from sim_backend.scenario import Scenario
 
 TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
 _TICK_S = 1e-3
+_TOO_SLOW = 0.01  # of the leader's ticks, or of the follower's time, above which figures are the machine's
 _APART_S = 0.05  # between two touches, at least
 _LEAST_N = 0.2  # of the real force: below this nothing is compared
 _PRESSED = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
@@ -114,6 +115,34 @@ class MergedSessions:
             f"(shortest round trip {1e3 * self.round_trip_s:.2g} ms; "
             f"over the session it moved by {significant(moved_ms, moved_ms)} ms)"
         )
+
+    @property
+    def missed_share(self) -> float:
+        """Share of the leader's haptic ticks that were late by a period or more, or left out."""
+        time_s, late = self.haptic["time_s"], self.haptic["lateness_s"] >= _TICK_S
+        due = max(round((time_s[-1] - time_s[0]) / _TICK_S) + 1, len(time_s))
+        return float((due - len(time_s) + np.count_nonzero(late)) / due)
+
+    @property
+    def slipped_share(self) -> float:
+        """Share of the leader's time by which the follower's clock fell behind, as a simulated one may."""
+        time_s, offset_s, _ = self.exchanges.T
+        if np.ptp(time_s) == 0.0:
+            return 0.0
+        return max(0.0, -float(np.polyfit(time_s - time_s[0], offset_s - offset_s[0], 1)[0]))
+
+    def slowness(self) -> list[str]:
+        """What the machine was too slow for, one clause each; empty where it kept pace."""
+        clauses = []
+        if self.missed_share > _TOO_SLOW:
+            gap_ms = 1e3 * np.diff(self.haptic["time_s"]).max(initial=0.0)
+            clauses.append(
+                f"{100.0 * self.missed_share:.2g} % of the leader's ticks came late or not at all, with gaps "
+                f"of up to {gap_ms:.3g} ms"
+            )
+        if self.slipped_share > _TOO_SLOW:
+            clauses.append(f"the follower's clock lost {100.0 * self.slipped_share:.2g} % of its time")
+        return clauses
 
     def to_leader(self, follower_s: FloatArray) -> FloatArray:
         """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart."""

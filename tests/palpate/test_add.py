@@ -47,6 +47,14 @@ def test_what_is_shown_falls_to_the_floor(hardening, tmp_path):
         assert (tmp_path / file).is_file()
 
 
+def test_where_the_model_still_fails_is_a_next_step_only_above_the_noise(hardening, tmp_path):
+    failing = run("add", hardening, "bias", "--out", tmp_path)
+    assert [words for words in next_commands(failing) if words[0] == "compare"]
+    at_noise = run("add", hardening, "cubic_stiffness", "--fresh", "--out", tmp_path)
+    assert next_commands(at_noise)
+    assert not [words for words in next_commands(at_noise) if words[0] == "compare"]
+
+
 def test_what_cannot_be_added_is_refused_and_nothing_is_kept(hardening, tmp_path):
     folder = tmp_path / "none"
     assert_refused(run("add", hardening, "cubic_stifness", "--out", folder), "cubic_stiffness")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate.teleop.demo import TeleopDemo
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions
 from palpate.teleop.object_law import felt_data, force_law, terms_of
 from sim_backend.scenario import Scenario
@@ -79,6 +80,38 @@ def test_times_of_a_clock_that_slips_are_put_on_the_leaders():
     link = Kept(time_s=leader_s, peer_offset_s=offset_s, round_trip_s=np.full(101, 1e-3))
     merged = MergedSessions(Kept(link=link), Kept(link=link))
     np.testing.assert_allclose(merged.to_leader(leader_s + offset_s), leader_s, atol=1e-9)
+
+
+def merged(kept: np.ndarray, late: int, follower_rate: float) -> MergedSessions:
+    """Two seconds of haptic ticks, those kept, the first few of them late, and a follower's clock."""
+    time_s = 5.0 + np.arange(2000)[kept] * TICK_S
+    lateness_s = np.where(np.arange(len(time_s)) < late, 2.0 * TICK_S, 0.1 * TICK_S)
+    told_s = 5.0 + np.linspace(0.0, 2.0, 41)
+    jitter_s = np.random.default_rng(1).normal(0.0, 1e-3, 41)
+    offset_s = -4.0 + (follower_rate - 1.0) * (told_s - 5.0) + jitter_s
+    link = Kept(time_s=told_s, peer_offset_s=offset_s, round_trip_s=np.full(41, 1e-3))
+    return MergedSessions(Kept(haptic=Kept(time_s=time_s, lateness_s=lateness_s), link=link), None)
+
+
+def test_a_machine_that_keeps_pace_is_not_called_slow():
+    every_tick = np.ones(2000, bool)
+    assert merged(every_tick, late=10, follower_rate=1.0).slowness() == []
+
+
+def test_a_machine_that_is_too_slow_is_called_so_with_its_figures():
+    kept = np.ones(2000, bool)
+    kept[500:600] = False
+    slow = merged(kept, late=60, follower_rate=0.9)
+    assert slow.missed_share == pytest.approx(0.08)
+    assert slow.slipped_share == pytest.approx(0.1, abs=0.01)
+    ticks, clock = slow.slowness()
+    assert "8 %" in ticks
+    assert "101 ms" in ticks
+    assert "10 %" in clock
+    nothing = ForceComparison(*[np.zeros(0)] * 3, np.zeros(0, bool))
+    summary = TeleopDemo(slow, nothing, nothing, {}, ended_early=True).slowness_summary()
+    assert "too slow" in summary
+    assert "ended after" in summary
 
 
 def test_what_is_felt_keeps_which_target_it_is_of():
