@@ -137,7 +137,7 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
         measured=recipe["measured"],
         origin=f"{place} at {origin['commit'][:7]}, {origin['licence']}; {command}",
         expected=[f"{kinds}. {expected['why']}"],
-        split=split_of(name).replace("_", " ").replace("develop", "developed on"),
+        split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
         channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
         refused=content.get("refused", ""),
     )

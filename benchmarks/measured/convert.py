@@ -6,7 +6,7 @@
 Writes FOLDER/import.csv.gz. A recipe (recipes/NAME.yaml) names origin, commit, files, columns, the expected
 answer and the least-squares ladder of benchmarks/measured/ladder.py that it rests on. Files are read from
 the recipe's commit where --from is a git repository, bare or not, else from the folder. Whether a recording
-is developed on or held out follows from its name alone, see `split_of`.
+is developed on or held out follows from its recipe alone, see `split_of`.
 """
 
 import csv
@@ -35,9 +35,14 @@ RECIPES = Path(__file__).parent / "recipes"
 SPLITS = ("develop", "held_out")
 
 
-def split_of(name: str) -> str:
-    """Part that a recording belongs to: `develop` if the last hex digit of its name's SHA-256 is even."""
-    return SPLITS[int(hashlib.sha256(name.encode()).hexdigest()[-1], 16) % 2]
+def split_of(recipe: Mapping[str, Any]) -> str:
+    """Part that a recording belongs to.
+
+    It is the recipe's `split`, where there is one: the 23 recordings that were collected last are all held
+    out. Else it is `develop` if the last hex digit of the name's SHA-256 is even.
+    """
+    by_name = SPLITS[int(hashlib.sha256(recipe["name"].encode()).hexdigest()[-1], 16) % 2]
+    return str(recipe.get("split", by_name))
 
 
 def load_recipe(name: str) -> dict[str, Any]:
@@ -131,12 +136,24 @@ def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
     """Read vectors and columns of matrices of a MATLAB file (up to version 7.2): `x`, `x.0`, `x.1` ..."""
     del options
+    return [_columns_of(loadmat(io.BytesIO(content)))]
+
+
+def read_numpy(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
+    """Read vectors and columns of matrices of a NumPy archive: `x`, `x.0`, `x.1` ..."""
+    del options
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        return [_columns_of({name: np.atleast_2d(archive[name]) for name in archive.files})]
+
+
+def _columns_of(arrays: Mapping[str, Any]) -> Columns:
+    """Columns of all matrices of numbers, each turned upright."""
     columns: dict[str, NDArray[np.float64]] = {}
-    for name, value in loadmat(io.BytesIO(content)).items():
+    for name, value in arrays.items():
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
             matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
             columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}
-    return [columns]
+    return columns
 
 
 def _properties(archive: zipfile.ZipFile, path: str) -> dict[str, str]:
@@ -235,11 +252,17 @@ def read_jpk(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_trials(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read a text table of trials side by side, two columns each: `x` and `y` of every trial."""
+    """Read a text table of trials side by side; `names` are the columns of each (default `x` and `y`)."""
     (table,) = read_text(content, options)
+    names = options.get("names", ["x", "y"])
     count = sum(name.isdigit() for name in table)
-    trials = ({"x": table[str(i)], "y": table[str(i + 1)]} for i in range(0, count, 2))
-    return [{name: values[np.isfinite(trial["x"])] for name, values in trial.items()} for trial in trials]
+    trials = (
+        {name: table[str(first + i)] for i, name in enumerate(names)}
+        for first in range(0, count - len(names) + 1, len(names))
+    )
+    return [
+        {name: values[np.isfinite(trial[names[0]])] for name, values in trial.items()} for trial in trials
+    ]
 
 
 READERS: dict[str, Reader] = {
@@ -247,6 +270,7 @@ READERS: dict[str, Reader] = {
     "trials": read_trials,
     "workbook": read_workbook,
     "matlab": read_matlab,
+    "numpy": read_numpy,
     "jpk": read_jpk,
 }
 
@@ -319,6 +343,8 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
             time = columns["time_s"]  # it stands still where a row was written twice
             kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
             columns = {name: values[kept] for name, values in columns.items()}
+            if "thin" in read:
+                columns = _thin(columns, read["thin"])
             if "surface" in read:
                 _find_surface(columns, read["surface"])
             for piece in range(read.get("pieces", 1)):
@@ -328,6 +354,15 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
                 )
                 runs.append((path, _decimate({name: values[part] for name, values in columns.items()}, read)))
     return runs
+
+
+def _thin(columns: dict[str, NDArray[np.float64]], step: float) -> dict[str, NDArray[np.float64]]:
+    """Rows that are at least `step` [s] later than the one kept before."""
+    kept: list[int] = []
+    for i, time in enumerate(columns["time_s"]):
+        if not kept or time - columns["time_s"][kept[-1]] >= step:
+            kept.append(i)
+    return {name: values[kept] for name, values in columns.items()}
 
 
 def _find_surface(columns: dict[str, NDArray[np.float64]], sigmas: float) -> None:
@@ -398,7 +433,7 @@ def main() -> None:
         rows = convert(recipe, Origin(options.origin, recipe["origin"]["commit"]), options.to)
     except FileNotFoundError as error:
         sys.exit(f"{options.name}: {error}")
-    print(f"{options.to / 'import.csv.gz'}: {rows} rows ({split_of(options.name)})")
+    print(f"{options.to / 'import.csv.gz'}: {rows} rows ({split_of(recipe)})")
 
 
 if __name__ == "__main__":

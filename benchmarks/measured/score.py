@@ -58,7 +58,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
     baseline, final = channel.get("baseline"), channel.get("final")
     return Score(
         recording=recipe["name"],
-        split=split_of(recipe["name"]),
+        split=split_of(recipe),
         verdict=channel["verdict"],
         reason=channel.get("reason", ""),
         rmse=(baseline["rmse"], final["rmse"]) if baseline and final else None,

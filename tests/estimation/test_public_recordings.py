@@ -48,11 +48,12 @@ def test_recipe_names_only_kinds_effects_and_models_that_exist(name: str) -> Non
     assert {step["kind"] for step in recipe["ladder"]["steps"]} <= KINDS
 
 
-def test_split_follows_from_the_last_digit_of_the_digest() -> None:
+def test_split_follows_from_the_last_digit_of_the_digest_unless_the_recipe_states_it() -> None:
     for name in ("a", "b", "c", "d", "e"):
         digit = hashlib.sha256(name.encode()).hexdigest()[-1]
-        assert split_of(name) == ("develop" if digit in "02468ace" else "held_out")
-    assert {split_of(name) for name in NAMES} == set(SPLITS)
+        assert split_of({"name": name}) == ("develop" if digit in "02468ace" else "held_out")
+        assert split_of({"name": name, "split": "held_out"}) == "held_out"
+    assert {split_of(load_recipe(name)) for name in NAMES} == set(SPLITS)
 
 
 def recipe_of(**read: Any) -> dict[str, Any]:
@@ -94,6 +95,36 @@ def test_conversion_averages_blocks_and_cuts_pieces(tmp_path: Path) -> None:
     table = rows_of(tmp_path / "out")
     assert [row["run"] for row in table] == [0, 1, 2, 3, 4, 5]
     np.testing.assert_allclose([row["time_s"] for row in table[:3]], [0.005, 0.025, 0.045])
+
+
+def test_conversion_keeps_rows_that_are_a_step_apart(tmp_path: Path) -> None:
+    write_trials(tmp_path)
+    convert(recipe_of(thin=0.025), Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["time_s"] for row in table] == [0.0, 0.03, 0.0, 0.03]
+
+
+def test_trials_side_by_side_have_the_columns_that_the_recipe_names(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("t;F;x;t;F;x\n0;1;2;0;10;20\n1;3;4;1;30;40\n2;5;6;;;\n")
+    read = {"format": "trials", "names": ["t", "F", "x"], "decimal": "."}
+    columns = {"time_s": {"sum": {"t": 1.0}}, "force_N": {"sum": {"F": 1.0}}, "x_m": {"sum": {"x": 1.0}}}
+    convert({**recipe_of(**read), "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["run"] for row in table] == [0, 0, 0, 1, 1]
+    assert [row["force_N"] for row in table] == [1, 3, 5, 10, 30]
+    assert [row["x_m"] for row in table] == [2, 4, 6, 20, 40]
+
+
+def test_conversion_reads_vectors_and_columns_of_a_numpy_archive(tmp_path: Path) -> None:
+    time, q = np.arange(4.0), np.arange(12.0).reshape(4, 3)
+    np.savez(tmp_path / "a.npz", time=time, q=q, name="x")
+    columns = {"time_s": {"sum": {"time": 1.0}}, "position_rad": {"sum": {"q.2": 1.0}}}
+    convert(
+        {"read": {"format": "numpy", "files": ["a.npz"]}, "columns": columns},
+        Origin(tmp_path, ""),
+        tmp_path / "out",
+    )
+    assert [row["position_rad"] for row in rows_of(tmp_path / "out")] == [2, 5, 8, 11]
 
 
 def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path: Path) -> None:
