@@ -16,6 +16,7 @@ from estimation.fit.smooth_features import curves, hats, reversal_memory
 from estimation.kinds import Kind
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.exponential_memory import low_pass, relax
+from estimation.signals.free_air import zero_in_free_air
 from estimation.signals.runwise import rate, running_max, sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -64,6 +65,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
     depth = blocked.reduce(data.position * data.engaged) if is_contact else position
     unit_depth, unit_speed = _unit(depth), _unit(velocity)
 
+    zero = zero_in_free_air(data)
     fade = _fading(time_s, run, touching, is_contact=is_contact)
     laws = [
         _law(Kind.ELASTIC_SHAPE, curves(depth)),
@@ -73,9 +75,10 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         _law(Kind.SENSOR_DYNAMICS, rate(effort, time_s, run)),
-        _sensor_statics(effort, blocked.effort),
-        _law(Kind.DRIFT, time_s - time_s.mean()),
+        _sensor_statics(effort, blocked.effort, has_bias=zero is None or not zero.is_zero),
     ]
+    if zero is None or not zero.is_steady:
+        laws.append(_law(Kind.DRIFT, time_s - time_s.mean()))
     if is_contact:
         laws.append(_contact_geometry(position, depth, touching, run))
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
@@ -90,8 +93,11 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         if data.kind is ChannelKind.REVOLUTE and np.ptp(position) > _GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
         laws.append(_law(Kind.GRAVITY_LOAD, *load))
-    context = [hats(blocked.reduce(data.context[name])) for name in sorted(data.recorded)]
-    laws.append(_law(Kind.RECORDED_CONTEXT, *context))
+    recorded = [blocked.reduce(data.context[name]) for name in sorted(data.recorded)]
+    scaled = [_unit(column - column.mean()) for column in recorded]
+    laws.append(_law(Kind.RECORDED_CONTEXT, *map(hats, recorded), *(unit * effort for unit in scaled)))
+    direction = np.tanh(unit_speed / _DIRECTIONS[-1])
+    laws.append(_law((Kind.FRICTION, Kind.RECORDED_CONTEXT), *(unit * direction for unit in scaled)))
     return [law for law in laws if law.columns.size]
 
 
@@ -152,16 +158,20 @@ def _contact_geometry(position: FloatArray, depth: FloatArray, touching: FloatAr
     return Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
 
 
-def _sensor_statics(predicted: FloatArray, measured: FloatArray) -> Law:
-    """A bias of any sign, what a sensor cuts off near its largest readings, and what it hides about zero."""
+def _sensor_statics(predicted: FloatArray, measured: FloatArray, *, has_bias: bool) -> Law:
+    """A bias of any sign, what a sensor cuts off near its largest readings, and what it hides about zero.
+
+    A zero that free air shows to be none is no bias.
+    """
     low, high = np.quantile(measured, [0.001, 0.999])
     cut = [
         -np.maximum(predicted - _FULL_SCALE * high, 0.0) * (high > 0.0),
         -np.minimum(predicted - _FULL_SCALE * low, 0.0) * (low < 0.0),
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
-    columns = np.column_stack([np.ones(len(predicted)), *cut, *(-np.clip(predicted, -w, w) for w in widths)])
-    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) > 0)
+    bias = [np.ones(len(predicted))] * has_bias
+    columns = np.column_stack([*bias, *cut, *(-np.clip(predicted, -w, w) for w in widths)])
+    return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(bias))
 
 
 def periodic_columns(

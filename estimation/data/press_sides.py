@@ -16,6 +16,8 @@ _DRAGGED = -0.3  # correlation of velocity and force, below which the force is c
 _OTHER_SIDE = 0.2  # of the larger range, that both signals have on the other side too
 _MOVES = 0.3  # of the force's deviation on the one side, that it has far out on the other
 _FARTHER = 0.5  # of the range to the other side
+_FARTHEST = 0.9  # of the same
+_RESTS = 0.2  # of the force's deviation on that side, below which it rests
 _FEWEST = 20  # samples far out, or about a level of the force
 _SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
 _OF_AIR = 0.1  # of the displacement's range, that free air must span
@@ -88,11 +90,17 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
 def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
     """Whether both signals (n,) go to both sides, the force also where the displacement is far out there.
 
-    In free air the force rests, but where an object sticks for a little while.
+    In free air the force rests, but where an object sticks for a little while. An object that sticks longer
+    pulls until it tears off: then the force rests farthest out, which that of an element held at both ends
+    does not.
     """
     ends = [np.quantile(signal, _TAILS) for signal in (displacement, force)]
     if any(min(-low, high) <= _OTHER_SIDE * max(-low, high) for low, high in ends):
         return False
     far, pushing = displacement < _FARTHER * ends[0][0], displacement > _FARTHER * ends[0][1]
     enough = min(np.sum(far), np.sum(pushing)) >= _FEWEST
-    return bool(enough and np.std(force[far]) > _MOVES * np.std(force[pushing]))
+    if not enough or np.std(force[far]) <= _MOVES * np.std(force[pushing]):
+        return False
+    farthest = force[displacement < _FARTHEST * ends[0][0]]
+    rests = np.sqrt(np.mean(farthest**2)) < _RESTS * np.std(force[far])
+    return not (len(farthest) >= _FEWEST and rests)

@@ -29,6 +29,7 @@ _RIVALS = 5  # looked at in the place of an effect; each must explain half of wh
 _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of a real thing is exact
 _DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
 _SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
+_LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the others
 _RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
@@ -101,12 +102,14 @@ def accept_forms(
             test.effect: search.without(end, test.effect).held_out_mean_square - end.held_out_mean_square
             for test in tests
         }
+        shares = partial.shares_beside(frozenset(test.kind for test in tests))
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         least = max(SMALL * search.start.held_out_mean_square, rest)
         failed = [
             test.effect
             for test in tests
             if not test.is_known
+            or shares.get(test.kind, 1.0) < _LEAST_OF_KIND
             or taken[test.effect] < least
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)

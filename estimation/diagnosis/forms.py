@@ -92,6 +92,14 @@ class PartiallyLinear:
         """Kinds that account for the error."""
         return frozenset(self.budget.kinds)
 
+    def shares_beside(self, kinds: Kinds) -> dict[Kind, float]:
+        """Return the share of the error of each of these kinds and of those that account for it.
+
+        A kind whose share is small may be necessary beside the others: then that counts.
+        """
+        budget = error_budget(self.error, np.random.default_rng(0), self.kinds | kinds)
+        return {entry.kind: max(entry.share, entry.necessary) for entry in budget.entries}
+
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
         """Project a problem on what laws of the kinds other than an effect's own cannot explain."""
         others = kinds - own

@@ -159,10 +159,16 @@ class Search:
 
     def refined(self, found: FitResult) -> FitResult:
         """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too."""
-        for effect in found.solution.model.effects:
-            for start in self.fine_starts(found, effect) if effect.name in self.added_effects(found) else ():
-                own = {f"{effect.name}.{name}": value for name, value in start.items()}
-                found = self.refitted(found.solution.model, {**found.solution.parameters, **own})
+        for name in self.added_effects(found):
+            model, known = found.solution.model, found.solution.parameters
+            (effect,) = (one for one in model.effects if one.name == name)
+            tried = [
+                solve_gains(found.problem, model, {**known, **{f"{name}.{n}": v for n, v in start.items()}})
+                for start in self.fine_starts(found, effect)
+            ]
+            best = min(tried, key=lambda one: one.sse, default=found.solution)
+            if best is not found.solution and best.sse < NEAR * found.solution.sse:
+                found = self.refitted(model, best.parameters)
         return found
 
     def quick_screen(self, beside: FitResult) -> list[Candidate]:

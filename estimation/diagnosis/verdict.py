@@ -259,8 +259,9 @@ def _left(found: Evidence) -> str:
     if found.objection:
         return found.objection.reason
     told, noise = ", ".join(found.signals) or "a mix of signals", found.noise
-    times = f"{found.end.rmse / noise.value:.2g} times the noise, " if noise.value > 0.0 else ""
-    return f"what is left is {times}and depends on {told}"
+    if found.end.rmse <= noise.value or not noise.value > 0.0:
+        return f"what is left depends on {told}"
+    return f"what is left is {found.end.rmse / noise.value:.2g} times the noise, and depends on {told}"
 
 
 def _or_rivals(entry: Accepted) -> str:

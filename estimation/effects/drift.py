@@ -1,11 +1,17 @@
 """The sensor's zero wanders."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.kinds import Kind
+from estimation.signals.free_air import zero_in_free_air
 from robot_io.types import FloatArray
+
+_OFF = 0.5  # of the rate, by which readings in free air may differ from it
+_SIGMAS = 3.0  # the same in standard errors
 
 
 class Drift(AdditiveEffect):
@@ -29,6 +35,16 @@ class Drift(AdditiveEffect):
         "stress_relaxation": "free air: drift goes on there, relaxation does not",
         "bias": "wait: a bias stays",
     }
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: readings before and after the contact do not drift at that rate."""
+        zero = zero_in_free_air(data)
+        if zero is None or zero.rate is None:
+            return False
+        rate = parameters[f"{self.name}.rate"]
+        return abs(zero.rate - rate) > max(_OFF * abs(rate), _SIGMAS * zero.rate_std_err)
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])

@@ -143,6 +143,15 @@ def test_free_air_and_an_object_that_sticks_are_one_sided():
         assert not press_sides(PRESS_X, force).two_sided
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def test_an_object_that_pulls_until_it_tears_off_is_one_sided(share):
+    """On its way out it pulls over most of the way in free air, as a soft object pulls a small probe."""
+    x, v = 0.002 + 0.006 * np.sin(W * T), np.cos(W * T)
+    pulls = np.where((x < 0.0) & (x > share * x.min()) & (v < 0.0), 600.0 * x, 0.0)
+    assert not press_sides(x, 500.0 * np.maximum(x, 0.0) + pulls + NOISE).two_sided
+    assert press_sides(x, 500.0 * x + NOISE).two_sided
+
+
 @pytest.mark.parametrize(
     ("columns", "force", "kind"),
     [

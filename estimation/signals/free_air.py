@@ -1,0 +1,71 @@
+"""What readings in free air, before and after the contact, say of a force sensor's zero."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.signals.blocks import rows_of_runs
+
+_FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
+_WINDOW = 50  # readings at most, at the end of a run
+_FEWEST = 5  # readings, at each end
+_HIDDEN = 0.5  # of the noise, below which a zero does not show
+_SIGMAS = 3.0  # standard errors, below which a rate is not known to differ from zero
+
+
+@dataclass(frozen=True)
+class FreeAirZero:
+    """A sensor's zero, from readings while nothing is touched."""
+
+    noise: float  # standard deviation of readings before the first touch, about each run's mean [effort]
+    bias: float  # mean of these readings [effort]
+    rate: float | None  # change with time from the start to the end of runs [effort/s]; None if not known
+    rate_std_err: float  # of the rate, for white noise
+    duration_s: float  # from the first to the last reading of the channel
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the readings before the touch show no bias."""
+        return abs(self.bias) < _HIDDEN * self.noise
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the readings at the ends of runs show no drift over the whole recording."""
+        if self.rate is None:
+            return False
+        unseen = max(_HIDDEN * self.noise, _SIGMAS * self.rate_std_err * self.duration_s)
+        return abs(self.rate) * self.duration_s < unseen
+
+
+def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
+    """Measure a sensor's zero in the runs that begin in free air.
+
+    Args:
+        data: channel with n samples.
+
+    Returns:
+        None for joints, and where no run begins in free air.
+    """
+    if data.kind is not ChannelKind.CONTACT:
+        return None
+    before, apart_s, apart, spread = [], [], [], []
+    for rows in rows_of_runs(data.run):
+        touched = np.flatnonzero(data.engaged[rows])
+        first = rows[: int(_FREE * (touched[0] if len(touched) else len(rows)))]
+        if len(first) < _FEWEST:
+            continue
+        before.append(data.effort[first])
+        last = rows[touched[-1] + 1 :][-_WINDOW:] if len(touched) else first[:0]
+        if len(last) >= _FEWEST:
+            start = first[: len(last)]
+            apart_s.append(data.time_s[last].mean() - data.time_s[start].mean())
+            apart.append(data.effort[last].mean() - data.effort[start].mean())
+            spread.append(2.0 / len(start))
+    if not before:
+        return None
+    noise = float(np.std(np.concatenate([part - part.mean() for part in before])))
+    bias, energy = float(np.concatenate(before).mean()), float(np.vdot(apart_s, apart_s))
+    rate = float(np.vdot(apart_s, apart)) / energy if energy > 0.0 else None
+    error = noise * float(np.sqrt(max(spread) / energy)) if energy > 0.0 else np.inf
+    return FreeAirZero(noise, bias, rate, error, float(np.ptp(data.time_s)))

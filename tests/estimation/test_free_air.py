@@ -1,0 +1,65 @@
+"""A sensor's zero, from readings before and after the contact; a drift must hold there too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.budget.laws import flexible_laws
+from estimation.effects import EFFECTS
+from estimation.fit.fit_result import fit_model
+from estimation.kinds import Kind
+from estimation.signals.free_air import zero_in_free_air
+from tests.estimation.fits import MODEL
+from tests.estimation.presses import K, NOISE_N, kelvin_voigt, session
+from tests.estimation.swings import swings
+
+RATE = 0.05  # N/s
+
+
+def drifting(t, x, v, run):
+    return kelvin_voigt(x, v) + RATE * (t - t[0])
+
+
+def creeping(t, x, v, run):
+    """A spring that weakens with the time of the session: it looks like a drift wherever it is pressed."""
+    return kelvin_voigt(x, v) - np.where(x > 0.004, RATE * (t - t[0]), 0.0)
+
+
+def test_bias_and_rate_are_recovered():
+    found = zero_in_free_air(session(1, lambda t, x, v, run: 0.4 + drifting(t, x, v, run)))
+    assert found.rate == pytest.approx(RATE, abs=4.0 * found.rate_std_err)
+    assert found.noise == pytest.approx(NOISE_N, rel=0.1)
+    assert not found.is_zero
+    assert not found.is_steady
+
+
+def test_a_zero_that_stays_is_told():
+    found = zero_in_free_air(session(1))
+    assert found.is_zero
+    assert found.is_steady
+
+
+def test_a_joint_has_no_free_air_nor_has_a_press_that_begins_in_contact():
+    assert zero_in_free_air(swings(1)) is None
+    data = session(1)
+    assert zero_in_free_air(data.select(data.position > 0.002)) is None
+
+
+@pytest.mark.parametrize(("law", "misnamed"), [(drifting, False), (creeping, True)])
+def test_a_drift_that_readings_in_free_air_do_not_show_is_none(law, misnamed):
+    data = session(1, law)
+    drift = EFFECTS["drift"]()
+    fit = fit_model(data, MODEL.with_effect(drift), {})
+    assert abs(fit.solution.parameters["drift.rate"]) > 0.3 * RATE
+    assert drift.is_misnamed(data, fit.solution.parameters, dict, NOISE_N) is misnamed
+
+
+@pytest.mark.parametrize(("bias_n", "there"), [(0.0, False), (0.3, True)])
+def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, there):
+    data = session(2)
+    blocked = fit_model(replace(data, effort=data.effort + bias_n), MODEL, {}).problem.blocked
+    effort = blocked.reduce(np.maximum(K * data.position, 0.0))
+    laws = flexible_laws(blocked, effort, blocked.effort - effort)
+    (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
+    assert bool(np.any(np.all(statics.columns == 1.0, axis=0))) is there
