@@ -43,7 +43,7 @@ def choose_columns(
     """
     named = [_shifted(one, shift) for one in guess_columns(table.names, clocks_of(table.columns))]
     named = [one for one in named if one.quantity and one.column not in taken and one.key not in known]
-    free = [one for one in named if table.is_numeric(one.column)]
+    free = [one for one in named if table.is_mostly_numeric(one.column)]
     there = {*known, *(one.key for one in free)}
     if not (_wanted(there) and TIME in there):
         _refuse_spoilt(table, known, named)
@@ -137,13 +137,17 @@ def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
 
 
 def _same(table: Table, one: Guess, other: Guess) -> bool:
-    """Whether two columns hold the same, be it in two units."""
+    """Whether two columns hold the same, be it in two units; not where a cell of them is no number."""
     if not (one.unit and other.unit and dimension_of(one.unit) == dimension_of(other.unit)):
         return False
-    first, second = (
-        factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column) * table.numbers(guess.column)
-        for guess in (one, other)
-    )
+    try:
+        first, second = (
+            factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column)
+            * table.numbers(guess.column)
+            for guess in (one, other)
+        )
+    except InputError:
+        return False
     if one.key == TIME:  # of which only the differences count
         first, second = first - first[0], second - second[0]
     return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))

@@ -169,4 +169,7 @@ def check_units_are_used(table: Table, options: ImportOptions, chosen: dict[Key,
     for name in options.units:
         if name not in used:
             there = ", ".join(column for _, column in chosen.values()) or "none"
-            raise InputError(f"--unit {name}: no such quantity or column is in use. In use: {there}")
+            raise InputError(
+                f"{table.path}: --unit {name}={options.units[name]}: no such quantity or column is in use. "
+                f"In use: {there}"
+            )

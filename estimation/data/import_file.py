@@ -10,12 +10,13 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, assign_columns
-from estimation.data.choose_columns import Key
+from estimation.data.choose_columns import TIME, Key, units_meant
 from estimation.data.derivatives import differentiate
 from estimation.data.given_derivatives import is_difference, mistaken_scale
 from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
 from estimation.data.press_phases import press_phases
+from estimation.data.quantities import Role
 from estimation.data.table import Table, read_table
 from estimation.data.units import SLOWEST_S, likely_time_unit
 from estimation.signals.blocks import number_pieces
@@ -69,6 +70,7 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     """
     columns = assign_columns(_filter(table, options), options)
     sources = _sources(columns)
+    _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
     _check_context(columns, options.context)
     notes = [*columns.notes, *([rows.note] if rows.note else []), *_clock(columns, rows)]
@@ -151,6 +153,44 @@ class _Source:
     position: Key
     effort: Key
 
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Everything that the channel takes, whether the file has it or not."""
+        joint = self.position[1]
+        return self.position, self.effort, ("velocity", joint), ("acceleration", joint)
+
+
+def _check_options_are_used(columns: Columns, sources: Collection[_Source], options: ImportOptions) -> None:
+    """Refuse a column or unit for a quantity that no channel has: it would be lost without a word.
+
+    Raises:
+        InputError: the user named one.
+    """
+    used = {TIME, *(key for source in sources for key in source.keys)}
+    for key, assigned in columns.assigned.items():
+        if key in used:
+            continue
+        role = Role(*key, "", columns.shift)
+        texts = [
+            f"--column {name}={column}"
+            for name, column in options.columns.items()
+            if column == assigned.column
+        ]
+        texts += [
+            f"--unit {name}={options.units[name]}"
+            for name in units_meant(columns.table, options, role, assigned.column)
+        ]
+        if texts:
+            channels = "; ".join(
+                f"{source.name} of "
+                + ", ".join(f"'{columns.name(key)}'" for key in (source.position, source.effort))
+                for source in sources
+            )
+            raise InputError(
+                f"{columns.table.path}: {' '.join(texts)}: no channel uses it as {role.numbered}. "
+                f"Channels: {channels}"
+            )
+
 
 def _sources(columns: Columns) -> list[_Source]:
     """The channels that a file's columns allow."""
@@ -164,6 +204,15 @@ def _sources(columns: Columns) -> list[_Source]:
             if source and source.effort not in taken:
                 sources.append(source)
     if not sources:
+        for (quantity, joint), position in columns.assigned.items():
+            other = "force" if position.dimension == "angle" else "torque"
+            effort = columns.assigned.get((other, joint))
+            if quantity == "position" and effort is not None:
+                raise InputError(
+                    f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
+                    f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force "
+                    "with a length (m, mm); correct one with --unit or --column"
+                )
         raise InputError(
             f"{columns.table.path}: no channel can be made of columns {columns.table.listed_names}; "
             "a contact needs time_s, displacement_m, force_N, a joint time_s, position_rad, torque_Nm "

@@ -127,6 +127,12 @@ class Table:
         """In which rows a column holds something, shape (n,)."""
         return is_filled(self._column(name))
 
+    def is_mostly_numeric(self, name: str) -> bool:
+        """Whether most of a column's first cells that are not empty are numbers."""
+        held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
+        cells = _with_points(self._column(name).take(held), self.decimal).to_pylist()
+        return 2 * int(np.isfinite([number_of(str(cell)) for cell in cells]).sum()) > len(held)
+
     def is_numeric(self, name: str) -> bool:
         """Whether a column holds numbers only, as far as the first of its cells that are not empty say."""
         held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]

@@ -381,7 +381,35 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({}, {"units": {"force": "-0N"}}, "unit '-0N' has no factor to multiply by"),
         ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' has no factor"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
-        ({}, {"units": {"torque": "Nm"}}, "no such quantity or column is in use"),
+        ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no such quantity or column is in use"),
+        (
+            {"torque_Nm": F},
+            {"units": {"torque": "mNm"}},
+            "--unit torque=mNm: no channel uses it as torque. Channels: contact of",
+        ),
+        (
+            {"noise": F},
+            {"columns": {"torque_Nm": "noise"}},
+            "--column torque_Nm=noise: no channel uses it as torque",
+        ),
+        (
+            {"noise": F},
+            {"columns": {"position_3_rad": "noise"}},
+            "--column position_3_rad=noise: no channel uses it as position_3",
+        ),
+        (
+            SWING,
+            {"units": {"position_rad": "mm"}},
+            "column 'position_rad' is in mm and 'torque_Nm' in Nm: a torque goes with an angle",
+        ),
+        *(
+            (
+                {"force_N": None, "Load A [N]": forces(**{at: "oops"}), "Load B [N]": 2.0 * F},
+                {},
+                "columns 'Load A [N]' and 'Load B [N]' may hold force; choose with --column force=",
+            )
+            for at in ("at_3", "at_40")
+        ),
         ({}, {"columns": {"weight_N": "force_N"}}, "no quantity with its unit"),
         ({"displacement_mm": 1e3 * X}, {}, "'displacement_m' and 'displacement_mm' both hold displacement"),
         ({"run": ["long"] * 47 + ["short"] * 3}, {}, "run 'short' has 3 rows, at least 5"),
