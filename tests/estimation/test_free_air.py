@@ -11,7 +11,7 @@ from estimation.fit.fit_result import fit_model
 from estimation.kinds import Kind
 from estimation.signals.free_air import zero_in_free_air
 from tests.estimation.fits import MODEL
-from tests.estimation.presses import K, NOISE_N, kelvin_voigt, session
+from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
 from tests.estimation.swings import swings
 
 RATE = 0.05  # N/s
