@@ -85,7 +85,7 @@ class Side:
         predicted = self._prediction_of(other)
         if predicted is None or other.compared is None:
             return float("nan")
-        judged, floor = other.compared.fitted.judged, other.compared.noise_floor
+        judged, floor = other.compared.fitted.judged, other.compared.noise.value
         error = float(np.sqrt(np.mean((other.data.effort - predicted)[judged] ** 2)))
         return error / floor if floor > 0.0 else float("inf")
 
@@ -225,7 +225,7 @@ class Sides(TableDisplay):
         model = a.fitted.model
         slope = self._slopes[a.fitted.judged, [*model.gains, *model.inner].index(name)]
         change = abs(b.parameters[name].value - a.parameters[name].value) * float(np.sqrt(np.mean(slope**2)))
-        floor = max(a.noise_floor, b.noise_floor)
+        floor = max(a.noise.value, b.noise.value)
         return change / floor if floor > 0.0 else float("inf")
 
     @cached_property
