@@ -1,0 +1,89 @@
+"""Answers that do not say what they answer: each is dated by its request, whatever is late or lost."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robot_io.drivers.request_queue import RequestQueue
+
+TICK_S, MARGIN_S, LATEST_S = 1e-3, 0.5e-3, 0.05
+
+
+class Line:
+    """A device that is asked once a tick, and answers `delay_s(tick)` later in the order of the requests.
+
+    Attributes:
+        asked: Ticks in which it was asked.
+        dates: For each tick, when its newest trusted answer was asked for: as dated, and in truth [s].
+    """
+
+    def __init__(self, ticks, delay_s, lost=()):
+        self.queue, self.dates, self.asked = RequestQueue(MARGIN_S, LATEST_S), [], []
+        coming, newest_s, dated_s, true_s = [], None, None, None
+        for tick in range(ticks):
+            now_s = tick * TICK_S
+            while coming and coming[0][0] <= now_s:
+                arrived_s, newest_s = coming.pop(0)
+                assert self.queue.answer(arrived_s)
+            if self.queue.settle(now_s) is not None:
+                newest_s = None
+            if not self.queue.is_unsure and newest_s is not None:
+                dated_s, true_s = self.queue.answered_s, newest_s
+            self.dates.append((dated_s, true_s))
+            if self.queue.skip():
+                continue
+            self.queue.ask(now_s)
+            self.asked.append(tick)
+            if tick not in lost:
+                after_last_s = coming[-1][0] if coming else 0.0
+                coming.append((max(now_s + delay_s(tick), after_last_s), now_s))
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 4.2, 30.0])
+@pytest.mark.parametrize("from_tick", [0, 50])
+def test_answers_that_are_or_become_late_are_as_old_as_their_requests(delay_ms, from_tick):
+    line = Line(200, lambda tick: 1e-3 * delay_ms if tick >= from_tick else 0.3e-3)
+    assert all(dated_s == true_s for dated_s, true_s in line.dates)
+    assert line.dates[-1][1] >= (198 - delay_ms) * TICK_S
+    assert len(line.asked) >= 197  # one is left out while a delay is not yet told from a loss
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 2.4])
+def test_after_a_loss_answers_are_soon_dated_right_again(delay_ms):
+    line = Line(100, lambda tick: 1e-3 * delay_ms, lost=[50])
+    assert all(dated_s == true_s for dated_s, true_s in line.dates)
+    ages_s = [tick * TICK_S - true_s for tick, (_, true_s) in enumerate(line.dates) if true_s is not None]
+    assert max(ages_s) <= (4 + 2 * delay_ms) * TICK_S
+    assert max(ages_s[60:]) <= (1 + delay_ms) * TICK_S + 1e-9
+    assert len(line.asked) >= 98  # one is left out, and one where the delay shows first
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 2.4])
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_after_several_losses_answers_are_dated_a_little_too_early_at_most(delay_ms, count):
+    line = Line(100, lambda tick: 1e-3 * delay_ms, lost=range(50, 50 + count))
+    assert all(0.0 <= true_s - dated_s <= count * TICK_S + 1e-9 for dated_s, true_s in line.dates[51:])
+
+
+@given(
+    st.floats(0.0, 6e-3),
+    st.floats(0.0, 6e-3),
+    st.sets(st.integers(0, 149), max_size=6),
+    st.integers(20, 60),
+)
+def test_no_answer_is_dated_later_than_its_request(before_s, after_s, lost, from_tick):
+    """A delay that changes once, and answers that are lost, but where a loss and a change come together."""
+    lost = {tick for tick in lost if not from_tick - 20 <= tick <= from_tick + 30}
+    line = Line(150, lambda tick: after_s if tick >= from_tick else before_s, lost)
+    assert all(dated_s <= true_s for dated_s, true_s in line.dates if dated_s is not None)
+
+
+def test_what_was_never_asked_for_answers_nothing():
+    queue = RequestQueue(MARGIN_S, LATEST_S)
+    assert not queue.answer(1.0)
+    queue.ask(1.0)
+    assert queue.answer(1.001)
+    assert queue.answered_s == 1.0
+    assert not queue.answer(1.001)
+    queue.ask(2.0)
+    assert not queue.answer(2.0 + LATEST_S + 1e-6)  # so late that it is no answer to this
