@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from robot_io.errors import DeviceError
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
@@ -59,7 +60,10 @@ def test_answers_under_another_motor_s_id_are_no_position(bench, path, frames):
     assert arm.tick().joint_position_rad == pytest.approx(before, abs=0.02)
 
 
-@pytest.mark.parametrize("path", [CUBEMARS, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
+ASKED = pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)
+
+
+@pytest.mark.parametrize("path", [CUBEMARS, DAMIAO, ROBSTRIDE, MOTEUS, ODRIVE], ids=lambda path: path.stem)
 @pytest.mark.parametrize("late_ms", [0.0, 1.5, 4.2])
 def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, late_ms):
     """CAN frames carry no time: those that came 4.2 ms late from the start on once passed as fresh."""
@@ -72,6 +76,88 @@ def test_frames_that_are_constantly_late_are_as_old_as_they_are(bench, path, lat
         measurement = arm.tick(None)
         for sampled_at_s in (measurement.encoder_at_s, measurement.torque_at_s):
             assert late_ms - 1e-6 <= 1e3 * (measurement.time_s - sampled_at_s) <= late_ms + 2.6
+
+
+def age_ms(measurement):
+    return 1e3 * (measurement.time_s - min(measurement.encoder_at_s, measurement.torque_at_s))
+
+
+@ASKED
+@pytest.mark.parametrize("late_ms", [1.5, 4.2])
+@pytest.mark.parametrize("torque_nm", [None, (0.5, 0.3, 0.1)], ids=["off", "on"])
+def test_answers_that_become_late_in_a_run_are_as_old_as_their_requests(bench, path, late_ms, torque_nm):
+    """They were dated by a delay that was measured before the run: 4.2 ms passed for 0.4."""
+    arm = bench(path)
+    arm.robot.configure()
+    if torque_nm:
+        arm.robot.activate()
+    arm.ticks(20, torque_nm)
+    arm.strike("motors", FaultKind.DELAY, delay_s=late_ms * 1e-3)
+    arm.ticks(5, torque_nm)
+    ages_ms = [age_ms(arm.tick(torque_nm)) for _ in range(50)]
+    assert min(ages_ms) > late_ms - 1e-6
+    assert max(ages_ms[10:]) < late_ms + 1.6
+    arm.faults["motors"].clear()
+    arm.ticks(10, torque_nm)
+    assert max(age_ms(arm.tick(torque_nm)) for _ in range(20)) < 1.1
+
+
+@ASKED
+def test_a_lost_answer_makes_later_ones_no_older(bench, path):
+    arm = bench(path).start()
+    for _ in range(5):
+        arm.strike("motors", FaultKind.DROP, device=2, times=1)
+        assert max(age_ms(arm.tick()) for _ in range(10)) < 4.1
+        assert max(age_ms(arm.tick()) for _ in range(10)) < 1.1
+    assert not arm.problem
+
+
+@ASKED
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_two_motors_with_one_id_are_refused(bench, path, when):
+    """The second stands elsewhere: the arm was armed with its position."""
+    arm = bench(path)
+    wire = arm.arm.wires["motors"]
+    twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
+    twin.__dict__ |= wire._nodes[0].__dict__ | {"_joint": 2}
+    start = arm.robot.configure
+    if when == "after":
+        arm.robot.configure()
+        start = arm.robot.activate
+    wire._nodes += (twin,)
+    with pytest.raises(
+        DeviceError, match=r"joint 1 \(motor 1\): answers more often than it is asked: do two"
+    ):
+        start()
+    assert not any(getattr(node, "enabled", False) for node in wire._nodes)
+
+
+@ASKED
+def test_a_second_motor_with_the_same_id_in_a_run_is_not_believed(bench, path):
+    arm = bench(path).start()
+    before_rad = arm.tick().joint_position_rad
+    wire = arm.arm.wires["motors"]
+    twin = type(wire._nodes[0]).__new__(type(wire._nodes[0]))
+    twin.__dict__ |= wire._nodes[0].__dict__ | {"_joint": 2}
+    wire._nodes += (twin,)
+    for _ in range(10):
+        assert arm.tick().joint_position_rad == pytest.approx(before_rad, abs=0.02)
+    assert "joint 1 (motor 1): nothing valid" in arm.problem
+    assert "do two motors have this id" in arm.problem
+
+
+def test_damiao_motors_with_the_master_id_that_they_are_delivered_with_are_named(bench):
+    arm = bench(DAMIAO)
+    for motor in arm.motors:
+        motor._host_id = 0
+    said = (
+        r"no answer .*; heard frames 0x000: set the master id of each motor \(0x011, 0x012, 0x013 by the rob"
+    )
+    with pytest.raises(DeviceError, match=said):
+        arm.robot.buses["motors"].configure()
+    findings = arm.robot.buses["motors"].examine()
+    (foreign,) = [finding for finding in findings if "not in the robot file: 0x000" in finding.text]
+    assert "set the master id" in foreign.remedy
 
 
 @pytest.mark.parametrize("path", [DAMIAO, ROBSTRIDE, MOTEUS], ids=lambda path: path.stem)

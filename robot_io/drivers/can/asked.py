@@ -1,24 +1,40 @@
 """Motors on a CAN bus that speak only when they are spoken to.
 
 Each command is answered with the motor's state, which the next poll takes in. While the torque is off, each
-poll asks again.
+poll asks again. Answers carry no time and no number: each belongs to the oldest open request of its motor,
+and is as old as that.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
 from math import inf
+from typing import Generic, TypeVar
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.can.line import CanFrame, CanLineSettings
 from robot_io.drivers.can.motors import MotorBus, MotorMounting
+from robot_io.drivers.request_queue import RequestQueue
 from robot_io.errors import DeviceError
 
 ANSWER_S = 0.05  # more than any motor takes
+_TWICE_S = 2e-3  # after the last motor's answer: a second motor with the same id has answered too by then
 _LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
+_MARGIN_SHARE = 0.5  # of a tick, by which delays vary
+_TWO_MOTORS = "do two motors have this id?"
+
+StateType = TypeVar("StateType")
 
 
-class AskedMotorBus(MotorBus):
-    """Motors that answer each frame with their state, and let go `watchdog_s` after the last command [s]."""
+class AskedMotorBus(MotorBus, Generic[StateType]):
+    """Motors that answer each frame with their state, and let go when they hear no commands.
+
+    Args:
+        line: How the adapter is opened.
+        mountings: How each motor moves its joint (n).
+        context: What a driver is given.
+        motor_ids: Id of each motor (n).
+        watchdog_s: How long after the last command they let go [s].
+    """
 
     def __init__(
         self,
@@ -33,7 +49,11 @@ class AskedMotorBus(MotorBus):
         self._joint_by_id = {motor_id: joint for joint, motor_id in enumerate(motor_ids)}
         self._errors = [0] * len(mountings)
         self._enabled: list[bool | None] = [None] * len(mountings)
-        self._answers = [0] * len(mountings)
+        margin_s = _MARGIN_SHARE / context.robot_file.control_rate_hz
+        self._requests = [RequestQueue(margin_s, ANSWER_S) for _ in mountings]
+        self._states: list[list[tuple[StateType, float]]] = [[] for _ in mountings]  # since the last look
+        self._newest: list[StateType | None] = [None] * len(mountings)  # whose request is not known yet
+        self._answers, self._unasked = [0] * len(mountings), [0] * len(mountings)
         self._commanded_s = -inf
         self._command: list[CanFrame] = []
         self._flushed = False
@@ -41,8 +61,20 @@ class AskedMotorBus(MotorBus):
     # What a protocol adds.
 
     @abstractmethod
-    def _ask(self) -> None:
-        """Ask motors without torque for their states."""
+    def _questions(self, joint: int) -> list[CanFrame]:
+        """Frames that make a motor without torque say its state."""
+
+    @abstractmethod
+    def _motor_asked(self, frame: CanFrame) -> int | None:
+        """The motor that answers a frame with its state, by its id; None if none does."""
+
+    @abstractmethod
+    def _condition(self, state: StateType) -> tuple[int, bool | None]:
+        """A motor's error, 0 for none, and whether it is in motor mode, None where it does not say so."""
+
+    @abstractmethod
+    def _keep(self, joint: int, state: StateType, asked_s: float) -> None:
+        """Keep what a motor says of its joint's motion; it was asked for it at `asked_s` [s]."""
 
     @abstractmethod
     def _error_names(self, error: int) -> str:
@@ -58,13 +90,38 @@ class AskedMotorBus(MotorBus):
         return f"joint {joint + 1} (motor {self._motor_ids[joint]})"
 
     def _hear_all(self) -> None:
-        """Open the adapter and hear every motor. DeviceError: it cannot be opened, or a motor is silent."""
+        """Open the adapter and hear every motor.
+
+        DeviceError: it cannot be opened, or a motor is silent or has another one's id.
+        """
         self.line.open()
+        self._unasked = [0] * self.joint_count
         self._ask()
-        if not self._wait_for(lambda: -inf not in self._motion_at_s, ANSWER_S):
-            silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
+        self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unasked), ANSWER_S)
+        self._wait_for(lambda: False, _TWICE_S)
+        self._refuse_twins()
+        silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
+        if silent:
             labels = ", ".join(map(self.motor_label, silent))
-            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}")
+            heard = (
+                f"; heard frames {self._foreign_listed}: {self._foreign_remedy}" if self._foreign_ids else ""
+            )
+            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}{heard}")
+
+    def _ask(self) -> None:
+        """Ask all motors, whose torque is off, for their states."""
+        self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
+
+    def _refuse_twins(self) -> None:
+        """DeviceError: a motor has answered more often than it was asked."""
+        if twins := self._twins():
+            raise DeviceError(f"{self.line.label}: {twins}")
+
+    def _twins(self) -> str:
+        """Which motors have answered more often than they were asked, or nothing."""
+        labels = [self.motor_label(joint) for joint, count in enumerate(self._unasked) if count]
+        said = f"answers more often than it is asked: {_TWO_MOTORS}"
+        return "; ".join(f"{label}: {said}" for label in labels)
 
     def poll(self, deadline_s: float) -> None:
         """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
@@ -78,15 +135,55 @@ class AskedMotorBus(MotorBus):
     def flush(self, deadline_s: float) -> None:
         if self._staged:
             self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
+            self._staged = [self._staged[joint] for joint in self._joints_to_ask()]
         super().flush(deadline_s)
+
+    def _joints_to_ask(self) -> list[int]:
+        """All but those whose motors are to be asked nothing this time, see `RequestQueue.skip`."""
+        return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
 
     def _request_states(self) -> None:
         """Make the motors answer: say the last command again, but not for longer than the watchdog's time."""
         if not self._powered:
-            self._ask()
+            self._send_all([frame for joint in self._joints_to_ask() for frame in self._questions(joint)])
         elif not self._flushed:
             forgotten = self._clock.now_s() - self._commanded_s > self._watchdog_s
-            self._send_all(self._zero_torque() if forgotten else self._command)
+            frames = self._zero_torque() if forgotten else self._command
+            self._send_all([frames[joint] for joint in self._joints_to_ask()])
+
+    def _send(self, frame: CanFrame, deadline_s: float) -> None:
+        motor_id = self._motor_asked(frame)
+        if motor_id is not None:
+            self._requests[self._joint_by_id[motor_id]].ask(self._clock.now_s())
+        super()._send(frame, deadline_s)
+
+    def _drain(self, deadline_s: float) -> None:
+        super()._drain(deadline_s)
+        now_s = self._clock.now_s()
+        for joint, requests in enumerate(self._requests):
+            self._match(joint)
+            if requests.settle(now_s) is not None:
+                self._newest[joint] = None  # whose request is not known
+            state = self._newest[joint]
+            if state is not None and not requests.is_unsure:
+                self._newest[joint] = None
+                self._keep(joint, state, requests.answered_s)
+
+    def _match(self, joint: int) -> None:
+        """Find the newest of the states that a motor has sent since the last look.
+
+        More states than requests are those of several motors, or late ones: if they differ, none is believed.
+        """
+        states, self._states[joint] = self._states[joint], []
+        asked = [state for state, at_s in states if self._requests[joint].answer(at_s)]
+        self._answers[joint] += len(asked)
+        self._unasked[joint] += len(states) - len(asked)
+        if len(asked) < len(states) and any(state != states[0][0] for state, _ in states):
+            self._newest[joint] = None
+            self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+        elif asked:
+            self._newest[joint] = asked[-1]
+            self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
 
     def _fault(self, joint: int, now_s: float) -> str:
         error = self._error(joint)
@@ -101,14 +198,16 @@ class AskedMotorBus(MotorBus):
         """Send frames, two or more to each motor, and wait until each has answered twice.
 
         One that says whether it is in motor mode must say `enabled`, or that it has an error.
+
+        DeviceError: a motor has not answered so.
         """
-        self._answers = [0] * self.joint_count
+        self._answers, self._unasked = [0] * self.joint_count, [0] * self.joint_count
         self._send_all(frames)
 
         def missing() -> list[str]:
             wrong = [
-                not self._error(joint) and found not in (None, enabled)
-                for joint, found in enumerate(self._enabled)
+                not self._error(joint) and said not in (None, enabled)
+                for joint, said in enumerate(self._enabled)
             ]
             return [
                 self.motor_label(joint)
@@ -117,7 +216,8 @@ class AskedMotorBus(MotorBus):
             ]
 
         if not self._wait_for(lambda: not missing(), ANSWER_S):
-            raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}")
+            twins = f"; {self._twins()}" if any(self._unasked) else ""
+            raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}{twins}")
 
     def _answered(self, frames: list[CanFrame]) -> None:
         """Send one frame to each motor and wait for the answers. DeviceError: a motor is silent."""

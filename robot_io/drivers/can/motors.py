@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import StrictBool
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import JointBus
+from robot_io.drivers.bus_devices import JointBus, check_one_per_joint
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
 from robot_io.examination import Examinable, Finding, fail, warn
-from robot_io.files.file_model import FileModel, Number, ZeroAngle, between, input_error
+from robot_io.files.file_model import FileModel, Number, ZeroAngle, between
 from robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
@@ -21,7 +21,7 @@ _FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside it
 _EXTENSION_BITS = 20  # more with a 29 bit id
 _USUAL_BITRATE = 1_000_000  # where the adapter was set up before, and does not say how
 _LOOK_S = 1e-3  # how often to look while waiting for an answer
-_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
+_MOST_FOREIGN = 20  # ids that are listed
 
 
 class MotorMounting(FileModel):
@@ -51,11 +51,7 @@ class MotorBus(JointBus, Examinable):
     def __init__(
         self, line: CanLineSettings, mountings: Sequence[MotorMounting], context: DriverContext
     ) -> None:
-        if len(mountings) != context.robot_file.joint_count:
-            problem = (
-                f"has {len(mountings)} motors, home_rad has {context.robot_file.joint_count}: one per joint"
-            )
-            raise input_error(context.robot_file.document, context.section, problem)
+        check_one_per_joint(context, len(mountings), "motors")
         self._clock = context.clock
         self._mountings = tuple(mountings)
         self._limits = context.robot_file.limits
@@ -63,10 +59,10 @@ class MotorBus(JointBus, Examinable):
         n = len(mountings)
         self._position_rad, self._velocity_rad_s, self._torque_nm = ([float("nan")] * n for _ in range(3))
         self._motion_at_s, self._torque_at_s = [-inf] * n, [-inf] * n
-        self._latency_s = [0.0] * n
         self._at_range_end = [False] * n
         self._motion_is_wrong = [False] * n  # the motor itself says that its encoder has failed
         self._last_problem = [""] * n
+        self._foreign_ids: set[int] = set()
         self._staged: list[CanFrame] = []
         self._powered = False
         self._publish([""] * n)
@@ -115,15 +111,25 @@ class MotorBus(JointBus, Examinable):
     # What is common.
 
     def examine(self) -> tuple[Finding, ...]:
-        observations = self._report()
-        if foreign := self.line.counts["foreign id"]:
-            value = f"{foreign} frames from ids that are not in the robot file"
-            observations.append(warn(self.line.label, value, "correct the ids, or take the others off"))
+        findings = self._report()
+        if count := self.line.counts["foreign id"]:
+            value = f"{count} frames from ids that are not in the robot file: {self._foreign_listed}"
+            findings.append(warn(self.line.label, value, self._foreign_remedy))
         if damaged := sum(self.line.counts[kind] for kind in ("error frame", "not valid", "damaged")):
             value = f"{damaged} error frames, damaged ones or such of a wrong length"
             remedy = "check bit rate, both terminators (120 ohm each) and ground"
-            observations.append(fail(self.line.label, value, remedy))
-        return tuple(observations)
+            findings.append(fail(self.line.label, value, remedy))
+        return tuple(findings)
+
+    @property
+    def _foreign_listed(self) -> str:
+        """The ids of frames that are not for us, as they are written for CAN."""
+        return ", ".join(f"0x{can_id:03X}" for can_id in sorted(self._foreign_ids))
+
+    @property
+    def _foreign_remedy(self) -> str:
+        """What to do about such frames."""
+        return "correct the ids, or take the others off"
 
     def _frame_s(self, byte_count: int, *, extended: bool = False) -> float:
         """Time that a frame is on the wire at least [s]; stuffing adds up to a fifth."""
@@ -170,7 +176,10 @@ class MotorBus(JointBus, Examinable):
     def flush(self, deadline_s: float) -> None:
         staged, self._staged = self._staged, []
         for frame in staged:
-            self.line.send(frame, deadline_s)
+            self._send(frame, deadline_s)
+
+    def _send(self, frame: CanFrame, deadline_s: float) -> None:
+        self.line.send(frame, deadline_s)
 
     def _about(self, joint: int, problem: str) -> DeviceError:
         return DeviceError(f"{self.line.label}: {self.motor_label(joint)}: {problem}")
@@ -180,6 +189,8 @@ class MotorBus(JointBus, Examinable):
             try:
                 if not self._take(frame, at_s):
                     self.line.counts["foreign id"] += 1
+                    if len(self._foreign_ids) < _MOST_FOREIGN:
+                        self._foreign_ids.add(frame.can_id)
             except ProtocolError as error:
                 self.line.counts["not valid"] += 1
                 joint = self._joint_of(frame)
@@ -213,30 +224,11 @@ class MotorBus(JointBus, Examinable):
         failures: list[DeviceError] = []
         for frame in frames:
             try:
-                self.line.send(frame, self._clock.now_s() + _LOOK_S)
+                self._send(frame, self._clock.now_s() + _LOOK_S)
             except DeviceError as error:
                 failures.append(error)
         if failures:
             raise failures[0]
-
-    def _measure_latency(self, ask: Callable[[], None], answered_at_s: list[float]) -> None:
-        """How long each motor's answers take, so that samples can be dated by it.
-
-        CAN frames carry no time: answers that are always late by the same would pass as fresh. It is measured
-        while nothing else is under way; a motor that does not answer is taken to be prompt. `ask` wants one
-        answer of every motor, and `_take` keeps in `answered_at_s` when each came [s].
-        """
-        self._latency_s = [0.0] * self.joint_count
-        rounds = []
-        for _ in range(_LATENCY_ROUNDS):
-            answered_at_s[:] = [-inf] * self.joint_count
-            asked_s = self._clock.now_s()
-            ask()
-            complete = self._wait_for(lambda: -inf not in answered_at_s, _LATEST_ANSWER_S)
-            rounds.append([at_s - asked_s for at_s in answered_at_s])
-            if not complete:
-                break
-        self._latency_s = [max(0.0, min(latencies_s)) for latencies_s in zip(*rounds, strict=True)]
 
     def _wait_for(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, or until the time is over; says which."""

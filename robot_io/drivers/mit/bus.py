@@ -28,8 +28,6 @@ class MitBus(MitExchange):
         DeviceError: the adapter cannot be opened, or a motor is silent, or is not what the robot file says.
         """
         self._hear_all()
-        if self._own.ask_with == "exit":  # one answer to each frame
-            self._measure_latency(self._ask, self._motion_at_s)
         self._check_ranges()
 
     def _report(self) -> list[Finding]:
@@ -73,6 +71,7 @@ class MitBus(MitExchange):
             self._set_up()
         frames = [*self._to_every_motor(Order.ENTER), *self._zero_torque()]
         self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
+        self._refuse_twins()
         self._refuse_errors()
         if self._is_proven:
             self._check_watchdogs()
@@ -168,13 +167,13 @@ class MitBus(MitExchange):
         frames = [*self._zero_torque(), *leave, *leave]
         self._send_confirmed(frames, "torque off is not confirmed by", enabled=False)
 
-    def _ask(self) -> None:
+    def _questions(self, joint: int) -> list[CanFrame]:
+        motor_id = self._motors[joint].motor_id
+        leave = self._frames.order(motor_id, Order.LEAVE)
         if self._own.ask_with == "exit":
-            self._send_all(self._to_every_motor(Order.LEAVE))
-        else:
-            # Asked this way a motor has power, at zero torque, until the frame after the next is there.
-            enter, leave = self._to_every_motor(Order.ENTER), self._to_every_motor(Order.LEAVE)
-            self._send_all([*enter, *self._zero_torque(), *leave])
+            return [leave]
+        # Asked this way a motor has power, at zero torque, until the frame after the next is there.
+        return [self._frames.order(motor_id, Order.ENTER), self._encode_torque(joint, 0.0)[0], leave]
 
 
 class MitEncoder(BusEncoder):

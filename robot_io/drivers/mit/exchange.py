@@ -13,7 +13,7 @@ from robot_io.drivers.mit.settings import MitBusSettings
 from robot_io.errors import ProtocolError
 
 
-class MitExchange(AskedMotorBus):
+class MitExchange(AskedMotorBus[MitState]):
     """MIT-mode motors as they are asked and answer, whoever made them."""
 
     def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
@@ -44,8 +44,11 @@ class MitExchange(AskedMotorBus):
         elif (alarm := self._frames.alarm(frame)) is not None:
             self._alarms[joint] = alarm
         else:
-            self._take_state(joint, self._frames.state(frame, self._ranges[joint]), at_s)
+            self._states[joint].append((self._frames.state(frame, self._ranges[joint]), at_s))
         return True
+
+    def _motor_asked(self, frame: CanFrame) -> int | None:
+        return self._frames.motor_asked(frame)
 
     def _take_register(self, joint: int, frame: CanFrame) -> None:
         if self._register_asked and self._register_asked[0] == joint:
@@ -54,15 +57,16 @@ class MitExchange(AskedMotorBus):
                 value = self._frames.register_value(frame, self._motors[joint].motor_id, register)
                 self._register_values.append(value)
 
-    def _take_state(self, joint: int, state: MitState, at_s: float) -> None:
+    def _condition(self, state: MitState) -> tuple[int, bool | None]:
+        return state.error, state.enabled
+
+    def _keep(self, joint: int, state: MitState, asked_s: float) -> None:
         motor = self._motors[joint]
         self._position_rad[joint] = motor.joint_angle_rad(state.position_rad)
         self._velocity_rad_s[joint] = state.velocity_rad_s / motor.signed_ratio
         self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
-        self._motion_at_s[joint] = self._torque_at_s[joint] = at_s - self._latency_s[joint]
+        self._motion_at_s[joint] = self._torque_at_s[joint] = asked_s
         self._at_range_end[joint] = state.at_range_end
-        self._errors[joint], self._enabled[joint] = state.error, state.enabled
-        self._answers[joint] += 1
         self._motion_is_wrong[joint] = self._dialect.is_encoder_fault(state.error)
 
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
@@ -70,6 +74,14 @@ class MitExchange(AskedMotorBus):
         ratio = motor.signed_ratio
         frame, sent_nm = self._frames.torque(motor.motor_id, torque_nm / ratio, self._ranges[joint])
         return frame, sent_nm * ratio
+
+    @property
+    def _foreign_remedy(self) -> str:
+        """See `MotorBus`; Damiao's motors are delivered with a master id of 0."""
+        if not self._dialect.has_answer_ids:
+            return super()._foreign_remedy
+        ids = ", ".join(f"0x{self._own.answer_ids(motor)[0]:03X}" for motor in self._motors)
+        return f"set the master id of each motor ({ids} by the robot file), or state its answer_id"
 
     def _error_names(self, error: int) -> str:
         return self._dialect.error_names(error)

@@ -41,6 +41,10 @@ class MitFrames:
         """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m]."""
         return mit.encode_torque(motor_id, torque_nm, ranges)
 
+    def motor_asked(self, frame: CanFrame) -> int | None:
+        """Which motor answers a frame of the host's with its state; None if none does."""
+        return None if frame.can_id == REGISTERS_ID else frame.can_id
+
     def sender(self, frame: CanFrame) -> int | None:
         """Which motor a frame comes from; None if it is no answer of one of ours."""
         if frame.extended or frame.remote or not frame.data:

@@ -47,6 +47,9 @@ class RobstrideFrames(MitFrames):
         bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, MAX_16)
         return self._frame(_CONTROL, bits, motor_id, _ONLY_TORQUE), from_bits(bits, ranges.torque_nm, MAX_16)
 
+    def motor_asked(self, frame: CanFrame) -> int | None:
+        return None if frame.can_id >> 24 == _READ else frame.can_id & 0xFF
+
     def sender(self, frame: CanFrame) -> int | None:
         is_answer = frame.extended and not frame.remote and frame.can_id & 0xFF == self.host_id
         known = is_answer and frame.can_id >> 24 in (_STATE, _READ, _FAULTS)

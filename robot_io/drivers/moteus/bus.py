@@ -19,7 +19,7 @@ _COMMAND_BYTES, _ANSWER_BYTES = 32, 24
 _KNOWN_BY = {moteus.ROTOR: "the rotor alone, within one of its turns", moteus.OUTPUT: "the output"}
 
 
-class MoteusBus(AskedMotorBus):
+class MoteusBus(AskedMotorBus[MoteusState]):
     """moteus controllers. Each command carries its watchdog, which is left to expire at activation."""
 
     name = "moteus_bus"
@@ -29,8 +29,8 @@ class MoteusBus(AskedMotorBus):
         ids = [motor.motor_id for motor in own.motors]
         super().__init__(own, own.motors, context, ids, own.watchdog_s)
         self._own, self._motors = own, own.motors
-        self._states: list[MoteusState | None] = [None] * len(ids)
-        self._questions = [moteus.encode_question(own.host_id, motor_id) for motor_id in ids]
+        self._shown: list[MoteusState | None] = [None] * len(ids)
+        self._question_frames = [moteus.encode_question(own.host_id, motor_id) for motor_id in ids]
         self._stops = [moteus.encode_stop(own.host_id, motor_id) for motor_id in ids]
 
     def configure(self) -> None:
@@ -39,12 +39,11 @@ class MoteusBus(AskedMotorBus):
         DeviceError: the adapter cannot be opened, or a controller is silent or does not know its position.
         """
         self._hear_all()
-        self._measure_latency(self._ask, self._motion_at_s)
         self._refuse_lost()
 
     def _refuse_lost(self) -> None:
         """DeviceError: a controller does not know its position, or only from where it started."""
-        for joint, state in enumerate(self._states):
+        for joint, state in enumerate(self._shown):
             if self._motion_is_wrong[joint]:
                 raise self._about(
                     joint, f"does not know its position: {self._error_names(self._errors[joint])}"
@@ -53,10 +52,10 @@ class MoteusBus(AskedMotorBus):
                 raise self._about(joint, "has no reference for its position (home state 0)")
 
     def _report(self) -> list[Finding]:
-        self._states = [None] * self.joint_count
+        self._shown = [None] * self.joint_count
         self._ask()
-        self._wait_for(lambda: None not in self._states, ANSWER_S)
-        return [self._observe(joint, state) for joint, state in enumerate(self._states)]
+        self._wait_for(lambda: None not in self._shown, ANSWER_S)
+        return [self._observe(joint, state) for joint, state in enumerate(self._shown)]
 
     def _observe(self, joint: int, state: MoteusState | None) -> Finding:
         label = self.motor_label(joint)
@@ -76,10 +75,12 @@ class MoteusBus(AskedMotorBus):
         return self.joint_count * (arbitration_s + data_bits / _DATA_BITRATE)
 
     def power_on(self) -> None:
+        self._unasked = [0] * self.joint_count
         self._arm()
+        self._refuse_twins()
         self._refuse_lost()  # it may have restarted since it was configured
         self._outlast_watchdogs()
-        self._answered(self._questions)
+        self._answered(self._question_frames)
         self._refuse_going_on([bool(enabled) for enabled in self._enabled], "is still in position mode")
         self._arm()
         self._powered = True
@@ -111,10 +112,11 @@ class MoteusBus(AskedMotorBus):
             return not missing
 
         if not self._wait_for(done, ANSWER_S):
-            raise DeviceError(f"{self.line.label}: {problem} {', '.join(others())}")
+            twins = f"; {self._twins()}" if any(self._unasked) else ""
+            raise DeviceError(f"{self.line.label}: {problem} {', '.join(others())}{twins}")
 
-    def _ask(self) -> None:
-        self._send_all(self._questions)
+    def _questions(self, joint: int) -> list[CanFrame]:
+        return [self._question_frames[joint]]
 
     def _joint_of(self, frame: CanFrame) -> int | None:
         is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._own.host_id
@@ -124,18 +126,25 @@ class MoteusBus(AskedMotorBus):
         joint = self._joint_of(frame)
         if joint is None:
             return False
-        self._states[joint] = state = moteus.decode_state(frame)
+        self._states[joint].append((moteus.decode_state(frame), at_s))
+        return True
+
+    def _motor_asked(self, frame: CanFrame) -> int | None:
+        return frame.can_id & 0x7F
+
+    def _condition(self, state: MoteusState) -> tuple[int, bool | None]:
+        return state.error, state.mode == moteus.POSITION
+
+    def _keep(self, joint: int, state: MoteusState, asked_s: float) -> None:
         motor = self._motors[joint]
-        self._errors[joint], self._enabled[joint] = state.error, state.mode == moteus.POSITION
-        self._answers[joint] += 1
+        self._shown[joint] = state
         self._motion_is_wrong[joint] = not state.is_known or state.error in moteus.ENCODER_FAULTS
         if state.is_known:
             self._position_rad[joint] = motor.joint_angle_rad(tau * state.position_rev)
             self._velocity_rad_s[joint] = tau * state.velocity_rev_s / motor.signed_ratio
             self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
-            self._torque_at_s[joint] = at_s - self._latency_s[joint]
-        self._motion_at_s[joint] = at_s - self._latency_s[joint]
-        return True
+            self._torque_at_s[joint] = asked_s
+        self._motion_at_s[joint] = asked_s
 
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         motor = self._motors[joint]
@@ -149,7 +158,7 @@ class MoteusBus(AskedMotorBus):
 
     def _doubt(self, joint: int) -> str:
         """See `MotorBus._doubt`: a controller says what cuts its torque."""
-        state = self._states[joint]
+        state = self._shown[joint]
         if state is None or state.error or state.fault < moteus.FIRST_LIMIT:
             return ""
         return f"its torque is limited by {moteus.LIMITS.get(state.fault, f'code {state.fault}')}"

@@ -21,6 +21,7 @@ from robot_io.examination import Finding, fail, ok, warn
 _OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
 _SPARE_SPEED = 1.5  # times the robot file's: the guard stops the arm before an axis fails
 _LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
+_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
 _ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
 
 
@@ -44,6 +45,7 @@ class OdriveBus(MotorBus):
         self._heartbeat_at_s = [-inf] * len(own.axes)
         self._supply_v: dict[int, float] = {}
         self._answered_at_s = [-inf] * len(own.axes)
+        self._latency_s = [0.0] * len(own.axes)
         self._versions: dict[int, tuple[int, int, int]] = {}
         self._sent_nm, self._expected_nm = [0.0] * len(own.axes), [0.0] * len(own.axes)  # at the motors
         self._short_nm, self._short_count = [0.0] * len(own.axes), [0] * len(own.axes)
@@ -62,11 +64,28 @@ class OdriveBus(MotorBus):
         self._wait_for(self._all_heard, self._heartbeat_timeout_s)
         for joint, axis in enumerate(self._axes):
             self._check_heard(joint, axis)
-        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
-        self._measure_latency(lambda: self._send_all(ask), self._answered_at_s)
+        self._measure_latency()
         for joint in range(self.joint_count):
             self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
             self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
+
+    def _measure_latency(self) -> None:
+        """Measure how long each axis takes to answer, by which its samples are dated back.
+
+        CAN frames carry no time: what is always late by the same would pass as fresh. An axis that does not
+        answer is taken to be prompt.
+        """
+        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
+        latencies_s = []
+        for _ in range(_LATENCY_ROUNDS):
+            self._answered_at_s = [-inf] * self.joint_count
+            asked_s = self._clock.now_s()
+            self._send_all(ask)
+            complete = self._wait_for(lambda: -inf not in self._answered_at_s, _LATEST_ANSWER_S)
+            latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
+            if not complete:
+                break
+        self._latency_s = [max(0.0, min(of_axis)) for of_axis in zip(*latencies_s, strict=True)]
 
     def _report(self) -> list[Finding]:
         self._heartbeats = [None] * self.joint_count
