@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_io.errors import DeviceError
-from robot_io.types import Status
+from robot_io.types import Command, Status
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
 
@@ -110,6 +110,20 @@ def test_a_lost_answer_makes_later_ones_no_older(bench, path):
         assert max(age_ms(arm.tick()) for _ in range(10)) < 4.1
         assert max(age_ms(arm.tick()) for _ in range(10)) < 1.1
     assert not arm.problem
+
+
+@ASKED
+def test_answers_from_before_a_wait_are_as_old_as_the_wait(bench, path):
+    """A clock that is set back makes the loop wait until it has caught up: 21 ms passed for 1."""
+    arm = bench(path).start()
+    arm.ticks(20)
+    now_s, sleep_until = arm.clock.now_s, arm.clock.sleep_until
+    arm.clock.now_s = lambda: now_s() - 0.02
+    arm.clock.sleep_until = lambda time_s: sleep_until(time_s + 0.02)
+    arm.robot.write(Command(np.zeros(3)), arm.clock.now_s())
+    sleep_until(now_s() + 0.02)
+    assert 20.0 < age_ms(arm.tick()) < 21.1
+    assert max(age_ms(arm.tick()) for _ in range(20)) < 2.1
 
 
 @ASKED

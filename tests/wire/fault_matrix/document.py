@@ -43,8 +43,9 @@ _TAIL = """
   sensor later, at a few newtons.
 - No viewer hangs on the loop: recordings are made of the session afterwards. *viewer gone* stands for
   whatever looks on while the arm moves, the online estimator, and fails.
-- Time that jumps forward is the program held up. The machine's monotonic clock is never set back; if it
-  were, the loop would wait until it has caught up.
+- Samples are dated by the machine's monotonic clock, which nobody can set. If it were set back, the loop
+  would wait until it has caught up. CAN motors that are asked are asked nothing meanwhile, and the arm stops
+  by the age of their samples. If it jumps forward, the program is held up.
 - A killed program leaves the session that it had written, to the last tick: the writer is another process.
 """
 

@@ -6,6 +6,7 @@ import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io import Session, SessionMetadata, SessionWriter
+from robot_io.drivers.can.line import Timestamps
+from robot_io.drivers.can.motors import MotorBus
 from robot_io.errors import SessionError
 from robot_io.guard import Guard
 from sim_backend.emulators import Fault
@@ -74,17 +77,27 @@ class Rig:
         self._torque_until_s = -math.inf
         self._struck = False
         self._observer_fails = False
+        self._wall_ahead_s = 1.7e9  # of the robot's clock
+        if row.fault is Program.CLOCK_BACK:
+            self._stamp_by_wall_clock()
         if isinstance(row.fault, Fault):
             self.bench.faults[family.bus].add(row.fault)
         self.clock.subscribe(self._watch_drives)
 
     def run(self) -> Observed:
         """Probe until the fault has had its way."""
+        with patch("time.time", self._wall_s):
+            result = self._run_loop()
+        self._let_pass(SILENT_S)
+        reads = self._close_log(result)
+        return self._observed(result, reads)
+
+    def _run_loop(self) -> LoopResult | None:
         self.robot.configure()
         if self.row.fault is Program.DISK_FULL:
             self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
         try:
-            result = run_loop(
+            return run_loop(
                 self.robot,
                 self.guard,
                 self,
@@ -95,10 +108,7 @@ class Rig:
                 stop=self._survived,
             )
         except Killed:
-            result = None
-        self._let_pass(SILENT_S)
-        reads = self._close_log(result)
-        return self._observed(result, reads)
+            return None
 
     # What the loop sees.
 
@@ -138,7 +148,7 @@ class Rig:
             case Program.HELD_UP:
                 self._let_pass(HELD_UP_S)
             case Program.CLOCK_BACK:
-                self._set_clock_back()
+                self._wall_ahead_s -= STEP_BACK_S
             case Program.DISK_FULL:
                 self._fill_the_disk()
             case Program.VIEWER_GONE:
@@ -156,11 +166,16 @@ class Rig:
         for _ in range(round(duration_s / self.tick_s)):
             self.clock.sleep_until(self.clock.now_s() + self.tick_s)
 
-    def _set_clock_back(self) -> None:
-        now_s = self.clock.now_s
-        sleep_until = self.clock.sleep_until
-        self.clock.now_s = lambda: now_s() - STEP_BACK_S
-        self.clock.sleep_until = lambda time_s: sleep_until(time_s + STEP_BACK_S)
+    def _wall_s(self) -> float:
+        return self.clock.now_s() + self._wall_ahead_s
+
+    def _stamp_by_wall_clock(self) -> None:
+        """Let a CAN adapter stamp its frames by the wall clock, as real ones do."""
+        bus, wire = self.robot.buses["motors"], self.bench.arm.wires["motors"]
+        if isinstance(bus, MotorBus):
+            bus.line._settings = bus.line._settings.model_copy(update={"timestamps": Timestamps.WALL})
+            put = wire._put
+            wire._put = lambda frame, _: put(frame, self._wall_s())
 
     # What came of it.
 

@@ -79,7 +79,7 @@ class Program(StrEnum):
     TERMINATED = "SIGTERM"
     KILLED = "program killed"
     HELD_UP = "program held up for 0.5 s"
-    CLOCK_BACK = "clock set back by 20 ms"
+    CLOCK_BACK = "wall clock set back by 20 ms"
     DISK_FULL = "log disk full"
     VIEWER_GONE = "viewer gone"
 
