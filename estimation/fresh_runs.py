@@ -5,7 +5,7 @@ from dataclasses import replace
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.stress_relaxation import StressRelaxation
 from estimation.model import Model
-from estimation.signals.blocks import since_their_start
+from estimation.signals.blocks import time_in_run
 from estimation.study.fitting import fit_base
 
 _BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
@@ -13,7 +13,7 @@ _BETTER = 0.95  # of the error in held-out runs, that another way to count must 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
     """The channel with a clock that begins anew in each run: none is another's sequel."""
-    return replace(data, time_s=since_their_start(data.time_s, data.run))
+    return replace(data, time_s=time_in_run(data.time_s, data.run))
 
 
 def relaxes_afresh(data: ChannelData, model: Model) -> bool:

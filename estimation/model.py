@@ -9,7 +9,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.regression import Regression
-from estimation.signals.cache_by_array import Itself
+from estimation.signals.cache_by_array import IdentityKey
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
@@ -203,7 +203,7 @@ class Model:
         """The channel with the motion that really acts; as it is where no effect moves it."""
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
-                data = _moved(Itself(effect), Itself(data), tuple(own(effect, parameters).items()))
+                data = _moved(IdentityKey(effect), IdentityKey(data), tuple(own(effect, parameters).items()))
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
@@ -237,7 +237,7 @@ def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
 
 
 @lru_cache(maxsize=8)
-def _moved(effect: Itself, data: Itself, inner: tuple[tuple[str, float], ...]) -> ChannelData:
+def _moved(effect: IdentityKey, data: IdentityKey, inner: tuple[tuple[str, float], ...]) -> ChannelData:
     """A channel moved by an effect: while others are searched, it is asked for again and again."""
     moved: ChannelData = effect.thing.move(data.thing, dict(inner))
     return moved

@@ -17,7 +17,7 @@ from estimation.kinds import Kind
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.exponential_memory import low_pass, relax
 from estimation.signals.free_air import zero_in_free_air
-from estimation.signals.runwise import rate, running_max, sample_time
+from estimation.signals.runwise import derivative, running_max, sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
@@ -74,7 +74,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
-        _law(Kind.SENSOR_DYNAMICS, rate(effort, time_s, run)),
+        _law(Kind.SENSOR_DYNAMICS, derivative(effort, time_s, run)),
         _sensor_statics(effort, blocked.effort, has_bias=zero is None or not zero.is_zero),
     ]
     if zero is None or not zero.is_steady:

@@ -12,7 +12,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import OF_JOINTS, Role, parse_role
 from estimation.data.table import Table
 from estimation.data.units import dimension_of, factor_to_si
-from estimation.statistics.correlation import likeness
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -102,7 +102,7 @@ def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """
     low, high = np.quantile(force, [0.005, 0.995])
     one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
-    return bool(one_sided and abs(likeness(position, force)) > _GOES_WITH)
+    return bool(one_sided and abs(correlation_coefficient(position, force)) > _GOES_WITH)
 
 
 def _wanted(there: Collection[Key]) -> list[Key]:

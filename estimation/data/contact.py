@@ -12,7 +12,7 @@ import numpy as np
 
 from control.laws.touch import touch_force_n
 from control.loop.task import Phase
-from estimation.signals.blocks import places
+from estimation.signals.blocks import block_index
 from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -101,5 +101,5 @@ def _mean_std_err(samples: FloatArray) -> float:
 
 def _lasting(mask: BoolArray) -> BoolArray:
     """Only those true samples that stand in a row of at least `_LASTING`."""
-    _, row = places(mask)
+    _, row = block_index(mask)
     return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))

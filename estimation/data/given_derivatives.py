@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from estimation.signals.blocks import blocks, places
-from estimation.statistics.correlation import likeness
+from estimation.signals.blocks import block_index, blocks
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.types import FloatArray, IntArray
 
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
@@ -35,7 +35,7 @@ def mistaken_scale(
         velocity: as it is given, shape (n,).
         run: of each sample, shape (n,).
     """
-    steps_s, piece = np.diff(time_s), places(run)[1]
+    steps_s, piece = np.diff(time_s), block_index(run)[1]
     mean = 0.5 * (velocity[1:] + velocity[:-1])
     led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
     best, ratio = 0.0, 1.0
@@ -44,7 +44,7 @@ def mistaken_scale(
         if np.sum(same) < _LEAST_WAYS * len(position):
             break
         moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
-        alike = likeness(moved, by_velocity)
+        alike = correlation_coefficient(moved, by_velocity)
         if abs(alike) > best:
             best, ratio = abs(alike), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
     is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE

@@ -10,7 +10,7 @@ from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
 from estimation.data.numbers import FINEST_S
 from estimation.data.press_runs import cut_into, cut_presses, restarts
 from estimation.data.table import Table
-from estimation.signals.blocks import since_their_start
+from estimation.signals.blocks import time_in_run
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
@@ -60,7 +60,7 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
     _check_times(columns, rows)
     _check_lengths(table, rows)
-    return replace(rows, time_s=since_their_start(time_s, rows.run)) if fresh else rows
+    return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
 
 
 def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:

@@ -6,7 +6,7 @@ import scipy
 from control.loop.task import Phase
 from estimation.data.press_runs import force_levels
 from estimation.signals.blocks import blocks
-from estimation.statistics.correlation import likeness
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _SLOW = 0.05  # of the usual speed, below which something is held
@@ -76,6 +76,6 @@ def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:
     if position.min() <= 0.0:
         return np.asarray(position > 0.0)
     pressed = np.asarray(force > force_levels(force, position).released)
-    if likeness(position[~pressed], force[~pressed]) > _SPRINGY:
+    if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
         return np.ones(len(position), dtype=np.bool_)
     return pressed

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.data.press_runs import force_levels
-from estimation.statistics.correlation import likeness
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.types import FloatArray
 
 _TAILS = (0.005, 0.995)  # quantiles, between which a signal has its range
@@ -44,11 +44,11 @@ def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
         displacement: shape (n,), in the order of time.
         force: shape (n,).
     """
-    alike = likeness(displacement, force)
+    alike = correlation_coefficient(displacement, force)
     if _is_two_sided(displacement, force):
         if abs(alike) > _SPRINGY:
             return PressSides(force=float(np.sign(alike)), two_sided=True)
-        against = likeness(np.gradient(displacement), force) < _DRAGGED
+        against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
         return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
     way, push = 1.0, 1.0
     if alike > _GOES_WITH and _is_negative(displacement) and _is_negative(force):
@@ -70,7 +70,7 @@ def _zero(displacement: FloatArray, force: FloatArray) -> float:
     It does where it is never positive, or so far from zero that no press is as deep, and there is free air.
     The force begins where a spring and damper through what is pressed would.
     """
-    if likeness(displacement, force) < _GOES_WITH:
+    if correlation_coefficient(displacement, force) < _GOES_WITH:
         return 0.0  # nothing says that it presses
     low, high = np.quantile(displacement, _TAILS)
     levels = force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))

@@ -2,11 +2,11 @@
 
 from estimation.channel import ChannelData
 from estimation.data.derivatives import grid_step, position_error, rounding_variance
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from robot_io.types import FloatArray
 
 
-@cache_by_array("time_s", "position", "run", "position_step")
+@cache_by_channel_arrays("time_s", "position", "run", "position_step")
 def reading_error(data: ChannelData) -> FloatArray:
     """What each position differs by from the smooth motion, shape (n,); see `position_error`."""
     step = data.position_step or grid_step(data.position)

@@ -31,7 +31,7 @@ def joined(ticks: Sequence[Samples]) -> Samples:
 
     Clocks stay as they are. Where one goes on through all sessions, an object or sensor remembers what was
     before; where it begins anew, as in a simulated world, each session begins with nothing behind it: see
-    `in_order_of_time`. What comes after the last run of a session belongs to no run, and is left out of all
+    `runs_by_time`. What comes after the last run of a session belongs to no run, and is left out of all
     but the last.
 
     Args:

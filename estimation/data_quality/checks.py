@@ -33,7 +33,7 @@ from estimation.data_quality.timing import lost_rows, time_offset
 from estimation.fit.ar_noise import ORDER, ArNoise
 from estimation.fit.blocks import PIECES, block_average, block_length
 from estimation.model import Model
-from estimation.signals.runwise import per_run, sample_time
+from estimation.signals.runwise import apply_per_run, sample_time
 from robot_io.types import BoolArray
 
 LEAST_SAMPLES = 100
@@ -61,7 +61,9 @@ def usable(data: ChannelData) -> BoolArray:
     """
     if len(data) == 0:
         return np.ones(0, dtype=np.bool_)
-    smooth = per_run(lambda effort: np.asarray(scipy.ndimage.median_filter(effort, 5)), data.effort, data.run)
+    smooth = apply_per_run(
+        lambda effort: np.asarray(scipy.ndimage.median_filter(effort, 5)), data.effort, data.run
+    )
     off = np.abs(data.effort - smooth)
     usual = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
     good = np.asarray(off <= max(_GLITCH * usual, _SPIKE * float(np.ptp(smooth))))

@@ -7,7 +7,7 @@ from estimation.data.given_derivatives import mistaken_scale
 from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
 from estimation.signals.runwise import sample_time
-from estimation.statistics.correlation import likeness
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
@@ -82,11 +82,11 @@ def misaligned(data: ChannelData) -> str | None:
         return None
     pressed = np.where(data.engaged, data.position, 0.0)
     step = sample_time(data.time_s, data.run)
-    now = likeness(pressed, data.effort)
+    now = correlation_coefficient(pressed, data.effort)
     for seconds in _SHIFTS_S:
         shift = round(seconds / step)
         if shift and abs(shift) < len(pressed) // 4:
-            then = likeness(np.roll(pressed, shift), data.effort)
+            then = correlation_coefficient(np.roll(pressed, shift), data.effort)
             if then > _JOINED and now < _APART:
                 side = "late" if seconds > 0.0 else "early"
                 return (
@@ -108,7 +108,7 @@ def no_contact(data: ChannelData) -> str | None:
         is_noise = np.quantile(np.abs(data.effort[pressed] - level), _ONE_IN_TWENTY) < noise
         if is_noise and misaligned(data) is None:
             return "no contact: the force while pressed is no more than the noise in free air"
-    falls = likeness(np.where(pressed, data.position, 0.0), data.effort)
+    falls = correlation_coefficient(np.where(pressed, data.position, 0.0), data.effort)
     if falls < _FALLS and misaligned(data) is None:
         return (
             f"force falls with depth (correlation {falls:.2f}); check the sign of force and displacement: "

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.blocks import rows_of_runs
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
@@ -104,7 +104,7 @@ def stuck_in_air(data: ChannelData) -> str | None:
     )
 
 
-@cache_by_array("position", "effort", "run")
+@cache_by_channel_arrays("position", "effort", "run")
 def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     """Find runs that are copies of others, number for number or but for less than their noise.
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.signals.runwise import per_run
+from estimation.signals.runwise import apply_per_run
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _FEWEST = 50  # readings within the noise of zero, of which none is below: by chance in 1 of 2^50 cases
@@ -91,7 +91,7 @@ def _as_read(data: ChannelData) -> FloatArray:
 
 def _folded(effort: FloatArray, run: IntArray) -> tuple[int, float]:
     """How many readings (n,) lie within their noise of zero, and that noise; 0 if they are no folded ones."""
-    noise = _TO_SIGMA * float(np.median(np.abs(per_run(_bends, effort, run))))
+    noise = _TO_SIGMA * float(np.median(np.abs(apply_per_run(_bends, effort, run))))
     near = effort[(effort > 0.0) & (effort <= noise)]
     if len(near) == 0 or noise < 2.0 * near.min():
         return 0, noise  # steps too coarse to say how dense they lie

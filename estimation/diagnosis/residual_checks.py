@@ -19,7 +19,7 @@ from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.fit.measurement_noise import free_air_noise
 from estimation.signals.blocks import rows_of_runs
-from estimation.signals.periodicity import strongest_swing
+from estimation.signals.periodicity import strongest_frequency
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -119,9 +119,9 @@ def periodic_component(end: FitResult) -> tuple[float, float] | None:
 
 
 def _swing(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
-    """See `strongest_swing`; the residual on blocks, (m,)."""
+    """See `strongest_frequency`; the residual on blocks, (m,)."""
     step_s = sample_time(blocked.data.time_s, blocked.data.run) * blocked.rows.shape[1]
-    return strongest_swing(blocked.reduce(blocked.data.time_s), blocked.run, residual, step_s)
+    return strongest_frequency(blocked.reduce(blocked.data.time_s), blocked.run, residual, step_s)
 
 
 def _swings(end: FitResult) -> ResidualFinding | None:

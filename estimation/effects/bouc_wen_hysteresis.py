@@ -7,9 +7,9 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from estimation.kinds import Kind
-from estimation.signals.blocks import stretches
+from estimation.signals.blocks import number_stretches
 from estimation.signals.bouc_wen import bouc_wen
-from estimation.signals.runwise import steadied
+from estimation.signals.runwise import smooth_jitter
 from robot_io.types import FloatArray
 
 
@@ -49,8 +49,8 @@ class BoucWenHysteresis(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        way = steadied(data.position, data.time_s, data.run)
-        touch, pressed = stretches(data.engaged, data.run), np.flatnonzero(data.engaged)
+        way = smooth_jitter(data.position, data.time_s, data.run)
+        touch, pressed = number_stretches(data.engaged, data.run), np.flatnonzero(data.engaged)
         column = np.zeros((len(data), 1))
         shape = inner["path"], inner["sharpness"], inner["unloading"]
         column[pressed, 0] = bouc_wen(way[pressed], touch[pressed], *shape)

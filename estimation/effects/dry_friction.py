@@ -5,8 +5,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from estimation.kinds import Kind
-from estimation.signals.blocks import stretches
-from estimation.signals.runwise import direction, steadied
+from estimation.signals.blocks import number_stretches
+from estimation.signals.runwise import direction, smooth_jitter
 from robot_io.types import FloatArray
 
 
@@ -46,8 +46,8 @@ class DryFriction(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         s = np.tanh(data.velocity / inner["transition"])
         if inner["presliding"] > self.inner[0].lower:
-            touch = stretches(data.engaged, data.run)
-            s = direction(steadied(data.position, data.time_s, data.run), touch, inner["presliding"], s)
+            touch = number_stretches(data.engaged, data.run)
+            s = direction(smooth_jitter(data.position, data.time_s, data.run), touch, inner["presliding"], s)
         return np.where(data.engaged, s, 0.0)[:, None]
 
     def forms(self) -> tuple["DryFriction", ...]:

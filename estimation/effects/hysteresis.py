@@ -5,7 +5,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
 from estimation.kinds import Kind
-from estimation.signals.blocks import places
+from estimation.signals.blocks import block_index
 from estimation.signals.runwise import play
 from robot_io.types import FloatArray
 
@@ -71,7 +71,7 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
     Of a run that is held out these readings are used too: where its sensor stood before it was pressed, which
     no other run tells.
     """
-    starts, piece = places(data.run)
+    starts, piece = block_index(data.run)
     moved = np.abs(effort - effort[starts][piece]) > _STILL * width
     reading, number = data.effort, np.arange(len(data))
     if effort.ndim == 2:

@@ -8,7 +8,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.kinds import Kind
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from estimation.signals.shifted_motion import shifted_motion
 
 
@@ -58,5 +58,6 @@ def _changes(data: ChannelData, wider: int) -> Motion:
 
 
 _CHANGES = {
-    wider: cache_by_array("time_s", "run", "load")(partial(_changes, wider=wider)) for wider in (0, 2, 4, 6)
+    wider: cache_by_channel_arrays("time_s", "run", "load")(partial(_changes, wider=wider))
+    for wider in (0, 2, 4, 6)
 }

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.kinds import Kind
-from estimation.signals.blocks import in_order_of_time
+from estimation.signals.blocks import runs_by_time
 from robot_io.types import FloatArray
 
 _TOUCHING = 1e-300  # depth that strains nothing
@@ -77,7 +77,7 @@ def _deepest(data: ChannelData, kept: float) -> FloatArray:
     A run that begins before the last one's end was recorded by itself, and met no dent.
     """
     deepest, left, ended_s = np.zeros(len(data)), 0.0, np.inf
-    for rows in in_order_of_time(data.time_s, data.run):
+    for rows in runs_by_time(data.time_s, data.run):
         if data.time_s[rows.start] < ended_s:
             left = 0.0
         deepest[rows] = np.maximum(np.maximum.accumulate(data.position[rows]), left)

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.kinds import Kind
-from estimation.signals.runwise import direction, steadied
+from estimation.signals.runwise import direction, smooth_jitter
 from robot_io.types import FloatArray
 
 _PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen
@@ -37,7 +37,7 @@ class PreslidingFriction(AdditiveEffect):
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        way = steadied(data.position, data.time_s, data.run)
+        way = smooth_jitter(data.position, data.time_s, data.run)
         return direction(way, data.run, inner["presliding"])[:, None]
 
     def is_misnamed(

@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, MemoryEffect, Parameter
 from estimation.kinds import Kind
-from estimation.signals.exponential_memory import faded
+from estimation.signals.exponential_memory import fading_memory
 from estimation.signals.runwise import finest_step
 from robot_io.types import FloatArray
 
@@ -45,7 +45,7 @@ class RelaxationSpectrum(MemoryEffect):
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         shares = np.array([inner["fast"], inner["slow"]])
         rates = 1.0 / np.array([inner["fast_time"], inner["slow_time"]])
-        fading = faded(elastic, data.time_s, data.run, rates, shares)
+        fading = fading_memory(elastic, data.time_s, data.run, rates, shares)
         return np.asarray((1.0 - shares.sum()) * elastic + fading)
 
     def in_order(self, inner: Inner) -> Inner:

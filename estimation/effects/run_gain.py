@@ -6,7 +6,7 @@ from estimation.channel import ChannelData
 from estimation.effect import Inner
 from estimation.effects.run_variation import RunVariation
 from estimation.kinds import Kind
-from estimation.signals.blocks import places
+from estimation.signals.blocks import block_index
 from robot_io.types import BoolArray, FloatArray
 
 _TELLING = 0.25  # of a run's squared effort
@@ -40,7 +40,7 @@ class RunGain(RunVariation):
     ) -> FloatArray:
         """See `RunVariation.values`: by how much each run's effort is larger; nothing where there is none."""
         chosen = self.first_part(data) if rows is None else rows
-        starts, _ = places(data.run)
+        starts, _ = block_index(data.run)
         squares = np.add.reduceat(chosen * effort**2, starts)
         products = np.add.reduceat(chosen * effort * (data.effort - effort), starts)
         return np.asarray(products / np.where(squares > 0.0, squares, np.inf))[:, None]
@@ -48,18 +48,18 @@ class RunGain(RunVariation):
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         if effort.ndim == 2:
             return np.stack([self.sense(column, data, inner) for column in effort.T], axis=1)
-        own = self.values(effort, data, inner)[places(data.run)[1], 0]
+        own = self.values(effort, data, inner)[block_index(data.run)[1], 0]
         return np.asarray(effort * (1.0 + inner["share"] * own))
 
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
         """See `SensorEffect.follow`; the runs' gains as they are."""
-        times = 1.0 + inner["share"] * self.values(effort, data, inner)[places(data.run)[1]]
+        times = 1.0 + inner["share"] * self.values(effort, data, inner)[block_index(data.run)[1]]
         return columns * times, effort * times[:, 0]
 
     def first_part(self, data: ChannelData) -> BoolArray:
-        starts, piece = places(data.run)
+        starts, piece = block_index(data.run)
         total = np.cumsum(data.effort**2)
         before = np.concatenate([[0.0], total])[starts]
         whole = np.append(before[1:], total[-1:]) - before

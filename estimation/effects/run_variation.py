@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.signals.blocks import places
+from estimation.signals.blocks import block_index
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
@@ -48,7 +48,7 @@ class RunVariation(SensorEffect):
 
     def first_part(self, data: ChannelData) -> BoolArray:
         """Samples that tell their run's own values, shape (n,)."""
-        starts, piece = places(data.run)
+        starts, piece = block_index(data.run)
         count = np.diff(np.append(starts, len(data)))[piece]
         return np.arange(len(data)) - starts[piece] < np.ceil(_TELLING * count)
 
@@ -65,7 +65,7 @@ class RunVariation(SensorEffect):
         """
         chosen = self.first_part(data) if rows is None else rows
         left = (data.effort - effort)[:, None]
-        return _least_squares(self.basis(data, inner), chosen, left, places(data.run)[0])[:, :, 0]
+        return _least_squares(self.basis(data, inner), chosen, left, block_index(data.run)[0])[:, :, 0]
 
     def spread(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off.
@@ -93,7 +93,7 @@ class RunVariation(SensorEffect):
     def _of_runs(self, left: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         """What runs' own values make of what was left of their first parts, (n, m) both."""
         basis = self.basis(data, inner)
-        starts, piece = places(data.run)
+        starts, piece = block_index(data.run)
         own = _least_squares(basis, self.first_part(data), left, starts)
         return np.asarray(inner["share"] * np.einsum("nk,nkm->nm", basis, own[piece]))
 

@@ -8,8 +8,8 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import Motion, differentiate
 from estimation.effect import Inner, MotionEffect, Parameter
 from estimation.kinds import Kind
-from estimation.signals.blocks import stretches
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.blocks import number_stretches
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 
 
 class ToolCompliance(MotionEffect):
@@ -44,9 +44,9 @@ class ToolCompliance(MotionEffect):
         return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
 
 
-@cache_by_array("time_s", "run", "effort", "position", "touching")
+@cache_by_channel_arrays("time_s", "run", "effort", "position", "touching")
 def _smooth_force(data: ChannelData) -> Motion:
     """The force and its rate, by a window that its own noise calls for."""
     return differentiate(
-        data.time_s, data.effort, stretches(data.engaged, data.run), rounding=0.0, calm=False
+        data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, calm=False
     )

@@ -13,7 +13,7 @@ from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.joint_load import LOAD
 from estimation.signals.blocks import rows_of_runs
-from estimation.signals.cache_by_array import Itself
+from estimation.signals.cache_by_array import IdentityKey
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -89,7 +89,7 @@ class BlockedData:
         compute: Callable[[ChannelData, Inner], FloatArray],
     ) -> FloatArray:
         cache = self.load_cache if LOAD in effect.needs else self.cache  # it changes with the model
-        key = (what, Itself(effect), *inner.values())
+        key = (what, IdentityKey(effect), *inner.values())
         return cache.get_or_compute(key, lambda: self.reduce(compute(self.data, inner)))
 
     @cached_property

@@ -20,7 +20,7 @@ from estimation.fit.normal_equations import (
     solve_normal_equations,
 )
 from estimation.fit.smooth_features import smooth_features
-from estimation.signals.blocks import of_equal_length
+from estimation.signals.blocks import equal_length_blocks
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -151,7 +151,7 @@ def _less_smooth(signal: FloatArray, half: int, run: IntArray) -> FloatArray:
     taken = [signal]
     for _ in range(_POWERS):
         smooth = np.empty_like(signal)
-        for rows in of_equal_length(run):
+        for rows in equal_length_blocks(run):
             smooth[rows] = scipy.ndimage.convolve1d(
                 taken[-1][rows], weights / weights.sum(), axis=1, mode="nearest"
             )

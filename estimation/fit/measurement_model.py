@@ -21,8 +21,8 @@ from estimation.data.derivatives import (
     wider_window,
 )
 from estimation.data.local_fit import local_derivative
-from estimation.signals.blocks import blocks, of_equal_length
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.blocks import blocks, equal_length_blocks
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from estimation.signals.shifted_motion import shifted_motion
 from robot_io.types import FloatArray, IntArray
 
@@ -105,7 +105,7 @@ def identify_measurement_model(data: ChannelData) -> MeasurementModel:
     return replace(_readings_of(data), data=data)
 
 
-@cache_by_array("time_s", "run", "position", "velocity", "acceleration", "position_step")
+@cache_by_channel_arrays("time_s", "run", "position", "velocity", "acceleration", "position_step")
 def _readings_of(data: ChannelData) -> MeasurementModel:
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
@@ -135,7 +135,7 @@ def _readings_of(data: ChannelData) -> MeasurementModel:
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
     """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign."""
     made = np.empty_like(noise)
-    for rows in of_equal_length(run):
+    for rows in equal_length_blocks(run):
         count = rows.shape[1]
         shift, sign = rng.integers(count, size=(len(rows), 1)), rng.choice([-1.0, 1.0], (len(rows), 1))
         made[rows] = sign * np.take_along_axis(noise[rows], (np.arange(count) - shift) % count, axis=1)
@@ -151,7 +151,7 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
     """
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
     slow = np.zeros_like(error)
-    for rows in of_equal_length(run) if error.any() else ():
+    for rows in equal_length_blocks(run) if error.any() else ():
         count = rows.shape[1]
         found, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
         beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)

@@ -6,9 +6,9 @@ import numpy as np
 
 from estimation.channel import ChannelKind
 from estimation.fit.blocks import BlockedData
-from estimation.signals.blocks import since_their_start
+from estimation.signals.blocks import time_in_run
 from estimation.signals.exponential_memory import low_pass, relax
-from estimation.signals.runwise import play, rate, running_max, sample_time, shift
+from estimation.signals.runwise import derivative, play, running_max, sample_time, shift
 from robot_io.types import FloatArray, IntArray
 
 _KNOTS = 9  # at quantiles, where the samples are
@@ -60,7 +60,7 @@ def _ageing(
 ) -> FloatArray:
     """A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done."""
     work = np.cumsum(np.abs(effort * v))
-    clocks = [_unit(c) for c in (time_s, since_their_start(time_s, run), work, since_their_start(work, run))]
+    clocks = [_unit(c) for c in (time_s, time_in_run(time_s, run), work, time_in_run(work, run))]
     fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
     return np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
 
@@ -112,7 +112,7 @@ def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
     """What a sensor may remember of the effort: its way there, late, smoothed, or until it turns round."""
-    slope, step = rate(effort, time_s, run), sample_time(time_s, run)
+    slope, step = derivative(effort, time_s, run), sample_time(time_s, run)
     late = [effort - low_pass(effort, time_s, run, lag * step) for lag in _LAGS]
     late += [effort - shift(effort, time_s, run, lag * step) for lag in _LAGS[:-1]]
     turns = [reversal_memory(effort, run, share) for share in _TURNS]

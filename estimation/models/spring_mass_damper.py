@@ -11,7 +11,7 @@ from estimation.effects.damping import Damping
 from estimation.effects.inertia import Inertia
 from estimation.effects.stiffness import Stiffness
 from estimation.model import Model
-from estimation.statistics.correlation import likeness
+from estimation.statistics.correlation import correlation_coefficient
 
 _SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 
@@ -36,4 +36,4 @@ class SpringMassDamper(BaseModel):
 def _pulls(data: ChannelData) -> bool:
     out = data.position < 0.0
     x, force = data.position[out], data.effort[out]
-    return len(x) >= 3 and likeness(x, force) > _SPRINGY
+    return len(x) >= 3 and correlation_coefficient(x, force) > _SPRINGY

@@ -1,4 +1,4 @@
-"""What one joint of an arm carries, computed along its motion by the rigid-body model."""
+"""Signals of one joint from the rigid-body model of its arm, along the recorded motion."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.signals.runwise import steadied
+from estimation.signals.runwise import smooth_jitter
 from estimation.signals.shifted_motion import BY_ACCELERATION, BY_POSITION
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
@@ -25,9 +25,7 @@ BEYOND = "force_beyond_reading"
 TILT = "tilt_effort_per_rad"
 WEIGHT = "weight_effort"
 _MOTION = ("joint_position", "joint_velocity", "joint_acceleration")
-Motion = tuple[
-    FloatArray, FloatArray, FloatArray
-]  # of all joints: position, velocity, acceleration, (n, joints)
+Motion = tuple[FloatArray, FloatArray, FloatArray]  # position, velocity, acceleration, each (n, joints)
 Dynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 _STEP_RAD = 1e-4
 
@@ -35,15 +33,25 @@ _STEP_RAD = 1e-4
 def with_rigid_body(
     data: ChannelData, body: "RigidBody", joint: int, *, regressor: bool = False
 ) -> ChannelData:
-    """The channel of one joint with what the rigid body takes there.
+    """Add signals of the rigid-body model to the channel of one joint.
 
-    Adds `rigid_body_torque` (n,) [N m] (and `rigid_body_regressor` (n, 10 joints)) with its derivatives by
-    the joint's own position and acceleration, `payload_effort_per_kg` (n,), and, where the first joint is
-    level, `weight_effort` (n,), what the weight across that axis takes, and `tilt_effort_per_rad` (n,), its
-    change with a turn of the base about the axis, counted about world x or y, whichever is nearer. Where the
-    tip's contact force is known, `contact_torque` (n,) is what the joint spends on pressing,
-    `contact_torque_per_newton` (n,) its lever, and where all torques are, `force_beyond_reading` (n,) [N] is
-    what the other joints carry of the tip's force beyond what its sensor says; nothing acts in free air.
+    Always added: `rigid_body_torque` (n,) [N m] with its derivatives by the joint's own position and
+    acceleration, and `payload_effort_per_kg` (n,) [N m/kg].
+
+    With a level axis of the first joint: `weight_effort` (n,) [N m], the torque of the weight across that
+    axis, and `tilt_effort_per_rad` (n,) [N m/rad], its change with a rotation of the base about the axis,
+    counted about world x or y, whichever is nearer.
+
+    With the contact force at the tip: `contact_torque` (n,) [N m], the torque that presses, and its lever
+    `contact_torque_per_newton` (n,) [m]. With the torques of all joints too: `force_beyond_reading` (n,) [N],
+    the part of the tip's force that the other joints carry and the force sensor does not read; zero in free
+    air.
+
+    Args:
+        data: the channel.
+        body: the arm.
+        joint: its number, from 0.
+        regressor: also add `rigid_body_regressor` (n, 10 joints) with its derivatives.
 
     Raises:
         InputError: the context lacks the motion of all joints, or their number differs from the body's.
@@ -66,18 +74,18 @@ def with_rigid_body(
         context[LEVER] = levers[:, joint]
         context[TOUCH] = context[LEVER] * data.context["contact_force"]
         if "joint_torque" in data.context:
-            left = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
-            others = np.delete(np.arange(body.joint_count), joint)
-            context[BEYOND] = _beyond_reading(data, levers[:, others], left[:, others])
+            rest = data.context["joint_torque"] - body.inverse_dynamics_along(q, v, a)
+            other_joints = np.delete(np.arange(body.joint_count), joint)
+            context[BEYOND] = _beyond_reading(data, levers[:, other_joints], rest[:, other_joints])
     axis = body.joint_axes()[0].axis_world
     if abs(axis[2]) < 1e-6:
         quarter = np.zeros(body.joint_count)
         quarter[0] = 0.5 * np.pi * np.sign(axis[np.argmax(np.abs(axis))])
-        rest = np.zeros_like(q)
-        here, ahead, over, behind = (
-            _torque(body, joint, q + turns * quarter, rest, rest) for turns in range(4)
+        zero = np.zeros_like(q)
+        at_0, at_90, at_180, at_270 = (
+            _torque(body, joint, q + turns * quarter, zero, zero) for turns in range(4)
         )
-        context[TILT], context[WEIGHT] = 0.5 * (ahead - behind), 0.5 * (here - over)
+        context[TILT], context[WEIGHT] = 0.5 * (at_90 - at_270), 0.5 * (at_0 - at_180)
     return replace(data, context=context)
 
 
@@ -90,16 +98,16 @@ def _with_slopes(name: str, dynamics: Dynamics, motion: Motion, joint: int) -> d
     def along(dq: float, da: float) -> FloatArray:
         return dynamics(q + dq * step, v, a + da * step)
 
-    here = along(0.0, 0.0)
+    values = along(0.0, 0.0)
     return {
-        name: here,
+        name: values,
         name + BY_POSITION: (along(_STEP_RAD, 0.0) - along(-_STEP_RAD, 0.0)) / (2.0 * _STEP_RAD),
-        name + BY_ACCELERATION: along(0.0, 1.0) - here,
+        name + BY_ACCELERATION: along(0.0, 1.0) - values,
     }
 
 
 def _torque(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """What the arm takes at one joint, shape (n,)."""
+    """Inverse dynamics at one joint, shape (n,) [N m]."""
     return body.inverse_dynamics_along(q, v, a)[:, joint]
 
 
@@ -109,26 +117,30 @@ def _regressor(body: "RigidBody", joint: int, q: FloatArray, v: FloatArray, a: F
 
 
 def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> FloatArray:
-    """Force at the tip beyond its reading (n,) [N], by torques that no link takes; in free air there is none.
+    """Estimate the force at the tip beyond its reading from the torques that no link accounts for.
 
-    Each joint counts by its lever and its noise, which its neighbouring samples tell. Where none has a lever
-    they say nothing: the reading is hardly off by more than the largest one (a normal prior).
+    Joints are weighted by their levers and their noise, estimated from neighbouring samples. A normal prior
+    of the size of the largest reading bounds the result where no joint has a lever. In free air the force
+    is zero.
 
     Args:
         data: any joint's channel.
-        levers: torques per newton at the tip, shape (n, joints).
-        left: torques, shape (n, joints).
+        levers: torques per newton at the tip, shape (n, joints) [m].
+        left: torques less those of the links, shape (n, joints) [N m].
+
+    Returns:
+        Force, shape (n,) [N].
     """
     touching, force = data.context["touching"], data.context["contact_force"]
     left = left - levers * force[:, None]
     weights = levers / np.maximum(np.var(np.diff(left, axis=0), axis=0), 1e-300)
     prior = 1.0 / np.maximum(np.max(force**2), 1e-300)
     beyond = np.sum(weights * left, axis=1) / (np.sum(weights * levers, axis=1) + prior)
-    return steadied(np.where(touching, beyond, -force), data.time_s, data.run)
+    return smooth_jitter(np.where(touching, beyond, -force), data.time_s, data.run)
 
 
 def _levers(body: "RigidBody", data: ChannelData) -> FloatArray:
-    """Torques (n, joints) that press with one newton: J^T p, p the press direction."""
+    """Torques (n, joints) [m] for one newton along the press direction p: J^T p."""
     jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
     torque: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
     return torque

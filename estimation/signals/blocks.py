@@ -1,18 +1,18 @@
-"""The stretches of samples that belong together."""
+"""Divide samples into blocks: runs, gapless pieces, phases."""
 
 from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 
-from estimation.signals.cache_by_array import of_arrays
+from estimation.signals.cache_by_array import cache_by_array
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_GAP = 3.5  # median steps that are a gap: jitter, and a sample or two that were lost, are none
+_GAP = 3.5  # median steps; jitter and one or two lost samples make shorter gaps
 
 
 def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
-    """The rows of each stretch of equal numbers, in their order; none of no rows.
+    """Iterate over the rows of each block of equal numbers, in order; empty blocks are left out.
 
     Args:
         number: of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
@@ -23,24 +23,37 @@ def blocks(number: IntArray | BoolArray) -> Iterator[slice]:
             yield slice(start, stop)
 
 
-@of_arrays
-def places(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
-    """First row of each stretch of equal numbers, and to which stretch each row belongs, shape (n,)."""
+@cache_by_array
+def block_index(number: IntArray | BoolArray) -> tuple[IntArray, IntArray]:
+    """Find the blocks of equal numbers.
+
+    Args:
+        number: of the run, piece or phase that each sample belongs to, or a mask, shape (n,).
+
+    Returns:
+        First row of each block, shape (blocks,), and the block of each row, shape (n,).
+    """
     changes = np.ones(len(number), dtype=np.bool_)
     np.not_equal(number[1:], number[:-1], out=changes[1:])
     starts, piece = np.flatnonzero(changes), np.cumsum(changes) - 1
-    piece.setflags(write=False)  # it is remembered
+    piece.setflags(write=False)  # it is cached
     starts.setflags(write=False)
     return starts, piece
 
 
 def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
-    """Numbers, from 0, of the stretches that end with a run or at a gap in time [s], shape (n,).
+    """Number the pieces of a recording, which end with a run or at a gap in time.
 
-    A gap is longer than the steps on either side of it, too: where a rate falls for good, there is none.
+    A gap is also longer than the steps on either side of it: a rate that falls for good makes none. The start
+    of a contact ends no piece. It bends the velocity without a jump, and a smoothing window across it is less
+    wrong than one-sided windows at the ends of two pieces would be (see docs/estimation.md).
 
-    A touch ends none. It bends the velocity but does not break it, and a window across it is less wrong than
-    the lopsided windows at the ends of two pieces would be (see docs/estimation.md).
+    Args:
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+
+    Returns:
+        Number of each sample's piece, from 0, shape (n,).
     """
     steps_s, same_run = np.diff(time_s), np.diff(run) == 0
     border = ~same_run
@@ -51,25 +64,36 @@ def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(border)]).astype(np.int64)
 
 
-def of_equal_length(number: IntArray) -> Iterator[IntArray]:
-    """The rows of all stretches of one length, shape (stretches, length), length by length."""
-    first, _ = places(number)
+def equal_length_blocks(number: IntArray) -> Iterator[IntArray]:
+    """Iterate over the rows of all blocks of equal length, the shortest first.
+
+    Args:
+        number: of the run, piece or phase that each sample belongs to, shape (n,).
+
+    Yields:
+        Rows, shape (blocks, length).
+    """
+    first, _ = block_index(number)
     lengths = np.diff(first, append=len(number))
     for length in np.unique(lengths):
         yield first[lengths == length][:, None] + np.arange(length)
 
 
 def rows_of_runs(run: IntArray) -> list[IntArray]:
-    """The rows of each run in ascending order of their numbers, in one go: there may be thousands of runs."""
+    """Return the rows of each run, in ascending order of the runs' numbers.
+
+    Args:
+        run: run of each sample, shape (n,).
+    """
     order = np.argsort(run, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(run[order])) + 1)
 
 
-@of_arrays
-def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
-    """The rows of each run, the earliest first, whatever their numbers are.
+@cache_by_array
+def runs_by_time(time_s: FloatArray, run: IntArray) -> list[slice]:
+    """Return the rows of each run, the earliest first.
 
-    Where runs overlap in time, each has a clock of its own, and they stay in their order.
+    Runs that overlap in time have clocks of their own; they keep the order of their rows.
 
     Args:
         time_s: shape (n,), increasing within a run [s].
@@ -77,30 +101,48 @@ def in_order_of_time(time_s: FloatArray, run: IntArray) -> list[slice]:
     """
     numbered = list(blocks(run))
     sorted_rows = sorted(numbered, key=lambda rows: float(time_s[rows.start]))
-    apart = all(time_s[one.stop - 1] <= time_s[two.start] for one, two in pairwise(sorted_rows))
-    return sorted_rows if apart else numbered
+    is_one_clock = all(time_s[a.stop - 1] <= time_s[b.start] for a, b in pairwise(sorted_rows))
+    return sorted_rows if is_one_clock else numbered
 
 
-def cut(signal: FloatArray, length: int) -> FloatArray:
-    """The signal (n,) or (n, k) cut into pieces of equal length, (length, pieces) or (..., k).
+def split_columns(signal: FloatArray, length: int) -> FloatArray:
+    """Split a signal into pieces of equal length, one a column; the last is padded with the last sample.
 
-    The last one is filled up with the last sample.
+    Args:
+        signal: shape (n,) or (n, k).
+        length: samples in a piece.
+
+    Returns:
+        Shape (length, pieces) or (length, pieces, k), contiguous.
     """
     count = -(-len(signal) // length)
     filled = np.concatenate([signal, np.repeat(signal[-1:], count * length - len(signal), axis=0)])
-    cut: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
-    return np.ascontiguousarray(cut)
+    pieces: FloatArray = filled.reshape(count, length, *signal.shape[1:]).swapaxes(0, 1)
+    return np.ascontiguousarray(pieces)
 
 
-def stretches(mask: BoolArray, number: IntArray) -> IntArray:
-    """Numbers, shape (n,), that change wherever the mask or the number of the run changes."""
+def number_stretches(mask: BoolArray, number: IntArray) -> IntArray:
+    """Number the blocks in which neither a mask nor the run changes.
+
+    Args:
+        mask: such as whether there is contact, shape (n,).
+        number: run of each sample, shape (n,).
+
+    Returns:
+        Number of each sample's block, from 0, shape (n,).
+    """
     changes = (np.diff(mask) != 0) | (np.diff(number) != 0)
     return np.concatenate([[0], np.cumsum(changes)])[: len(mask)]
 
 
-def since_their_start(time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Times [s] (n,) on a clock that begins anew with each run."""
-    begun_s = time_s.copy()
+def time_in_run(time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Return the time since the start of each sample's run [s], shape (n,).
+
+    Args:
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+    """
+    since_s = time_s.copy()
     for rows in blocks(run):
-        begun_s[rows] -= time_s[rows.start]
-    return begun_s
+        since_s[rows] -= time_s[rows.start]
+    return since_s

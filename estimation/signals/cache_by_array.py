@@ -1,4 +1,4 @@
-"""Results that are remembered for the very arrays that they came from."""
+"""Cache results by the identity of the arrays that they were computed from."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,66 +11,68 @@ from estimation.channel import ChannelData
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
-_MOST = 4  # channels, of which nothing more is kept
-_LONG = 500_000  # samples: what is longer is not kept alive
+_MOST = 4  # results of each function
+_LONG = 500_000  # samples; longer arrays are not kept alive by a cache
 
 
-class Itself:
-    """Part of a key that stands for one object, whatever that calls equal to it, and keeps it alive.
+class IdentityKey:
+    """Key that compares an object by identity and keeps it alive.
 
-    An effect of a user's own may be a dataclass, which is equal to others and has no hash.
+    An effect of a user's own may be a dataclass, which may equal others and has no hash.
     """
 
     def __init__(self, thing: Any) -> None:  # noqa: ANN401
         self.thing = thing
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Itself) and other.thing is self.thing
+        return isinstance(other, IdentityKey) and other.thing is self.thing
 
     def __hash__(self) -> int:
         return id(self.thing)
 
 
-def of_arrays(compute: Function) -> Function:
-    """For a function of arrays: computed once for those that cannot be written into, if they are not long."""
-    known = lru_cache(maxsize=_MOST)(lambda *things: compute(*(one.thing for one in things)))
+def cache_by_array(compute: Function) -> Function:
+    """Cache a function of read-only arrays; writable and very long arrays are computed each time.
+
+    Args:
+        compute: takes arrays only.
+    """
+    cached = lru_cache(maxsize=_MOST)(lambda *keys: compute(*(key.thing for key in keys)))
 
     @wraps(compute)
-    def recall(*arrays: NDArray[Any]) -> Any:  # noqa: ANN401
-        if any(one.flags.writeable or len(one) > _LONG for one in arrays):
+    def lookup(*arrays: NDArray[Any]) -> Any:  # noqa: ANN401
+        if any(array.flags.writeable or len(array) > _LONG for array in arrays):
             return compute(*arrays)
-        return known(*map(Itself, arrays))
+        return cached(*map(IdentityKey, arrays))
 
-    return cast("Function", recall)
+    return cast("Function", lookup)
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """A channel, known by some of its arrays."""
+class _ChannelKey:
+    """A channel, identified by some of its arrays."""
 
-    arrays: tuple[Itself, ...]
+    arrays: tuple[IdentityKey, ...]
     data: ChannelData = field(compare=False)
 
 
-def cache_by_array(
+def cache_by_channel_arrays(
     *arrays: str,
 ) -> Callable[[Callable[[ChannelData], Result]], Callable[[ChannelData], Result]]:
-    """For a function of these arrays of a channel: computed once for all channels that have the same ones.
+    """Cache a function of a channel that depends only on some of its arrays.
 
-    An array is a field of the channel or a signal of its context.
+    Args:
+        arrays: names of fields of the channel, or of signals of its context.
     """
 
     def decorate(compute: Callable[[ChannelData], Result]) -> Callable[[ChannelData], Result]:
-        known = lru_cache(maxsize=_MOST)(lambda seen: compute(seen.data))
+        cached = lru_cache(maxsize=_MOST)(lambda key: compute(key.data))
 
         @wraps(compute)
-        def recall(data: ChannelData) -> Result:
-            return known(_Seen(tuple(Itself(_array(data, name)) for name in arrays), data))
+        def lookup(data: ChannelData) -> Result:
+            chosen = (getattr(data, name) if hasattr(data, name) else data.context[name] for name in arrays)
+            return cached(_ChannelKey(tuple(map(IdentityKey, chosen)), data))
 
-        return recall
+        return lookup
 
     return decorate
-
-
-def _array(data: ChannelData, name: str) -> object:
-    return getattr(data, name) if hasattr(data, name) else data.context[name]

@@ -1,30 +1,40 @@
-"""Signals that fade exponentially or by a power of time, each run afresh or as the runs before left it."""
+"""Exponential and power-law memory of signals, within a run or across runs."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from estimation.signals.blocks import cut, in_order_of_time, places
-from estimation.signals.cache_by_array import of_arrays
+from estimation.signals.blocks import block_index, runs_by_time, split_columns
+from estimation.signals.cache_by_array import cache_by_array
 from estimation.signals.runwise import is_even, sample_time
 from robot_io.types import FloatArray, IntArray
 
-_LENGTH = 32  # samples of a piece, within which all that fades is one product of matrices
-_LADDER = 1.4  # between the logarithms of two rates: five in three decades miss by less than 1e-3
-_SLOWEST, _FASTEST = 1e-2, 10.0  # rates, times the whole duration and times the shortest step
+_LENGTH = 32  # samples of a piece, whose memory is one product of matrices
+_LADDER = 1.4  # step of log(rate): five rates in three decades are off by less than 1e-3
+_SLOWEST, _FASTEST = 1e-2, 10.0  # end rates, times the whole duration and times the shortest step
 _LAGS = np.arange(_LENGTH)[None, :] - np.arange(_LENGTH)[:, None]
 
 
 def relax(signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float) -> FloatArray:
-    """What is left of strains as they relax: z' = signal' - z / tau; see `faded`."""
-    return faded(signal, time_s, run, np.array([1.0 / tau_s]), np.ones(1))
+    """Relax a strain with one time constant: z' = signal' - z / tau; see `fading_memory`.
+
+    Args:
+        signal: shape (n,) or (n, k).
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+        tau_s: time constant [s].
+
+    Returns:
+        z, shape as the signal.
+    """
+    return fading_memory(signal, time_s, run, np.array([1.0 / tau_s]), np.ones(1))
 
 
 def low_pass(
     signal: FloatArray, time_s: FloatArray, run: IntArray, tau_s: float, *, from_rest: bool = False
 ) -> FloatArray:
-    """First-order lag, exact for a signal that goes straight from sample to sample.
+    """Apply a first-order lag, exact for a signal that is linear between samples.
 
     Args:
         signal: shape (n,) or (n, k).
@@ -33,13 +43,13 @@ def low_pass(
         tau_s: time constant [s].
         from_rest: start from zero; else from the run's first sample.
     """
-    starts, piece = places(run)
+    starts, piece = block_index(run)
     left = signal if from_rest else signal - signal[starts][piece]
     rate = np.array([1.0 / max(tau_s, 1e-300)])
-    return signal - faded(left, time_s, run, rate, np.ones(1), alone=True)
+    return signal - fading_memory(left, time_s, run, rate, np.ones(1), alone=True)
 
 
-def faded(
+def fading_memory(
     signal: FloatArray,
     time_s: FloatArray,
     run: IntArray,
@@ -48,19 +58,22 @@ def faded(
     *,
     alone: bool = False,
 ) -> FloatArray:
-    """Sum of weights times what is left of strains as they relax: z' = signal' - rate z, from z = 0.
+    """Sum relaxing strains over several rates: z' = signal' - rate z from z = 0, times the rate's weight.
 
-    Exact for strains that go straight from sample to sample, at any times, and to a run's first in one usual
-    step from zero. Between a run and the next in time the strain is zero, and what has not faded by then is
-    still there. A run that begins before the last one's end was recorded by itself.
+    Exact for strains that are linear between samples at any times, and that rise to the first sample of a run
+    from zero within one usual step. Between two runs the strain is zero, and memory that has not faded by
+    then carries over. Runs that overlap in time are taken as recorded independently.
 
     Args:
         signal: strains, shape (n,) or (n, k).
         time_s: times [s].
         run: run of each sample.
         rates: shape (r,), above zero [1/s].
-        weights: of what fades at each rate, shape (r,).
-        alone: whether each run was recorded by itself, whatever its times.
+        weights: of each rate, shape (r,).
+        alone: take each run as recorded independently, whatever its times.
+
+    Returns:
+        Shape as the signal.
     """
     if signal.size == 0:
         return signal.astype(np.float64)
@@ -77,14 +90,23 @@ def faded(
 
 
 def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:
-    """What is left of signals (n,) or (n, k) as every step of them fades as (t / 1 s)^-alpha.
+    """Apply a springpot: every step of a signal fades as (t / 1 s)^-alpha.
 
     t^-alpha is the sum of exponentials at all rates u with weights u^(alpha-1) / gamma(alpha). Those slower
     than the data are a spring, those faster than its samples a dashpot, and the others a ladder of them, each
     exact between samples at any times (trapezoidal rule over log u).
+
+    Args:
+        signal: shape (n,) or (n, k).
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+        alpha: exponent, above 0 and below 1.
+
+    Returns:
+        Shape as the signal.
     """
     steps = np.diff(time_s, prepend=time_s[:1])
-    steps[places(run)[0]] = np.inf
+    steps[block_index(run)[0]] = np.inf
     shortest = float(steps.min(initial=np.inf))
     if not 0.0 < shortest < np.inf:
         return np.zeros(signal.shape)
@@ -94,7 +116,7 @@ def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: floa
     slower = weights[0] / np.expm1(alpha * _LADDER)
     faster = weights[-1] / rates[-1] / np.expm1((1.0 - alpha) * _LADDER)
     slopes = np.diff(signal, axis=0, prepend=signal[:1]) / steps.reshape(-1, *([1] * (signal.ndim - 1)))
-    return np.asarray(slower * signal + faster * slopes + faded(signal, time_s, run, rates, weights))
+    return np.asarray(slower * signal + faster * slopes + fading_memory(signal, time_s, run, rates, weights))
 
 
 @dataclass(frozen=True)
@@ -104,15 +126,15 @@ class _Runs:
     rows: IntArray  # all samples in that order, shape (n,)
     start: IntArray  # first sample of each run, shape (r,)
     end: IntArray  # last sample of each run
-    pause_s: FloatArray  # time from its last sample to the next run [s]; infinite where that is alone
+    pause_s: FloatArray  # time from its last sample to the next run [s]; infinite if that is independent
     place: IntArray  # of each sample among those of all pieces, of which a run's last may not be full, (n,)
     last: IntArray  # last piece of each run
     filled: IntArray  # samples in it
 
 
-@of_arrays
+@cache_by_array
 def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
-    parts = in_order_of_time(time_s, run)
+    parts = runs_by_time(time_s, run)
     start, stop = np.array([(part.start, part.stop) for part in parts]).T
     pause_s = np.append(time_s[start[1:]] - time_s[stop[:-1] - 1], np.inf)
     pieces = np.cumsum(-(-(stop - start) // _LENGTH))
@@ -125,7 +147,7 @@ def _runs(time_s: FloatArray, run: IntArray) -> _Runs:
 
 
 def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
-    """Change of strains (k, n) since the sample before, or since none at a run's first."""
+    """Change of strains (k, n) since the previous sample; at a run's first sample, since zero."""
     change = np.empty(strain.shape)
     np.subtract(strain[:, 1:], strain[:, :-1], out=change[:, 1:])
     change[:, runs.start] = strain[:, runs.start]
@@ -133,23 +155,22 @@ def _changes(strain: FloatArray, runs: _Runs) -> FloatArray:
 
 
 def _taken(ratio: FloatArray) -> FloatArray:
-    """Share of a step's change that has not faded at its end, for a step of so many time constants."""
+    """Share of a step's change that is left at its end, for a step of this many time constants."""
     return np.asarray(-np.expm1(-ratio) / ratio)
 
 
 def _evenly(
     strain: FloatArray, runs: _Runs, step_s: float, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """See `faded`; of strains (k, n), sampled evenly.
+    """Memory of strains (k, n) that are sampled evenly; see `fading_memory`.
 
-    Within a piece of samples, what its own changes leave is one product of matrices for all rates together;
-    to it comes what is left of all before, which goes from piece to piece at each rate for itself.
+    Within a piece of samples, the memory of its own changes is one product of matrices for all rates. The
+    memory of earlier pieces is added, which passes from piece to piece for each rate separately.
     """
     powers, taken = np.exp(-step_s * np.outer(rates, np.arange(_LENGTH))), _taken(step_s * rates)
     count, last, columns = runs.last[-1] + 1, runs.last, len(strain)
     padded = np.zeros((columns, count * _LENGTH))
-    for one, values in zip(padded, _changes(strain, runs), strict=True):
-        one[runs.place] = values
+    padded[:, runs.place] = _changes(strain, runs)
     new = padded.reshape(-1, _LENGTH)
     gained = (new @ (powers[:, ::-1] * taken[:, None]).T).reshape(columns, count, -1)
     lags = runs.filled[:, None] - 1 - np.arange(_LENGTH)
@@ -161,9 +182,9 @@ def _evenly(
     after = np.exp(-np.outer(wait_s, rates))
     over = after * powers[:, -1]
     over[last] = after[last] * powers[:, runs.filled - 1].T
-    # what is left of the pieces before at the first sample of each, and of that in all others
+    # memory of the pieces before at the first sample of each, and its rest in all others
     begun = np.zeros((columns, count, len(rates)))
-    begun[:, 1:] = recursion(over[:-1, None], (gained * after).swapaxes(0, 1)[:-1]).swapaxes(0, 1)
+    begun[:, 1:] = linear_recursion(over[:-1, None], (gained * after).swapaxes(0, 1)[:-1]).swapaxes(0, 1)
     left = new @ np.where(_LAGS >= 0, ((weights * taken) @ powers)[_LAGS], 0.0)
     left += begun.reshape(-1, len(rates)) @ (weights[:, None] * powers)
     return left.reshape(columns, -1).take(runs.place, axis=1)
@@ -172,35 +193,43 @@ def _evenly(
 def _unevenly(
     strain: FloatArray, runs: _Runs, steps_s: FloatArray, rates: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """See `_evenly`; at any steps (n,), the first of each run the usual one."""
+    """Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_evenly`."""
     later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
     wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
     left = np.zeros(strain.shape)
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
         over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
         added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        left[:, runs.rows] += weight * recursion(over[runs.rows, None], added.T[runs.rows]).T
+        left[:, runs.rows] += weight * linear_recursion(over[runs.rows, None], added.T[runs.rows]).T
     return left
 
 
-def recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
-    """State y[i] = decay[i] y[i-1] + added[i] from nothing, shape as `added`, with which `decay` broadcasts.
+def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
+    """Solve y[i] = decay[i] y[i-1] + added[i] from zero.
 
-    Steps in a row are one step: stretches of samples are first condensed to one each, all side by side.
+    Several steps in a row are one such step: pieces of samples are first condensed to one step each, side by
+    side.
+
+    Args:
+        decay: shape that broadcasts with `added`.
+        added: shape (n, ...).
+
+    Returns:
+        y, shape as `added`.
     """
     if not len(added):
         return added
     length = int(np.sqrt(len(decay))) + 1
-    kept, new = cut(decay, length), cut(added, length)
+    kept, new = split_columns(decay, length), split_columns(added, length)
     over, gained = kept[0], new[0]
     for kept_now, new_now in zip(kept[1:], new[1:], strict=True):
         over, gained = over * kept_now, gained * kept_now + new_now
     state = np.zeros_like(gained)
     for number in range(1, len(state)):
         state[number] = over[number - 1] * state[number - 1] + gained[number - 1]
-    found = np.empty_like(new)
+    states = np.empty_like(new)
     for place in range(length):
         state = kept[place] * state + new[place]
-        found[place] = state
-    together = found.swapaxes(0, 1).reshape(length * found.shape[1], *added.shape[1:])
-    return np.asarray(together[: len(decay)])
+        states[place] = state
+    flat = states.swapaxes(0, 1).reshape(length * states.shape[1], *added.shape[1:])
+    return np.asarray(flat[: len(decay)])

@@ -1,60 +1,62 @@
-"""Which waves over position an effort is made of."""
+"""Find the harmonics of an effort over position."""
 
 from math import gcd
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.signals.blocks import places
-from estimation.signals.cache_by_array import cache_by_array
+from estimation.signals.blocks import block_index
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from robot_io.types import FloatArray
 
-_MOST_WAVES = 12  # that are tried
-_LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
-_LEAST_SHARE = 0.02  # of what is left, that one more wave must explain
-_APART_IN_HALVES = 0.8  # of its size, by which a wave may differ between two halves of the data
+_MOST_WAVES = 12  # tried
+_LEAST_WAVES = 1.5  # within the range of motion; a longer wave could be any curve
+_LEAST_SHARE = 0.02  # of the remaining energy, that one more wave must explain
+_APART_IN_HALVES = 0.8  # of its amplitude, by which a wave may differ between two halves of the data
 _MOST_SAMPLES = 30_000  # more are thinned out evenly
 _BINS = 16384
-_PER_BIN = 4  # bins that the shortest wave must have
-_APART = 1.3  # waves within the range, by which two differ at least: a swing within one broadens it
+_PER_BIN = 4  # bins of the shortest wave
+_APART = 1.3  # least difference of two waves, in periods within the range
 _FINER = 8  # of the spacing of independent waves
-_NEARLY_ALL = 0.98  # of the energy of all waves, that those of one pattern have
-_WHOLE_TURN = 0.75  # of a turn: an axis that covers more shows waves that repeat each turn
-_LEAST_PERIODS = 2.0  # of the pattern within the range; less may be any smooth law
+_NEARLY_ALL = 0.98  # of the energy of all waves, that the multiples of one wave number have
+_WHOLE_TURN = 0.75  # of a turn; an axis that covers more shows waves that repeat each turn
+_LEAST_PERIODS = 2.0  # of the pattern within the range; fewer may be any smooth law
 
 
-@cache_by_array("run", "position", "velocity", "acceleration", "effort")
+@cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
 def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
-    """The wave number n [1/position] and the multiples of it of which an effort is made.
+    """Find the wave number n [1/position] and its multiples that make up the ripple of an effort.
 
-    The strongest wave in what simple motion leaves is taken, all those found are fitted together with the
-    motion, and so on, as long as a wave explains 2 % of what is left (orthogonal matching pursuit, Pati et
-    al. 1993); one that differs between two halves of the data is passed over. Together, since ripple also
-    accelerates the joint. Which waves a channel has is chosen on all its runs; how large they are is for the
-    fit.
+    Orthogonal matching pursuit (Pati et al. 1993): take the strongest wave in the residual of simple motion,
+    fit all waves so far together with the motion, and repeat while a wave explains 2 % of the rest. They are
+    fitted together since ripple also accelerates the joint. A wave that differs between two halves of the
+    data is passed over. The waves are chosen on all runs; their amplitudes are left to the fit.
 
-    On an axis that covers about a turn, any whole number of waves a turn counts: magnets, teeth and
-    bearings each have a number of their own.
+    On an axis that covers about a turn, any whole number of waves a turn is valid: magnets, teeth and
+    bearings each have their own number.
+
+    Args:
+        data: the channel.
 
     Returns:
-        n, and multiples in ascending order; no multiples where nothing ripples.
+        n, and multiples in ascending order; no multiples without ripple.
     """
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
     whole_turn = data.kind is ChannelKind.REVOLUTE and span > _WHOLE_TURN * 2.0 * np.pi
     data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
-    motion = _motion(data)
+    motion = _motion_columns(data)
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
     left, _ = _fitted(data, motion, waves)
     for _ in range(_MOST_WAVES):
         tried.append(_strongest(data.position, left, span, tried))
-        after, found = _fitted(data, motion, [*waves, tried[-1]])
+        after, energy = _fitted(data, motion, [*waves, tried[-1]])
         if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
             break
         if _is_in_both_halves(data, left, tried[-1]):
             waves.append(tried[-1])
-            left, sizes = after, found
+            left, sizes = after, energy
     if whole_turn:
         whole = sorted({round(wave) for wave in waves if _is_whole(wave, span)})
         shared = gcd(*whole) or 1
@@ -63,12 +65,12 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
 
 
 def _is_whole(wave: float, span: float) -> bool:
-    """Whether a wave [1/rad] is a whole number a turn, as exactly as a range of motion [rad] can tell."""
+    """Whether a wave [1/rad] is a whole number a turn, within the resolution of a range of motion [rad]."""
     return round(wave) > 0 and abs(wave - round(wave)) * span < np.pi
 
 
-def _motion(data: ChannelData) -> FloatArray:
-    """Columns (n, k) by which simple motion and direction explain an effort, each of length 1."""
+def _motion_columns(data: ChannelData) -> FloatArray:
+    """Columns (n, k) of simple motion and direction, each of length 1."""
     q, v = data.position, data.velocity
     parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
     columns = np.column_stack(parts)
@@ -76,7 +78,7 @@ def _motion(data: ChannelData) -> FloatArray:
 
 
 def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
-    """Wave number of the largest peak of the spectrum over position, apart from those that are known."""
+    """Wave number of the largest peak of the spectrum over position, other than known peaks."""
     place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
     count = np.bincount(place, minlength=_BINS)
     total = np.bincount(place, weights=left, minlength=_BINS)
@@ -94,7 +96,7 @@ def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[
 
 
 def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
-    """What motion and waves leave of the effort, (n,), and the energy of each wave."""
+    """Residual (n,) of the effort beside motion and waves, and the energy of each wave."""
     angle = np.multiply.outer(data.position, np.array(waves))
     columns = np.hstack([motion, np.sin(angle), np.cos(angle)])
     gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
@@ -103,22 +105,22 @@ def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[
 
 
 def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
-    """Whether every other run, or each half of a single one, has this wave as the others have it."""
-    starts, piece = places(data.run)
+    """Whether odd and even runs, or the halves of a single run, have the same wave."""
+    starts, piece = block_index(data.run)
     half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
     columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
-    one, other = (
+    first, second = (
         np.linalg.lstsq(columns[half == side], left[half == side], rcond=None)[0] for side in (0, 1)
     )
-    apart, size = np.linalg.norm(one - other), 0.5 * np.linalg.norm(one + other)
-    return bool(apart <= _APART_IN_HALVES * size)
+    difference, mean = np.linalg.norm(first - second), 0.5 * np.linalg.norm(first + second)
+    return bool(difference <= _APART_IN_HALVES * mean)
 
 
 def _common(waves: FloatArray, energy: FloatArray, apart: float) -> tuple[float, tuple[int, ...]]:
-    """The largest wave number of which nearly all waves are multiples, and these; the others are left out.
+    """Largest wave number of which nearly all waves are multiples, and the multiples; others are left out.
 
-    Multiples are as exact as a fifth of what can be told apart. Waves of no pattern remain of what changes
-    slowly along the way.
+    Multiples are exact within a fifth of the resolution. Waves outside the pattern stem from slow changes
+    along the way.
     """
     most = int(waves[0] / (_LEAST_PERIODS * apart)) if len(waves) else 0
     for parts in range(1, most + 1):

@@ -1,124 +1,162 @@
-"""Operators with memory, each started afresh in every run."""
+"""Operators with memory that restart in every run."""
 
 from collections.abc import Callable
 from functools import cache
+from itertools import permutations
 from math import perm
 
 import numpy as np
 
-from estimation.signals.blocks import blocks, cut, places
-from estimation.signals.cache_by_array import of_arrays
+from estimation.signals.blocks import block_index, blocks, split_columns
+from estimation.signals.cache_by_array import cache_by_array
 from robot_io.types import FloatArray, IntArray
 
-_WINDOW = 5  # samples over which a rate is smoothed
-_EVEN = 0.01  # of the usual step, by which steps may differ and still be alike
+_WINDOW = 5  # samples over which a derivative is smoothed
+_EVEN = 0.01  # of the usual step, by which steps may differ in even sampling
 _ALL = slice(None)
-_STEADY_S = 0.025  # in which a probing tip turns round only once
+_STEADY_S = 0.025  # a probing tip reverses at most once in it
 
 
-@of_arrays
+@cache_by_array
 def sample_time(time_s: FloatArray, run: IntArray) -> float:
-    """Median time between samples of one run [s]; 1.0 where there is no second sample."""
+    """Return the median time between samples of a run [s]; 1.0 without a second sample.
+
+    Args:
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+    """
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     if not len(steps):
         return 1.0
     middle = len(steps) // 2
     low = middle - 1 + len(steps) % 2
-    steps.partition((low, middle))  # numpy's own median spends most of its time on what it might be asked
+    steps.partition((low, middle))  # faster than numpy's median
     return float(0.5 * (steps[low] + steps[middle]))
 
 
 def finest_step(time_s: FloatArray, run: IntArray) -> float:
-    """Time between samples where they are densest [s]: a twentieth are as close; see `sample_time`."""
+    """Return the 5 % quantile of the time between samples of a run [s]; 1.0 without a second sample.
+
+    Args:
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+    """
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     return float(np.quantile(steps, 0.05)) if len(steps) else 1.0
 
 
-def per_run(operator: Callable[[FloatArray], FloatArray], signal: FloatArray, run: IntArray) -> FloatArray:
-    """`operator` applied to each run's rows of `signal`, shape (n,) or (n, k)."""
+def apply_per_run(
+    operator: Callable[[FloatArray], FloatArray], signal: FloatArray, run: IntArray
+) -> FloatArray:
+    """Apply an operator to each run's rows of a signal.
+
+    Args:
+        operator: from the rows of a run to as many rows.
+        signal: shape (n,) or (n, k).
+        run: run of each sample, shape (n,).
+    """
     result = np.empty_like(signal, dtype=np.float64)
     for rows in blocks(run):
         result[rows] = operator(np.asarray(signal[rows], dtype=np.float64))
     return result
 
 
-@of_arrays
+@cache_by_array
 def is_even(time_s: FloatArray, run: IntArray) -> bool:
-    """Whether samples come at one rate."""
+    """Return whether samples come at one rate.
+
+    Args:
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+    """
     step_s = sample_time(time_s, run)
     steps = (time_s[1:] - time_s[:-1])[run[1:] == run[:-1]]
     return bool((np.abs(steps - step_s) <= _EVEN * step_s).all())
 
 
 def shift(signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float) -> FloatArray:
-    """The signal (n,) or (n, k) as it was `delay_s` ago; beyond a run's ends its first or last value.
+    """Delay a signal; before the start of a run its first value holds, after the end its last.
 
-    A cubic goes through the four samples around each time (two and two), so that a shift by a part of a
-    sample smooths nothing; straight between the first two samples of a run, and the last two.
+    A cubic through the two samples on either side of each time interpolates without smoothing; between the
+    first two and the last two samples of a run, interpolation is linear.
+
+    Args:
+        signal: shape (n,) or (n, k).
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+        delay_s: positive for an earlier value [s].
+
+    Returns:
+        Shape as the signal.
     """
     signal = np.asarray(signal, dtype=np.float64)
-    starts, piece = places(run)
+    starts, piece = block_index(run)
     if len(starts) == len(signal):
         return signal.copy()
     step_s = sample_time(time_s, run)
     if not is_even(time_s, run):
-        return _between(signal, time_s, run, delay_s)
+        return _interpolate(signal, time_s, run, delay_s)
     newest = int(np.ceil(delay_s / step_s)) - 2  # samples ago, of the four
     weights = _cubic_weights(np.arange(4.0)[None, :], np.array([delay_s / step_s - newest]))[0]
     shifted = sum(weight * np.roll(signal, newest + i, axis=0) for i, weight in enumerate(weights.tolist()))
     place, end = np.arange(len(signal)) - newest, np.append(starts[1:], len(run))[piece]
     rows = np.flatnonzero((place - 3 < starts[piece]) | (place >= end))
-    shifted[rows] = _between(signal, time_s, run, delay_s, rows)
+    shifted[rows] = _interpolate(signal, time_s, run, delay_s, rows)
     return np.asarray(shifted)
 
 
-def _between(
+def _interpolate(
     signal: FloatArray, time_s: FloatArray, run: IntArray, delay_s: float, rows: IntArray | slice = _ALL
 ) -> FloatArray:
-    """See `shift`: at these rows, for samples at any times."""
-    starts, piece = places(run)
+    """Delay a signal at these rows, with samples at any times; see `shift`."""
+    starts, piece = block_index(run)
     clock = _one_clock(time_s, starts, abs(delay_s))
     first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
-    wanted = np.clip(clock[rows] - delay_s, clock[first], clock[last])
+    at = np.clip(clock[rows] - delay_s, clock[first], clock[last])
     alone = first == last
-    after = np.where(alone, first, np.clip(np.searchsorted(clock, wanted), first + 1, last))
+    after = np.where(alone, first, np.clip(np.searchsorted(clock, at), first + 1, last))
     before = np.where(alone, first, after - 1)
     inside = (before - 1 >= first) & (after + 1 <= last)
-    part = (clock[after] - wanted) / np.where(alone, 1.0, clock[after] - clock[before])
+    part = (clock[after] - at) / np.where(alone, 1.0, clock[after] - clock[before])
     part = part.reshape(-1, *([1] * (signal.ndim - 1)))
     shifted: FloatArray = part * signal[before] + (1.0 - part) * signal[after]
     around = after[inside][:, None] + np.arange(-2, 2)
-    weights = _cubic_weights(clock[around], wanted[inside])
+    weights = _cubic_weights(clock[around], at[inside])
     shifted[inside] = np.einsum("nj,nj...->n...", weights, signal[around])
     return shifted
 
 
 def _one_clock(time_s: FloatArray, starts: IntArray, apart_s: float) -> FloatArray:
-    """Times [s] (n,) that increase from run to run too, by more than `apart_s`."""
+    """Times [s] (n,) that also increase from run to run, by more than `apart_s`."""
     steps = np.diff(time_s, prepend=time_s[:1])
     steps[starts] = 2.0 * apart_s + 1.0
     return np.cumsum(steps)
 
 
-def _cubic_weights(times: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Lagrange's weights (n, 4) of samples at four times (n, 4) for the cubic's value at `wanted` (n,)."""
+def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
+    """Lagrange weights (n, 4) of samples at four times (n, 4) for the cubic's value at times (n,)."""
     weights = np.ones_like(times)
-    for one in range(4):
-        for other in range(4):
-            if other != one:
-                weights[:, one] *= (wanted - times[:, other]) / (times[:, one] - times[:, other])
+    for i, j in permutations(range(4), 2):
+        weights[:, i] *= (at - times[:, j]) / (times[:, i] - times[:, j])
     return weights
 
 
 def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray | None = None) -> FloatArray:
-    """Backlash operator: follows the signal only once it has crossed a gap of twice `half_width`.
+    """Apply the play (backlash) operator: follow the signal only once it has crossed a gap.
 
-    Columns of (n, k) are independent. Each run starts from its `start`, shape (runs,) or (runs, k), as far
-    as the gap allows; without one the gap starts centred on the run's first sample.
-
-    A sample clamps the state between its own two ends of the gap, and clamps in a row are one clamp:
-    stretches of samples are first condensed to one clamp each, all side by side, then entered with their own
+    Each sample clamps the state between its own two ends of the gap, and several clamps in a row are one
+    clamp: pieces of samples are first condensed to one clamp each, side by side, then entered with their own
     states.
+
+    Args:
+        signal: shape (n,) or (n, k), whose columns are independent.
+        run: run of each sample, shape (n,).
+        half_width: half of the gap, in the unit of the signal.
+        start: state at the start of each run, shape (runs,) or (runs, k), as far as the gap allows; None for
+            a gap that is centred on the run's first sample.
+
+    Returns:
+        State, shape as the signal.
     """
     if signal.size == 0:
         return signal.astype(np.float64)
@@ -127,7 +165,7 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     start = signal[first] if start is None else np.clip(start, low[first], high[first])
     low[first] = high[first] = start
     length = int(np.sqrt(len(signal))) + 1
-    low, high = cut(low, length), cut(high, length)
+    low, high = split_columns(low, length), split_columns(high, length)
     least, most = low[0], high[0]
     for low_now, high_now in zip(low[1:], high[1:], strict=True):
         least = np.minimum(np.maximum(least, low_now), high_now)
@@ -139,13 +177,19 @@ def play(signal: FloatArray, run: IntArray, half_width: float, start: FloatArray
     played = np.empty_like(low)
     for place in range(length):
         state = np.minimum(np.maximum(state, low[place]), high[place], out=played[place])
-    together = played.swapaxes(0, 1).reshape(length * len(state), *signal.shape[1:])
-    return np.asarray(together[: len(signal)])
+    flat = played.swapaxes(0, 1).reshape(length * len(state), *signal.shape[1:])
+    return np.asarray(flat[: len(signal)])
 
 
-@of_arrays
-def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
-    """Position (n,) without the encoder's jitter, whose way back and forth adds up: a cubic through 25 ms."""
+@cache_by_array
+def smooth_jitter(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
+    """Smooth a position by a cubic over 25 ms, so that the encoder's jitter adds no path.
+
+    Args:
+        position: shape (n,).
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+    """
     half = int(0.5 * _STEADY_S / sample_time(time_s, run))
     window, steady = 2 * half + 1, np.array(position, dtype=np.float64)
     if not 3 < window <= len(position):
@@ -153,11 +197,11 @@ def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatAr
     weights = _cubic(window)
     steady[half:-half] = np.convolve(position, weights[half, ::-1], mode="valid")
     for rows in blocks(run):
-        values, found = position[rows], steady[rows]
+        values, smooth = position[rows], steady[rows]
         if len(values) < window:
-            found[:] = values
+            smooth[:] = values
         else:
-            found[:half], found[-half:] = (
+            smooth[:half], smooth[-half:] = (
                 weights[:half] @ values[:window],
                 weights[-half:] @ values[-window:],
             )
@@ -166,7 +210,7 @@ def steadied(position: FloatArray, time_s: FloatArray, run: IntArray) -> FloatAr
 
 @cache
 def _cubic(window: int) -> FloatArray:
-    """What turns the samples of a window into their cubic at each of them, (window, window)."""
+    """Matrix (window, window) from the samples of a window to their cubic fit."""
     place = np.linspace(-1.0, 1.0, window)
     power = place[:, None] ** np.arange(4.0)
     return np.asarray(power @ np.linalg.pinv(power))
@@ -175,15 +219,18 @@ def _cubic(window: int) -> FloatArray:
 def direction(
     position: FloatArray, run: IntArray, presliding: float, way: FloatArray | None = None
 ) -> FloatArray:
-    """Direction of motion in [-1, 1], (n,): it turns round over a path of `presliding`, and stays at rest.
+    """Compute a direction of motion that reverses over a path and holds at rest.
 
     Args:
         position: shape (n,).
-        run: shape (n,); each begins at 0.
-        presliding: path over which all but 1/e of a turn is made.
-        way: direction that it goes to, shape (n,); None for the sign of each step.
+        run: run of each sample, shape (n,); each begins at direction 0.
+        presliding: path over which all but 1/e of a reversal is made, in the unit of position.
+        way: direction that it approaches, shape (n,); None for the sign of each step.
+
+    Returns:
+        Direction in [-1, 1], shape (n,).
     """
-    first, _ = places(run)
+    first, _ = block_index(run)
     steps = np.diff(position, prepend=position[:1])
     kept, state = np.exp(-np.abs(steps) / presliding), np.sign(steps) if way is None else way.copy()
     kept[first] = state[first] = 0.0
@@ -197,29 +244,44 @@ def direction(
 
 
 def running_max(signal: FloatArray, run: IntArray) -> FloatArray:
-    """Largest value since the run began."""
-    return per_run(np.maximum.accumulate, signal, run)
+    """Return the largest value since the start of the run, shape (n,).
+
+    Args:
+        signal: shape (n,).
+        run: run of each sample, shape (n,).
+    """
+    return apply_per_run(np.maximum.accumulate, signal, run)
 
 
-def rate(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int = 1) -> FloatArray:
-    """Derivative of a signal (n,) without phase error, smoothed over five samples; 0 in shorter runs."""
+def derivative(signal: FloatArray, time_s: FloatArray, run: IntArray, order: int = 1) -> FloatArray:
+    """Differentiate a signal without phase error, smoothed over five samples; 0 in shorter runs.
+
+    Args:
+        signal: shape (n,).
+        time_s: times [s], shape (n,).
+        run: run of each sample, shape (n,).
+        order: 1 or 2.
+
+    Returns:
+        Shape (n,), in the signal's unit over s^order.
+    """
     slopes = _slopes(order) / sample_time(time_s, run) ** order
-    derivative = np.zeros(len(signal))
+    result = np.zeros(len(signal))
     if len(signal) < _WINDOW:
-        return derivative
-    derivative[2:-2] = sum(weight * signal[i : len(signal) - 4 + i] for i, weight in enumerate(slopes[2]))
+        return result
+    result[2:-2] = sum(weight * signal[i : len(signal) - 4 + i] for i, weight in enumerate(slopes[2]))
     for rows in blocks(run):
-        values, found = signal[rows], derivative[rows]
+        values, own = signal[rows], result[rows]
         if len(values) < _WINDOW:
-            found[:] = 0.0
+            own[:] = 0.0
         else:
-            found[:2], found[-2:] = slopes[:2] @ values[:_WINDOW], slopes[-2:] @ values[-_WINDOW:]
-    return derivative
+            own[:2], own[-2:] = slopes[:2] @ values[:_WINDOW], slopes[-2:] @ values[-_WINDOW:]
+    return result
 
 
 @cache
 def _slopes(order: int) -> FloatArray:
-    """What turns five samples into the derivative of their cubic (or quartic) at each of them, (5, 5)."""
+    """Matrix (5, 5) from five samples to the derivative of their cubic or quartic fit."""
     place = np.arange(_WINDOW) - _WINDOW // 2
     power = np.arange(4 if order == 1 else 5)
     fitted = np.linalg.pinv(place[:, None] ** power.astype(np.float64))

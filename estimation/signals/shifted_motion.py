@@ -1,20 +1,26 @@
-"""What follows when the load does not move as the encoder does."""
+"""Change the motion of a channel, with all signals that depend on it."""
 
 from dataclasses import replace
 
 from estimation.channel import ChannelData
 from robot_io.types import FloatArray
 
-BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # derivatives of a signal, beside it
+BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives
 
 
 def shifted_motion(
     data: ChannelData, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> ChannelData:
-    """The channel with these changes of its motion, each of shape (n,).
+    """Add changes to the motion of a channel.
 
-    Signals of the context that depend on the motion (a rigid body's efforts) are moved along to first order
-    where their derivatives by the channel's own position and acceleration are in the context.
+    Signals of the context that depend on the motion, such as a rigid body's torque, change to first order
+    where the context has their derivatives by the channel's own position and acceleration.
+
+    Args:
+        data: the channel.
+        position: change of position, shape (n,), in the unit of position.
+        velocity: change of velocity, shape (n,).
+        acceleration: change of acceleration, shape (n,).
     """
     context = dict(data.context)
     for name, values in data.context.items():

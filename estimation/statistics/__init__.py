@@ -1,1 +1,1 @@
-"""Least squares, how large the noise is, and how sure a result."""
+"""Least squares, noise levels, and uncertainty of results."""

@@ -1,4 +1,4 @@
-"""Linear least squares, fast for many samples and few gains, and indifferent to the columns' units."""
+"""Linear least squares, fast for many samples and few gains, and invariant to the columns' units."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import scipy
 
 from robot_io.types import FloatArray
 
-# Above this the normal equations lose half of the digits, and the orthogonal solution is worth its time.
+# Above this condition number the normal equations lose half of the digits; an orthogonal solution is used.
 _SAFE_CONDITION = 1e6
 _AT_REST = 1e-10  # of the largest moment: a smaller slope at a bound is rounding
 _PATIENCE = 3  # exchanges of whole blocks that lead nowhere, before single ones
@@ -29,7 +29,10 @@ def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = 
     Args:
         columns: shape (n, p).
         effort: shape (n,).
-        weights: shape (n,), factor of each residual (1 / sigma); None for equal.
+        weights: factor of each residual (1 / sigma), shape (n,); None for equal weights.
+
+    Returns:
+        The solution of least norm (in scaled columns) where the columns do not determine it.
     """
     if weights is not None:
         columns, effort = columns * weights[:, None], effort * weights
@@ -46,7 +49,11 @@ def solve(columns: FloatArray, effort: FloatArray, weights: FloatArray | None = 
 
 
 def condition_of_gram(gram: FloatArray) -> float:
-    """Condition number of a matrix X from X'X; infinite when X has no full rank."""
+    """Compute the condition number of a matrix X from X'X; infinite if X lacks full rank.
+
+    Args:
+        gram: X'X, shape (p, p).
+    """
     if not len(gram):
         return 1.0
     eigenvalues = np.linalg.eigvalsh(gram)

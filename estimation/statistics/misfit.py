@@ -1,4 +1,4 @@
-"""How far a model is off, beside what changes from one sample to the next."""
+"""Misfit of a model: its residual relative to the noise between neighbouring samples."""
 
 from dataclasses import dataclass
 
@@ -6,33 +6,33 @@ import numpy as np
 
 from robot_io.types import BoolArray, FloatArray, IntArray
 
-_SHARE = 0.9  # of the residuals: a few samples at kinks of the motion say nothing about the model
-_SIGMAS = 1.6448536269514722  # below which the magnitude of that share of Gaussian noise lies
+_SHARE = 0.9  # of the residuals; the largest, at kinks of the motion, say nothing about the model
+_SIGMAS = 1.6448536269514722  # that quantile of the magnitude of Gaussian noise
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves."""
+    """Size of a model's residual."""
 
-    noise: float  # standard deviation of what changes from sample to sample, in the effort's unit
-    times: float  # size of the residuals over that, about 1 where a model leaves nothing but noise
+    noise: float  # standard deviation of the part that changes from sample to sample, in the effort's unit
+    times: float  # size of the residual over that; about 1 for a complete model
 
 
 def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
     """Compare the residuals with their noise.
 
-    Noise changes from sample to sample, and what a model misses mostly does not: the noise is taken from the
-    differences of neighbours that a robust method kept, sigma = rms(difference) / sqrt(2) (J. von Neumann,
-    Annals of Mathematical Statistics 12, 1941), the size from all samples. A misfit that is itself as quick
-    as the samples is not seen.
+    Noise changes from sample to sample; the error of a model mostly does not. The noise is estimated from the
+    differences of neighbouring inliers, sigma = rms(difference) / sqrt(2) (J. von Neumann, Annals of
+    Mathematical Statistics 12, 1941), the size from all samples. A misfit that changes as fast as the samples
+    is not seen.
 
     Args:
         residuals: effort minus prediction, in order of time within each run, shape (n,).
         run: of each sample, shape (n,).
-        inliers: samples that were not set aside, shape (n,).
+        inliers: samples that a robust method kept, shape (n,).
 
     Returns:
-        NaN where no two neighbours are left; `times` is NaN where nothing changes.
+        NaN without two neighbouring inliers; `times` is NaN for zero noise.
     """
     pairs = inliers[1:] & inliers[:-1] & (run[1:] == run[:-1])
     if not pairs.any():
@@ -47,17 +47,17 @@ def residual_scale(residuals: FloatArray) -> float:
 
 
 def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
-    """100 (1 - |y - ym| / |y - mean(y)|): 100 for a perfect model, 0 for one as good as the mean.
+    """Compute the fit 100 (1 - |y - ym| / |y - mean(y)|) [%]: 100 is perfect, 0 as good as the mean.
 
     The normalised root mean square error of system identification (L. Ljung, System Identification, 2nd ed.,
     1999; `compare` of its toolbox).
 
     Args:
-        measured: y, shape (n,); NaN is left out.
+        measured: y, shape (n,); NaN is ignored.
         modelled: ym, shape (n,); likewise.
 
     Returns:
-        Below zero for a model that is worse than the mean; NaN where the measurement is constant.
+        Negative for a model that is worse than the mean; NaN for a constant measurement.
     """
     both = np.isfinite(measured) & np.isfinite(modelled)
     y, ym = measured[both], modelled[both]

@@ -1,4 +1,4 @@
-"""How uncertain a sum is when its terms are correlated in time: the middle of every standard error here.
+"""Heteroscedasticity and autocorrelation consistent (HAC) covariance of a sum of correlated terms.
 
 Bartlett's kernel with Andrews' bandwidth after prewhitening, run by run. W. K. Newey, K. D. West, A Simple,
 Positive Semi-Definite, Heteroskedasticity and Autocorrelation Consistent Covariance Matrix, Econometrica 55
@@ -13,7 +13,7 @@ import numpy as np
 from estimation.signals.blocks import blocks
 from robot_io.types import FloatArray, IntArray
 
-_MAX_AR1 = 0.99  # prewhitening closer to 1 would divide by next to nothing
+_MAX_AR1 = 0.99  # prewhitening closer to 1 would divide by almost zero
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class SumCovariance:
     """Covariance of a sum of correlated terms."""
 
     matrix: FloatArray  # shape (p, p)
-    effective_count: float  # how many uncorrelated terms would be as uncertain; at most n
+    effective_count: float  # number of uncorrelated terms that would be as uncertain; at most n
 
 
 def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovariance:
-    """Covariance of the sum over the rows of `terms`, whose mean is zero.
+    """Estimate the covariance of the sum over the rows of `terms`, whose expectation is zero.
 
     Args:
         terms: shape (n, p), in order of time within each run.
@@ -58,7 +58,7 @@ def _ar1(pieces: list[FloatArray]) -> FloatArray:
 
 
 def _whiten(piece: FloatArray, ar1: FloatArray) -> FloatArray:
-    """Take the AR(1) part away; the first term keeps the variance that the others then have."""
+    """Remove the AR(1) part; the first term is scaled to the variance of the others."""
     first = piece[:1] * np.sqrt(1 - ar1**2)
     return np.concatenate([first, piece[1:] - ar1 * piece[:-1]])
 
@@ -71,7 +71,7 @@ def _bandwidth(ar1: FloatArray, count: int, longest: int) -> int:
 
 
 def _bartlett(piece: FloatArray, lag_count: int) -> FloatArray:
-    """Bartlett's estimate, written as the mean square of moving sums: the same, without a loop over lags."""
+    """Bartlett's estimate as the mean square of moving sums, which avoids a loop over lags."""
     edge = np.zeros((lag_count, piece.shape[1]))
     sums = np.cumsum(np.concatenate([edge, piece, edge[1:]]), axis=0)
     moving = sums[lag_count:] - sums[:-lag_count]

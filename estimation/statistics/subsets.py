@@ -7,9 +7,7 @@ import numpy as np
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray
 
-_DEGENERATE = (
-    1e-12  # smallest eigenvalue of the scaled X'X over its largest, below which a subset says nothing
-)
+_DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class SubsetSolutions:
 def solve_subsets(
     columns: FloatArray, effort: FloatArray, size: int, trials: int, rng: np.random.Generator
 ) -> SubsetSolutions:
-    """Solve `trials` random subsets of `size` samples by least squares.
+    """Solve random subsets of samples by least squares.
 
     Args:
         columns: shape (n, p).
@@ -57,8 +55,8 @@ def solve_subsets(
 
 
 def _draw(samples: int, size: int, trials: int, rng: np.random.Generator) -> IntArray:
-    """Random subsets without repeats, shape (trials, size): draw all, and draw anew those with a repeat."""
-    if size * size > samples:  # repeats would be the rule: rank random numbers instead
+    """Random subsets without repeats, shape (trials, size); subsets with a repeat are drawn again."""
+    if size * size > samples:  # most subsets would have repeats: rank random numbers instead
         return np.argpartition(rng.random((trials, samples)), size - 1, axis=1)[:, :size]
     picked = rng.integers(samples, size=(trials, size))
     while True:

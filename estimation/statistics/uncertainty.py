@@ -1,4 +1,4 @@
-"""Standard errors and intervals of parameters, and how far the data determine them."""
+"""Standard errors, confidence intervals and identifiability of parameters."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from estimation.statistics.serial_covariance import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95
-_SINGULAR = 1e8  # condition number beyond which double precision leaves no digit that could be trusted
-_LOST_SHARE = 1.0  # uncertainty, as a share of the effort, at which a parameter of no certain sign is lost
+_SINGULAR = 1e8  # condition number beyond which double precision leaves no correct digit
+_LOST_SHARE = 1.0  # uncertainty as a share of the effort, above which a parameter of unknown sign is lost
 _ROUGH = 0.25  # relative standard error above which a parameter is known only roughly
-_SURE = 1e-6  # of what residuals of this size leave open: no share of outliers makes an error that small
-_DIGITS = 1e-9  # share of the effort below which residuals are the last digits of the numbers
-_MATTERS = 0.01  # uncertainty, as a share of the effort, above which that is worth a word
+_SURE = 1e-6  # least standard error relative to the residual's size; outliers cannot explain a smaller one
+_DIGITS = 1e-9  # share of the effort below which residuals are rounding errors
+_MATTERS = 0.01  # uncertainty as a share of the effort, above which it is mentioned
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Covariance:
         return np.sqrt(np.diag(self.matrix))
 
     def intervals(self, values: FloatArray) -> FloatArray:
-        """95 % confidence intervals, shape (m, 2)."""
+        """Return 95 % confidence intervals, shape (m, 2), around values (m,)."""
         reach = scipy.special.stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
         return np.column_stack([values - reach, values + reach])
 
@@ -40,9 +40,10 @@ class Covariance:
 def sandwich(
     jacobian: FloatArray, score: FloatArray, slope: FloatArray, run: IntArray | None = None
 ) -> Covariance:
-    """Covariance of the solution of sum_i jacobian_i score_i = 0, honest for correlated and uneven noise.
+    """Estimate the covariance of the solution of sum_i jacobian_i score_i = 0.
 
-    Eicker-Huber-White with the serial covariance of the scores in the middle.
+    Eicker-Huber-White sandwich with the HAC covariance of the scores in the middle: valid for correlated and
+    heteroscedastic noise.
 
     Args:
         jacobian: shape (n, m), of the prediction with respect to the parameters.
@@ -56,7 +57,7 @@ def sandwich(
         return unknown_covariance(parameters)
     scaled = jacobian / lengths
     curvature = scaled.T @ (scaled * slope[:, None])
-    if np.linalg.cond(curvature) > _SINGULAR**2:  # samples that count at all may be a few, or all alike
+    if np.linalg.cond(curvature) > _SINGULAR**2:  # too few samples may have weight, or all may be alike
         return unknown_covariance(parameters)
     bread = np.linalg.inv(curvature)
     filling = sum_covariance(scaled * score[:, None], run)
@@ -66,28 +67,35 @@ def sandwich(
 
 
 def common_error_covariance(jacobian: FloatArray, errors: FloatArray) -> FloatArray:
-    """What errors that many samples share do to the solution, shape (m, m).
+    """Compute the covariance that errors shared by many samples add to the solution.
 
-    The residuals do not show them: the parameters go along with an error e as far as they can, which is its
-    least squares fit. A. Pagan, Econometric Issues in the Analysis of Regressions with Generated Regressors,
+    The residuals do not show such errors, since the parameters absorb an error e by its least-squares fit.
+    A. Pagan, Econometric Issues in the Analysis of Regressions with Generated Regressors,
     International Economic Review 25 (1984).
 
     Args:
         jacobian: shape (n, m), of the prediction with respect to the parameters.
-        errors: shape (n, r), one standard error of each of r independent errors, in the samples that have it.
+        errors: one standard error of each of r independent errors in each sample, shape (n, r).
+
+    Returns:
+        Shape (m, m).
     """
-    moved = np.column_stack([solve(jacobian, error).gains for error in errors.T])
-    return np.asarray(moved @ moved.T)
+    shifts = np.column_stack([solve(jacobian, error).gains for error in errors.T])
+    return np.asarray(shifts @ shifts.T)
 
 
 def unknown_covariance(parameters: int) -> Covariance:
-    """The covariance of `parameters` values about which nothing is known."""
+    """Return the covariance of undetermined values: all NaN.
+
+    Args:
+        parameters: their number.
+    """
     return Covariance(np.full((parameters, parameters), np.nan), 1.0)
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """Whether the data determine the parameters, and what to do if not."""
+    """How well the data determine the parameters, and what to do if they do not."""
 
     identifiability: Identifiability
     note: str  # without figures: these stand beside it
@@ -103,10 +111,11 @@ def assess_parameters(
     *,
     gain_count: int,
 ) -> Assessment:
-    """Say how far the data determine each parameter.
+    """Assess how well the data determine each parameter.
 
-    A gain counts by its interval relative to its value; another parameter, which may be a place whose zero
-    means nothing, by what its uncertainty does to the effort: std_err * rms(column) / rms(effort).
+    A gain is assessed by its interval relative to its value. Another parameter may be a position whose zero
+    is arbitrary; it is assessed by the effect of its uncertainty on the effort: std_err * rms(column) /
+    rms(effort).
 
     Args:
         names: the m parameters.
@@ -171,11 +180,11 @@ def _rms(effort: FloatArray) -> float:
 
 
 def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
-    """What would determine a parameter."""
-    others = np.abs(correlation[index])
-    others[index] = 0.0
-    if len(names) > 1 and others.max() > 0.9:
-        partner = names[int(np.argmax(others))]
+    """Advice on how to determine a parameter."""
+    strength = np.abs(correlation[index])
+    strength[index] = 0.0
+    if len(names) > 1 and strength.max() > 0.9:
+        partner = names[int(np.argmax(strength))]
         return f"{names[index]} changes together with {partner}; vary speed and depth more independently"
     return "excite it more (faster, deeper, longer) or measure with less noise"
 
@@ -186,10 +195,10 @@ _TOO_SURE = "most samples are exactly alike, and the others do not fit: leave ou
 def _is_too_sure(
     jacobian: FloatArray, effort: FloatArray, residuals: FloatArray, covariance: Covariance
 ) -> bool:
-    """Whether residuals that are there have no share in an error: a majority without noise set the scale."""
-    left = _rms(residuals)
-    spread = covariance.std_err * np.linalg.norm(jacobian, axis=0)
-    return left > _DIGITS * _rms(effort) and bool((spread < _SURE * left).any())
+    """Whether standard errors are far too small for the residuals: a noise-free majority set the scale."""
+    residual_rms = _rms(residuals)
+    scaled_error = covariance.std_err * np.linalg.norm(jacobian, axis=0)
+    return residual_rms > _DIGITS * _rms(effort) and bool((scaled_error < _SURE * residual_rms).any())
 
 
 def assemble(
@@ -207,7 +216,7 @@ def assemble(
     history: FloatArray | None = None,
     details: dict[str, float] | None = None,
 ) -> Estimate:
-    """Put an `Estimate` together and assess it.
+    """Assemble an `Estimate` and assess its parameters.
 
     Args:
         estimator: its registered name.
@@ -261,11 +270,17 @@ def assemble(
 
 
 def cramer_rao(slopes: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Least standard errors of parameters, (p,), by slopes (n, p) of a signal with noise sigma (n,).
+    """Compute the Cramer-Rao bound diag((J' S^-1 J)^-1)^(1/2) of standard errors; C. R. Rao (1945).
 
-    diag((J' S^-1 J)^-1)^(1/2), C. R. Rao (1945); a parameter that changes nothing has none.
+    Args:
+        slopes: J, derivatives of the signal by the parameters, shape (n, p).
+        sigma: noise of each sample, shape (n,).
+
+    Returns:
+        Least standard errors, shape (p,); 0 for a parameter without influence.
     """
-    weighed = slopes / sigma[:, None]
-    sizes = np.linalg.norm(weighed, axis=0)
+    weighted = slopes / sigma[:, None]
+    sizes = np.linalg.norm(weighted, axis=0)
     sizes[sizes == 0.0] = 1.0
-    return np.asarray(np.sqrt(np.diag(np.linalg.pinv((weighed / sizes).T @ (weighed / sizes)))) / sizes)
+    scaled = weighted / sizes
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled))) / sizes)

@@ -15,7 +15,7 @@ from estimation.estimate import ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
 from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
-from estimation.signals.blocks import blocks, places, since_their_start
+from estimation.signals.blocks import block_index, blocks, time_in_run
 from estimation.study.patterns import Part
 from palpate.render import sentences
 from palpate.render.budget import budget_view
@@ -141,7 +141,7 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
     """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
-    own_s, (first, run) = since_their_start(data.time_s, data.run), places(data.run)
+    own_s, (first, run) = time_in_run(data.time_s, data.run), block_index(data.run)
     lengths_s = np.maximum.reduceat(own_s, first)
     steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
     return own_s + (np.cumsum(steps_s) - steps_s)[run]

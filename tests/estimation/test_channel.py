@@ -7,8 +7,8 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effects import EFFECTS
-from estimation.signals.blocks import places
-from estimation.signals.cache_by_array import of_arrays
+from estimation.signals.blocks import block_index
+from estimation.signals.cache_by_array import cache_by_array
 from robot_io.errors import InputError
 from tests.estimation.swings import swings
 
@@ -28,12 +28,12 @@ def test_arrays_that_do_not_fit_are_refused(change, words):
 
 def test_what_arrays_give_is_computed_once_unless_somebody_can_write_into_them():
     asked = []
-    total = of_arrays(lambda *arrays: asked.append(arrays) or sum(one.sum() for one in arrays))
+    total = cache_by_array(lambda *arrays: asked.append(arrays) or sum(one.sum() for one in arrays))
     mine, fixed = np.arange(4.0), np.arange(4.0)
     fixed.setflags(write=False)
     assert [total(one) for one in (mine, mine, fixed, fixed)] == [6.0] * 4
     assert len(asked) == 3
-    assert not any(one.flags.writeable for one in places(np.repeat([0, 1], 2)))
+    assert not any(one.flags.writeable for one in block_index(np.repeat([0, 1], 2)))
 
 
 def test_a_tool_s_yielding_goes_by_where_the_object_pushes_now():

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
-from estimation.signals.blocks import blocks, in_order_of_time
+from estimation.signals.blocks import blocks, runs_by_time
 from estimation.signals.bouc_wen import bouc_wen
 from estimation.signals.exponential_memory import low_pass, relax, springpot
-from estimation.signals.runwise import direction, play, rate, running_max, shift, steadied
+from estimation.signals.runwise import derivative, direction, play, running_max, shift, smooth_jitter
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)
@@ -45,12 +45,12 @@ def test_play_of_nothing_is_nothing():
 def test_rates_agree_with_savitzky_and_golay_run_by_run(order):
     signal = np.random.default_rng(0).standard_normal(62)
     run = np.repeat([0, 1, 2, 3], [30, 4, 5, 23])
-    slope = rate(signal, np.arange(62) * 0.01, run, order)
+    slope = derivative(signal, np.arange(62) * 0.01, run, order)
     for number, rows in ((0, slice(0, 30)), (2, slice(34, 39)), (3, slice(39, 62))):
         wanted = savgol_filter(signal[rows], 5, 3 if order == 1 else 4, deriv=order, delta=0.01)
         np.testing.assert_allclose(slope[rows], wanted, atol=1e-9 * np.abs(wanted).max(), err_msg=str(number))
     np.testing.assert_array_equal(slope[30:34], 0.0)
-    assert len(rate(signal[:3], np.arange(3) * 0.01, run[:3], order)) == 3
+    assert len(derivative(signal[:3], np.arange(3) * 0.01, run[:3], order)) == 3
 
 
 def test_lag_follows_a_step_and_delay_shifts():
@@ -91,8 +91,8 @@ def test_direction_turns_over_its_path_and_stays_at_rest():
 
 
 def test_rates_and_maxima():
-    assert rate(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
-    assert rate(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
+    assert derivative(np.sin(TIME), TIME, ONE_RUN)[5:-5] == pytest.approx(np.cos(TIME)[5:-5], abs=1e-6)
+    assert derivative(np.sin(TIME), TIME, ONE_RUN, 2)[5:-5] == pytest.approx(-np.sin(TIME)[5:-5], abs=1e-4)
     assert running_max(np.sin(TIME), ONE_RUN)[-1] == pytest.approx(1.0, abs=1e-4)
 
 
@@ -132,7 +132,7 @@ def test_a_lag_of_uneven_samples_is_that_of_even_ones_between():
 def test_a_steadied_position_is_a_cubic_through_each_window_within_each_run(step_s):
     run = np.repeat([0, 1, 2], [4, 200, 300])
     position = np.cumsum(np.random.default_rng(0).normal(size=len(run)))
-    found = steadied(position, np.arange(len(run)) * step_s, run)
+    found = smooth_jitter(position, np.arange(len(run)) * step_s, run)
     window = 2 * int(0.0125 / step_s) + 1
     np.testing.assert_array_equal(found[run == 0], position[run == 0])  # shorter than any window
     for number in (1, 2):
@@ -185,9 +185,9 @@ def test_what_is_remembered_follows_time_and_not_the_numbers_of_the_runs():
 def test_runs_that_overlap_have_clocks_of_their_own_and_keep_their_order():
     run = np.repeat([0, 1, 2], [3, 3, 3])
     later = np.array([10.0, 11, 12, 0, 1, 2, 5, 6, 7])
-    assert [rows.start for rows in in_order_of_time(later, run)] == [3, 6, 0]
+    assert [rows.start for rows in runs_by_time(later, run)] == [3, 6, 0]
     own = np.array([0.2, 1, 2, 0.1, 1, 2, 0, 1, 2])
-    assert [rows.start for rows in in_order_of_time(own, run)] == [0, 3, 6]
+    assert [rows.start for rows in runs_by_time(own, run)] == [0, 3, 6]
 
 
 @pytest.mark.parametrize("alpha", [0.05, 0.2, 0.5, 0.9])

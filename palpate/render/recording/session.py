@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from estimation.signals.blocks import places
+from estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.arm import log_arm, log_object, view_3d
@@ -58,7 +58,7 @@ def _log_contact(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
     """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour."""
-    first, _ = places(phases)
+    first, _ = block_index(phases)
     shown = [phase(int(number)) for number in phases[first]]
     colors = {name: palette.rgb(color) for name, color in shown}
     known = rr.StateConfiguration(values=list(colors), labels=list(colors), colors=list(colors.values()))

@@ -20,7 +20,7 @@ from estimation.fit.normal_equations import gram_matrices
 from estimation.fit.smooth_features import hats, smooth_features
 from estimation.model import Model
 from estimation.signals.exponential_memory import low_pass
-from estimation.signals.runwise import play, rate, shift
+from estimation.signals.runwise import derivative, play, shift
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, smoothed, swings, within
 
@@ -101,7 +101,7 @@ LAWS = {  # of a joint: which signal's columns draw it; those that begin with "a
     "creep": ("past motion", lambda o: fades(o.x, o.t, o.run, 0.1)),
     "slow creep": ("past motion", lambda o: fades(o.x, o.t, o.run, 1.0)),
     "hysteresis": ("past motion", lambda o: way(o.x, o.run, 0.04)),
-    "a rate": ("effort", lambda o: rate(o.e, o.t, o.run)),
+    "a rate": ("effort", lambda o: derivative(o.e, o.t, o.run)),
     "creep that bends": ("past motion", lambda o: bent(fades(o.x, o.t, o.run, 0.3))),
     "hysteresis by depth": ("past motion", lambda o: np.abs(way(o.x, o.run, 0.01)) * o.x),
     "hysteresis of a reader": ("effort", lambda o: way(o.e, o.run, 0.15)),
