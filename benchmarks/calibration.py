@@ -142,10 +142,10 @@ def main() -> None:
     for kind in options.kinds:
         for seed in track(range(options.seeds), description=kind, console=Console(stderr=True)):
             with tempfile.TemporaryDirectory() as folder:
-                for what, unit, found, stated, hidden in KINDS[kind](
+                for what, unit, value, stated, hidden in KINDS[kind](
                     np.random.default_rng(seed), seed, Path(folder)
                 ):
-                    rows[what, unit].append((found - hidden, stated))
+                    rows[what, unit].append((value - hidden, stated))
     table = Table("what", "unit", "values", "error, largest", "rms", "stated", "in 2 std")
     for (what, unit), pairs in rows.items():
         error, stated = np.abs(np.array(pairs)).T

@@ -69,10 +69,11 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
 def diagnosed(path: Path, channel: str) -> str:
     """Read a session, diagnose it over the whole library, and say in short what came out."""
     study = Study(path)
-    found = study.diagnose(channel).channels
-    span_s = max(float(np.ptp(one.data.time_s)) for one in study.channels)
+    channels = study.diagnose(channel).channels
+    span_s = max(float(np.ptp(channel_state.data.time_s)) for channel_state in study.channels)
     told = (
-        f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}" for entry in found
+        f"{entry.channel} {' + '.join(a.effect for a in entry.accepted) or entry.verdict}"
+        for entry in channels
     )
     return f"{span_s:.0f} s of data: {', '.join(told)}"
 
@@ -104,9 +105,9 @@ def hour_of_joint(swing_hz: float, moving_s: float) -> str:
     torque += 0.1 * np.tanh(velocity / 1e-3) + 0.02 * rng.standard_normal(len(time_s))
     read = position + 1e-5 * rng.standard_normal(len(time_s))
     study = Study({"time_s": time_s, "position_rad": read, "torque_Nm": torque}, model="pendulum")
-    (found,) = study.diagnose().channels
-    names = " + ".join(one.effect for one in found.accepted)
-    return f"{study.source.notes[0]}\n  {names or found.verdict.value}"
+    (diagnosis,) = study.diagnose().channels
+    names = " + ".join(entry.effect for entry in diagnosis.accepted)
+    return f"{study.source.notes[0]}\n  {names or diagnosis.verdict.value}"
 
 
 def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
@@ -125,8 +126,9 @@ def short_runs(count: int = 2000, length: int = 25) -> ChannelData:
 def directly(data: ChannelData, model: str) -> str:
     """Diagnose a channel without a session around it."""
     built = MODELS[model]().build(ModelContext())
-    (found,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
-    return f"{len(data)} samples: {' + '.join(one.effect for one in found.accepted) or found.verdict.value}"
+    (diagnosis,) = diagnose(data, built, rng=np.random.default_rng(0)).channels
+    names = " + ".join(entry.effect for entry in diagnosis.accepted)
+    return f"{len(data)} samples: {names or diagnosis.verdict.value}"
 
 
 def main() -> None:

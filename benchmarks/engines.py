@@ -100,18 +100,18 @@ def compare_grid(console: Console, options: argparse.Namespace) -> None:
     apart: dict[str, list[dict[str, float]]] = {}
     for rows in of_pairs([in_both(case) for case in cases], options):
         for bullet, mujoco in zip(*rows, strict=True):
-            found = apart.setdefault(bullet["estimator"], [])
+            pairs = apart.setdefault(bullet["estimator"], [])
             if not (bullet["problem"] or mujoco["problem"]):
-                found.append(differences(bullet, mujoco))
+                pairs.append(differences(bullet, mujoco))
     headers = ("k apart", "c apart", "k off", "c off", "c apart at c = 0", "objects")
     table = Table(
         "estimator",
         *(Column(text, justify="right") for text in headers),
         title=f"Largest of {len(cases)} objects without noise [% of the truth; at c = 0 N s/m]",
     )
-    for estimator, found in apart.items():
-        worst = {key: max(one[key] for one in found) for key in found[0]} if found else {}
-        table.add_row(estimator, *(f"{value:.3f}" for value in worst.values()), f"{len(found)}")
+    for estimator, pairs in apart.items():
+        worst = {key: max(pair[key] for pair in pairs) for key in pairs[0]} if pairs else {}
+        table.add_row(estimator, *(f"{value:.3f}" for value in worst.values()), f"{len(pairs)}")
     console.print(table)
 
 

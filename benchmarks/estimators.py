@@ -45,8 +45,8 @@ Method = Callable[[Press, FloatArray, int], FloatArray]
 
 def linear(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
     """One of palpate's linear estimators."""
-    found = ESTIMATORS[name]().fit(press.regression(force_n), rng=np.random.default_rng(seed))
-    return np.array([parameter.value for parameter in found.parameters])
+    estimate = ESTIMATORS[name]().fit(press.regression(force_n), rng=np.random.default_rng(seed))
+    return np.array([parameter.value for parameter in estimate.parameters])
 
 
 def contact(name: str, press: Press, force_n: FloatArray, seed: int) -> FloatArray:
@@ -164,10 +164,10 @@ def step_study() -> None:
             ratios, late = [], []
             for seed in range(SLOW_DRAWS):
                 noise_n = np.hypot(0.005, share * force_n) * np.random.default_rng(seed).standard_normal(RUN)
-                found, taken = follow(ESTIMATORS[name](), rows, force_n + noise_n)
+                stiffness, taken = follow(ESTIMATORS[name](), rows, force_n + noise_n)
                 sprls, _ = follow(Sprls(), rows, force_n + noise_n)
-                ratios.append(np.var(found[1500:CHANGE]) / np.var(sprls[1500:CHANGE]))
-                beyond = np.flatnonzero(np.abs(found[CHANGE:] - 1000.0) > 50.0)
+                ratios.append(np.var(stiffness[1500:CHANGE]) / np.var(sprls[1500:CHANGE]))
+                beyond = np.flatnonzero(np.abs(stiffness[CHANGE:] - 1000.0) > 50.0)
                 late.append(int(beyond[-1]) + 1 if len(beyond) else 0)
                 updates.append(taken)
             ms = f"{np.median(late):.0f}" if np.median(late) < RUN - CHANGE else "never"

@@ -111,9 +111,9 @@ def main() -> None:
     rows: list[Row] = []
     for arm in [only] if only else sorted(shipped_robots()):
         for stiffness, damping, speeds in objects():
-            found = probe(arm, stiffness, damping, ProbingPlan(speeds_m_s=speeds))
-            rows += found
-            for speed, row in zip(speeds, found, strict=True):
+            runs = probe(arm, stiffness, damping, ProbingPlan(speeds_m_s=speeds))
+            rows += runs
+            for speed, row in zip(speeds, runs, strict=True):
                 table.add_row(*cells(arm, stiffness, damping, speed, row))
     console = Console()
     console.print(table)

@@ -94,13 +94,13 @@ def mutants_of(area: str, file: Path) -> list[Mutant]:
     begins = [0]
     for line in lines:
         begins.append(begins[-1] + len(line))
-    found = []
+    mutants = []
     for node, new in _changes(ast.parse(source)):
         start = begins[node.lineno - 1] + node.col_offset
         end = begins[node.end_lineno - 1] + node.end_col_offset
         old = source.encode()[start:end].decode()
-        found.append(Mutant(area, file, node.lineno, start, end, old, new))
-    return found
+        mutants.append(Mutant(area, file, node.lineno, start, end, old, new))
+    return mutants
 
 
 def _changes(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
@@ -131,11 +131,11 @@ def _changed(node: ast.AST) -> str:
     text = ast.unparse
     match node:
         case ast.Compare(left, [operator], [right]):
-            other = (_COMPARED | _REVERSED)[type(operator)]
-            return f"({text(left)} {other} {text(right)})"
+            changed = (_COMPARED | _REVERSED)[type(operator)]
+            return f"({text(left)} {changed} {text(right)})"
         case ast.BoolOp(operator, values):
-            other = " or " if isinstance(operator, ast.And) else " and "
-            return f"({other.join(f'({text(value)})' for value in values)})"
+            changed = " or " if isinstance(operator, ast.And) else " and "
+            return f"({changed.join(f'({text(value)})' for value in values)})"
         case ast.BinOp(left, operator, right) if type(operator) in _COMPUTED:
             return f"(({text(left)}) {_COMPUTED[type(operator)]} ({text(right)}))"
         case ast.UnaryOp(ast.Not() | ast.USub(), operand):
@@ -144,8 +144,8 @@ def _changed(node: ast.AST) -> str:
             return str(not value)
         case ast.Constant(int() | float() as value):
             return str(value + 1 if isinstance(value, int) else 2.0 * value or 1.0)
-        case ast.IfExp(test, body, other):
-            return f"({text(other)} if {text(test)} else {text(body)})"
+        case ast.IfExp(test, body, changed):
+            return f"({text(changed)} if {text(test)} else {text(body)})"
         case ast.Return(value) if value is not None and not isinstance(value, ast.Constant):
             return "return None"
         case ast.Expr(ast.Call()) | ast.AugAssign() | ast.Raise():
@@ -158,7 +158,7 @@ def sampled(count: int, areas: list[str], seed: int) -> list[Mutant]:
     random, drawn = Random(seed), list[Mutant]()
     for number, area in enumerate(areas):
         files = sorted(path.relative_to(ROOT) for path in (ROOT / AREAS[area][0]).rglob("*.py"))
-        every = [one for file in files for one in mutants_of(area, file)]
+        every = [mutant for file in files for mutant in mutants_of(area, file)]
         drawn += random.sample(every, count // len(areas) + (number < count % len(areas)))
     random.shuffle(drawn)
     return drawn
@@ -211,8 +211,11 @@ class Trial:
         return [str(path) for path in near], [str(path) for path in files if path not in near]
 
     def _files(self, area: str) -> list[Path]:
-        found = (place for pattern in AREAS[area][1] for place in self._tree.glob(pattern))
-        return sorted(path for one in found for path in ([one] if one.is_file() else one.rglob("test_*.py")))
+        places = (place for pattern in AREAS[area][1] for place in self._tree.glob(pattern))
+        tests = (
+            path for place in places for path in ([place] if place.is_file() else place.rglob("test_*.py"))
+        )
+        return sorted(tests)
 
     def _failing(self, area: str, tests: list[str]) -> str:
         if not tests:
@@ -267,7 +270,7 @@ def main() -> None:
             )
     for area, results in noticed.items():
         print(f"{area}: {sum(results)} of {len(results)}")
-    every = [one for results in noticed.values() for one in results]
+    every = [result for results in noticed.values() for result in results]
     print(f"noticed: {sum(every)} of {len(every)}, {100 * np.mean(every):.0f} % (goal {100 * GOAL:.0f} %)")
     sys.exit(sum(every) < GOAL * len(every))
 

@@ -77,10 +77,10 @@ def screened(effect: str, seed: int) -> dict[str, Any] | None:
         job = _job(case, Path(folder) / "probe.mcap")
         run_probing(job)
         try:
-            (found,) = Study(job.session, keep=False).diagnose(place).channels
+            (diagnosis,) = Study(job.session, keep=False).diagnose(place).channels
         except PalpateError:
             return None
-    return case | {"left": _groups(found)} if is_undecided(found) else None
+    return case | {"left": _groups(diagnosis)} if is_undecided(diagnosis) else None
 
 
 def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
@@ -98,25 +98,25 @@ def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
             end, left = f"stopped: {error}", [["?"]]
     hidden = case["hidden"]["effect"]
     decided = end in {"separated", "simplest"}
-    right = decided and [[SAME.get(one, one) for one in group] for group in left] == [[hidden]]
+    right = decided and _by_estimators_names(left) == [[hidden]]
     return case | {
         "way": way,
         "end": end,
         "left": left,
         "more_probes": len(told) - 1,
-        "seconds": sum(one.seconds for one in told[1:]),
+        "seconds": sum(decision.seconds for decision in told[1:]),
         "separated": right,
         "wrong": decided and not right,
         "undecided_at_first": bool(told) and told[0].end is not End.SEPARATED,
-        "path": [one.left for one in told],
-        "experiments": [one.next for one in told if one.next],
+        "path": [decision.left for decision in told],
+        "experiments": [decision.next for decision in told if decision.next],
         "wall_s": time.perf_counter() - begun,
     }
 
 
 def is_inseparable(done: dict[str, Any]) -> bool:
     """Whether all experiments together leave what a case ended with, and what was hidden is among that."""
-    left = [[SAME.get(one, one) for one in group] for group in done["left"]]
+    left = _by_estimators_names(done["left"])
     if not left or not all(done["hidden"]["effect"] in group for group in left):
         return False
     with TemporaryDirectory() as folder, threadpool_limits(1):
@@ -127,9 +127,9 @@ def is_inseparable(done: dict[str, Any]) -> bool:
             run_probing(replace(job, session=session, plan=candidate.plan, again=number)).raise_for_failure()
         study = Study(job.session.parent, keep=False)
         channel = study.channel(done["channel"])
-        parts = {one.name: one.parts for one in study.effects}
+        parts = {effect.name: effect.parts for effect in study.effects}
         laws = {frozenset(law) for law in product(*done["left"])}
-        laws = {law.difference(*(parts[one] for one in law)) for law in laws}
+        laws = {law.difference(*(parts[name] for name in law)) for law in laws}
         errors = [study.fit(channel, sorted(law)).solution.held_out for law in laws]
         return 1.0 - math.sqrt(min(errors) / max(errors)) <= SMALL
 
@@ -139,8 +139,13 @@ def _job(case: dict[str, Any], session: Path) -> ProbingJob:
     return ProbingJob(find_robot(DEFAULT), session, SHORT, scenario=scenario, seed=case["seed"], online=None)
 
 
-def _groups(found: ChannelDiagnosis) -> list[list[str]]:
-    return [[one.effect, *one.confused_with] for one in found.accepted]
+def _by_estimators_names(groups: list[list[str]]) -> list[list[str]]:
+    """Replace names of the simulator by those of the estimator."""
+    return [[SAME.get(name, name) for name in group] for group in groups]
+
+
+def _groups(diagnosis: ChannelDiagnosis) -> list[list[str]]:
+    return [[entry.effect, *entry.confused_with] for entry in diagnosis.accepted]
 
 
 def _listed(
@@ -148,13 +153,15 @@ def _listed(
     rng: np.random.Generator,
     done: list[str],
     study: Study,
-    found: Sequence[ChannelDiagnosis],
+    diagnoses: Sequence[ChannelDiagnosis],
     longest_s: float,
     progress: object = None,
 ) -> NextProbe | None:
     """The next experiment that was not done yet, whatever is known."""
     offered = [
-        one for one in feasible(study) if one[0].words not in done and one[1]["time_s"][-1] < longest_s
+        experiment_and_ticks
+        for experiment_and_ticks in feasible(study)
+        if experiment_and_ticks[0].words not in done and experiment_and_ticks[1]["time_s"][-1] < longest_s
     ]
     if not offered:
         return None
@@ -167,13 +174,13 @@ def _listed(
 
 def report(way: str, done: Sequence[dict[str, Any]]) -> None:
     """Print the figures."""
-    tried = [one for one in done if one["undecided_at_first"]]
-    right = [one for one in tried if one["separated"]]
-    counts = [sum(one["more_probes"] <= number for one in right) for number in (1, 2, 3)]
+    tried = [case for case in done if case["undecided_at_first"]]
+    right = [case for case in tried if case["separated"]]
+    counts = [sum(case["more_probes"] <= number for case in right) for number in (1, 2, 3)]
     print(f"{way}: {len(tried)} cases; separated within 1, 2, 3 more probes: {counts}; in all {len(right)}")
-    print(f"  wrong: {sum(one['wrong'] for one in tried)}")
-    print(f"  more probes, sum over all cases: {sum(one['more_probes'] for one in tried)}")
-    print(f"  seconds of probing, sum over all cases: {sum(one['seconds'] for one in tried):.0f}")
+    print(f"  wrong: {sum(case['wrong'] for case in tried)}")
+    print(f"  more probes, sum over all cases: {sum(case['more_probes'] for case in tried)}")
+    print(f"  seconds of probing, sum over all cases: {sum(case['seconds'] for case in tried):.0f}")
 
 
 def check(results: Path) -> None:
@@ -187,14 +194,14 @@ def check(results: Path) -> None:
 def main() -> None:
     """Find cases, or resolve them."""
     parser = arguments(__doc__)
-    parser.add_argument("--cases", type=Path, help="JSON lines, one a case")
+    parser.add_argument("--cases", type=Path, help="JSON lines, case a case")
     parser.add_argument("--check", type=Path, help="a file that --out wrote")
     parser.add_argument("--find", type=int, help="hide so many effects, and write what stays undecided")
     parser.add_argument("--seed", type=int, default=0, help="first seed of --find")
     parser.add_argument("--way", choices=["designed", "grid", "random"], default="designed")
     parser.add_argument("--first", type=int, help="only so many cases")
     parser.add_argument("--probes", type=int, default=4, help="at most, the first among them")
-    parser.add_argument("--out", type=Path, help="JSON lines, one a case")
+    parser.add_argument("--out", type=Path, help="JSON lines, case a case")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     if options.check:
@@ -213,17 +220,17 @@ def main() -> None:
             return
         cases = [json.loads(line) for line in options.cases.read_text(encoding="utf-8").splitlines()]
         done = []
-        tasks = [pool.submit(resolved, options.way, options.probes, one) for one in cases[: options.first]]
+        tasks = [pool.submit(resolved, options.way, options.probes, case) for case in cases[: options.first]]
         for task in as_completed(tasks):
-            done.append(one := task.result())
-            word = "separated" if one["separated"] else "WRONG" if one["wrong"] else one["end"]
+            done.append(case := task.result())
+            word = "separated" if case["separated"] else "WRONG" if case["wrong"] else case["end"]
             print(
-                f"{word} | {one['hidden']} | {one['more_probes']} | {one['experiments']} | {one['left']}",
+                f"{word} | {case['hidden']} | {case['more_probes']} | {case['experiments']} | {case['left']}",
                 flush=True,
             )
             if options.out:
                 with options.out.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps(one) + "\n")
+                    out.write(json.dumps(case) + "\n")
     report(options.way, done)
 
 

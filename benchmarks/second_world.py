@@ -20,25 +20,27 @@ from pathlib import Path
 
 from command_line import arguments
 from second_generator.cases import grid
-from second_generator.judge import Outcome, by_effect, from_record, run, table
+from second_generator.judge import CaseOutcome, by_effect, from_record, run, table
 from threadpoolctl import threadpool_limits
 
 
 def compare_engines(before: Path, after: Path) -> None:
     """Print the cases that two engines judge differently."""
-    old, new = ({(one.seed, one.job.number): one for one in read(path)} for path in (before, after))
+    old, new = (
+        {(outcome.seed, outcome.job.number): outcome for outcome in read(path)} for path in (before, after)
+    )
     shared = sorted(old.keys() & new.keys())
     for key in shared:
         was, now = old[key], new[key]
         if was.right != now.right:
             hidden = " + ".join(was.job.hidden) or "nothing"
-            said = [f"{one.verdict}: {' + '.join(one.accepted) or '-'}" for one in (was, now)]
+            said = [f"{outcome.verdict}: {' + '.join(outcome.accepted) or '-'}" for outcome in (was, now)]
             print(f"{'better' if now.right else 'WORSE'} {key[1]:3d} {hidden}: {said[0]} -> {said[1]}")
     right = [sum(engine[key].right for key in shared) for engine in (old, new)]
     print(f"right: {right[0]} -> {right[1]} of {len(shared)}")
 
 
-def read(path: Path) -> list[Outcome]:
+def read(path: Path) -> list[CaseOutcome]:
     """Outcomes of an earlier run."""
     return [from_record(line) for line in path.read_text().splitlines()]
 

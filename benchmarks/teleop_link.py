@@ -50,7 +50,7 @@ DEMO_S = 28.0  # of cyclictest beside the demo
 _LONGEST_US = 20_000
 
 
-class End:
+class ReportEnd:
     """One end: how a report goes out and comes in, each way."""
 
     def __init__(self, sender: int) -> None:
@@ -79,7 +79,7 @@ def overhead(rounds: int, pause_s: float) -> str:
     process = get_context("spawn").Process(target=_answer, daemon=True)
     process.start()
     session, ask, come_back, _subscriber = _opened("connect", "out", "back")
-    end, found = End(1), {way: [] for way in WAYS}
+    end, durations = ReportEnd(1), {way: [] for way in WAYS}
     try:
         _until_linked(ask, come_back)
         for n in range(rounds):
@@ -89,12 +89,12 @@ def overhead(rounds: int, pause_s: float) -> str:
                 begun = time.perf_counter()
                 ask[way](end.out(way, report))
                 end.taken(way, come_back.get(timeout=WAIT_S))
-                found[way].append(time.perf_counter() - begun)
+                durations[way].append(time.perf_counter() - begun)
     finally:
         process.kill()
         process.join()
         session.close()
-    plain, message, frame = (1e6 * float(np.median(found[way])) for way in WAYS)
+    plain, message, frame = (1e6 * float(np.median(durations[way])) for way in WAYS)
     return (
         f"round trip between two processes, median of {rounds}, {1e3 * pause_s:g} ms apart: "
         f"raw zenoh {plain:.0f} us, with a report as protobuf {message:.0f} us, our link {frame:.0f} us\n"
@@ -105,7 +105,7 @@ def overhead(rounds: int, pause_s: float) -> str:
 
 def codec(repeats: int = 40, number: int = 1000) -> str:
     """What making and reading cost here without zenoh: the best of many repeats."""
-    end, costs = End(1), []
+    end, costs = ReportEnd(1), []
     for way in WAYS[1:]:
         best = []
         for _ in range(repeats):
@@ -129,16 +129,16 @@ def _opened(
     config.insert_json5(f"{way}/endpoints", f'["tcp/127.0.0.1:{PORT}"]')
     session = zenoh.open(config)
     put = {
-        one: session.declare_publisher(
-            f"bench/{out}/{one}", congestion_control=zenoh.CongestionControl.DROP, express=True
+        kind: session.declare_publisher(
+            f"bench/{out}/{kind}", congestion_control=zenoh.CongestionControl.DROP, express=True
         ).put
-        for one in WAYS
+        for kind in WAYS
     }
-    end = End(2)
+    end = ReportEnd(2)
 
     def back(sample: zenoh.Sample) -> None:
-        one = str(sample.key_expr).rpartition("/")[2]
-        put[one](end.out(one, end.taken(one, sample.payload.to_bytes())))
+        kind = str(sample.key_expr).rpartition("/")[2]
+        put[kind](end.out(kind, end.taken(kind, sample.payload.to_bytes())))
 
     def keep(sample: zenoh.Sample) -> None:
         arrived.put(sample.payload.to_bytes())
@@ -176,10 +176,10 @@ def alone(seconds: float) -> tuple[FloatArray, FloatArray | str]:
         session = Path(folder) / "leader.mcap"
         job = HapticJob("leader", str(operator), scene, session, leader_metadata(robot, scene, ""))
         context = get_context("spawn")
-        own, other = context.Pipe()
-        process = context.Process(target=run_haptics, args=(job, other), daemon=True)
+        own, loop_end = context.Pipe()
+        process = context.Process(target=run_haptics, args=(job, loop_end), daemon=True)
         process.start()
-        other.close()
+        loop_end.close()
         read, late, begun = 0, None, time.monotonic()
         while late is None:
             if own.poll(0.02):
@@ -195,13 +195,13 @@ def alone(seconds: float) -> tuple[FloatArray, FloatArray | str]:
 
 def in_demo() -> tuple[FloatArray, FloatArray | str]:
     """The same of the loop within the demo, and of cyclictest at the same time."""
-    found: list[FloatArray | str] = []
-    beside = threading.Thread(target=lambda: found.append(lateness(DEMO_S)))
+    references: list[FloatArray | str] = []
+    beside = threading.Thread(target=lambda: references.append(lateness(DEMO_S)))
     with tempfile.TemporaryDirectory() as folder:
         beside.start()
         made = run_demo(Path(folder) / "demo", load_scenario("stiff"))
         beside.join()
-    return made.merged.haptic["lateness_s"], found[0]
+    return made.merged.haptic["lateness_s"], references[0]
 
 
 def comparison(ours_s: FloatArray, reference_s: FloatArray | str) -> str:

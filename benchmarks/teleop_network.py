@@ -56,8 +56,8 @@ def namespaces(faults: LinkFaults, seed: int = 0) -> Iterator[tuple[str, ...]]:
         relay.start()
         if not ready.wait(10.0):
             raise OSError("the relay has not begun")
-        for name, own, other in zip(NAMES, ADDRESSES, ADDRESSES[::-1], strict=True):
-            _ip("-n", name, "addr", "add", own, "peer", other, "dev", _DEVICE)
+        for name, own, peer in zip(NAMES, ADDRESSES, ADDRESSES[::-1], strict=True):
+            _ip("-n", name, "addr", "add", own, "peer", peer, "dev", _DEVICE)
             for device in ("lo", _DEVICE):
                 _ip("-n", name, "link", "set", device, "up")
         yield NAMES
@@ -90,8 +90,8 @@ def _relay(faults: LinkFaults, seed: int, ready) -> None:  # noqa: ANN001
     while True:
         come, _, _ = select.select(devices, [], [], min(1.0, max(0.0, line.next_s - time.monotonic())))
         for device in come:
-            other = devices[1 - devices.index(device)]
-            line.send((other, os.read(device, _MOST_BYTES)), time.monotonic())
+            opposite = devices[1 - devices.index(device)]
+            line.send((opposite, os.read(device, _MOST_BYTES)), time.monotonic())
         for _, (device, packet) in line.arrived(time.monotonic()):
             with suppress(OSError):  # the other side is not up yet
                 os.write(device, packet)
@@ -131,11 +131,11 @@ def run(folder: Path, over: str) -> MergedSessions:
     }
     endpoint, running = {"endpoints": [f"{over}/{ADDRESSES[0]}:7447"]}, []
     for side, name in zip(SIDES, NAMES, strict=True):
-        way, other = ("listen", "connect") if side == "follower" else ("connect", "listen")
+        way, reverse = ("listen", "connect") if side == "follower" else ("connect", "listen")
         wait = {"exit_on_failure": False} if way == "connect" else {}
         multicast = {"multicast": {"enabled": False}}
         tries = {"unicast": {"open_timeout": 3000, "accept_timeout": 3000}}  # of 10 s: over UDP each may fail
-        ends = {way: endpoint | wait, other: {"endpoints": []}}
+        ends = {way: endpoint | wait, reverse: {"endpoints": []}}
         config = {"mode": "peer", "scouting": multicast, "transport": tries, **ends}
         path = folder / f"{side}.json5"
         path.write_text(json.dumps(config))

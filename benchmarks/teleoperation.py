@@ -205,8 +205,8 @@ def force_table(results: Results, thing: str, link: LinkFaults) -> Table:
             f"{felt.real_n:.2f}",
             f"{100 * felt.error:+.1f} %",
         )
-        others = (f"{felt.follower_n:.2f}", f"{felt.free_air_n:.2f}", f"{1e3 * felt.given_back_j:.2f}")
-        table.add_row(name, *numbers, *others, felt.verdict)
+        further = (f"{felt.follower_n:.2f}", f"{felt.free_air_n:.2f}", f"{1e3 * felt.given_back_j:.2f}")
+        table.add_row(name, *numbers, *further, felt.verdict)
     return table
 
 

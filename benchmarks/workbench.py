@@ -90,7 +90,7 @@ def served(command: Sequence[str], port: int, folder: Path) -> Iterator[psutil.P
 def megabytes(process: psutil.Process) -> float:
     """Resident memory of a process and all below it."""
     every = (process, *process.children(recursive=True))
-    return float(sum(one.memory_info().rss for one in every)) / 1e6
+    return float(sum(member.memory_info().rss for member in every)) / 1e6
 
 
 def browser_megabytes(page: Page) -> float:
@@ -111,12 +111,12 @@ def free_port() -> int:
 
 def ticks(page: Page, effects: Sequence[str], pause_s: float) -> FloatArray:
     """Milliseconds from each tick on and off to new curves, and to those of the fit, shape (ticks, 2)."""
-    found = []
+    durations = []
     for effect in effects:
         for _ in range(2):
-            found.append(page.evaluate(_TICK, effect))
+            durations.append(page.evaluate(_TICK, effect))
             time.sleep(pause_s)
-    return np.array(found)
+    return np.array(durations)
 
 
 def weighed(page: Page, effect: str) -> bool:

@@ -13,7 +13,7 @@ from pathlib import Path
 from palpate.made_folders import make_folder
 from palpate.words import typed
 from robot_io.errors import InputError, SessionError
-from robot_io.files.utf8 import as_utf8
+from robot_io.files.whole_file import as_utf8
 from robot_io.files.whole_file import whole_file as written_whole
 from robot_io.session import Session
 

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
-from robot_io.errors import InputError, in_words
+from robot_io.errors import InputError, describe_error
 
 LIMIT_S = 30.0  # for loading, and for trying each method once; a search calls them thousands of times
 
@@ -37,7 +37,7 @@ def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:
-        raise InputError(f"{where}: {in_words(error, own_file)}") from error
+        raise InputError(f"{where}: {describe_error(error, own_file)}") from error
 
 
 @contextmanager

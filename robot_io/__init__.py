@@ -1,4 +1,4 @@
-"""The hardware abstraction: what is measured and commanded, drivers, robot file, clock, guard, session."""
+"""Hardware abstraction: measurements, commands, drivers, robot file, clock, guard and session log."""
 
 from typing import TYPE_CHECKING, Any
 

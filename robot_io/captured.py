@@ -1,6 +1,6 @@
-"""What C code prints past Python's own streams, kept out of the user's output.
+"""Capture of what C code prints past Python's own streams.
 
-A program whose bad input ends in one clear line, and whose JSON others read, must catch it.
+Errors of a program end in one clear line, and its JSON is read by others: nothing else may be printed.
 """
 
 import ctypes
@@ -15,7 +15,12 @@ STDOUT, STDERR = 1, 2
 
 @contextmanager
 def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
-    """Append to `lines` what is written to the file descriptors, in place of writing it."""
+    """Append to `lines` what is written to file descriptors, in place of writing it.
+
+    Args:
+        lines: receives the captured lines.
+        descriptors: such as `STDOUT` and `STDERR`.
+    """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
     with tempfile.TemporaryFile() as file:

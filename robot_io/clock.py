@@ -1,10 +1,10 @@
-"""Time as an argument: the same loop runs on the machine's clock and on simulated time."""
+"""Clocks: the same loop runs on the machine's time and on simulated time."""
 
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-_STALL_S = 0.02  # so late, simulated time does not hurry to catch up
+_STALL_S = 0.02  # larger delays of simulated time are not made up for
 
 
 class Clock(ABC):
@@ -12,11 +12,15 @@ class Clock(ABC):
 
     @abstractmethod
     def now_s(self) -> float:
-        """Time since an arbitrary start [s]."""
+        """Return the time since an arbitrary start [s]."""
 
     @abstractmethod
     def sleep_until(self, time_s: float) -> None:
-        """Return at `time_s` [s] on this clock, or at once if it has passed."""
+        """Wait until a time on this clock; return at once if it has passed.
+
+        Args:
+            time_s: the time [s].
+        """
 
 
 class MonotonicClock(Clock):
@@ -37,8 +41,8 @@ class SimulatedClock(Clock):
     A simulated world subscribes and integrates its physics up to each new time.
 
     Args:
-        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible. What
-            takes long before the first step or between two is not made up for in a burst afterwards.
+        pace: a real clock to keep step with (simulation in real time), or None for as fast as possible. A
+            delay before the first step or between two is not made up for afterwards.
     """
 
     def __init__(self, pace: Clock | None = None) -> None:
@@ -48,7 +52,11 @@ class SimulatedClock(Clock):
         self._pace_ahead_s: float | None = None  # of the real clock over this one
 
     def subscribe(self, on_advance: Callable[[float], None]) -> None:
-        """Call `on_advance(time_s)` each time the clock has moved on."""
+        """Call a function each time the clock has moved on.
+
+        Args:
+            on_advance: is called with the new time [s].
+        """
         self._listeners.append(on_advance)
 
     def now_s(self) -> float:

@@ -1,4 +1,4 @@
-"""How drivers are found and put together: what each is given, and the catalogue of all of them."""
+"""Construction of drivers: what each is given, and the catalogue of all of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TypeVar, cast
 from pydantic import BaseModel
 
 from robot_io.clock import Clock
-from robot_io.errors import PalpateError, in_words
+from robot_io.errors import PalpateError, describe_error
 from robot_io.files.file_model import input_error, validate
 from robot_io.files.safe_yaml import KeyPath
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
@@ -23,7 +23,7 @@ ComponentType = TypeVar("ComponentType", bound=Component)
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """What a driver is given beside its settings."""
+    """What a driver is given in addition to its settings."""
 
     clock: Clock  # the robot's clock; samples are stamped with it
     robot_file: RobotFile  # the whole robot file, for joint count, limits and paths
@@ -31,29 +31,47 @@ class DriverContext:
     section: KeyPath = ()  # where in the robot file the driver's settings stand, for errors
 
     def settings_as(self, model: type[SettingsModel], settings: Mapping[str, object]) -> SettingsModel:
-        """The driver's settings as its own pydantic model.
+        """Validate the driver's settings.
 
-        InputError: with file, line, key, value and the valid choices.
+        Args:
+            model: the driver's own pydantic model.
+            settings: section of the robot file.
+
+        Returns:
+            The validated settings.
+
+        Raises:
+            InputError: names file, line, key, value and valid values.
         """
         return validate(model, settings, self.robot_file.document, self.section)
 
     def bus_as(self, bus_type: type[BusType]) -> BusType:
-        """The device's bus, which must be a `bus_type`.
+        """Return the device's bus, checked.
 
-        InputError: there is none, or it is of another kind.
+        Args:
+            bus_type: class that the bus must have.
+
+        Returns:
+            The bus.
+
+        Raises:
+            InputError: there is none, or it has another class.
         """
         if isinstance(self.bus, bus_type):
             return self.bus
-        wanted = getattr(bus_type, "name", bus_type.__name__)
-        problem = f"must name a bus whose driver is '{wanted}'"
+        name = getattr(bus_type, "name", bus_type.__name__)
+        problem = f"must name a bus whose driver is '{name}'"
         raise input_error(self.robot_file.document, (*self.section, "bus"), problem)
 
 
 class DriverCatalogue:
-    """Every driver that a robot file can name, by kind: the built-in ones, and those in further `packages`.
+    """All drivers that a robot file can name, by kind.
 
     A driver is a class in a module of one of the packages. It derives from an interface, states a `name`, and
     is made by `Driver(settings: Mapping[str, object], context: DriverContext)`; making it opens nothing.
+
+    Args:
+        packages: searched in addition to the built-in drivers.
     """
 
     def __init__(self, *packages: str) -> None:
@@ -69,7 +87,17 @@ def make_driver(
 ) -> ComponentType:
     """Make the driver that the robot file names in `context.section`.
 
-    InputError: no driver has this name, its settings are not valid, or its own code fails.
+    Args:
+        registry: of the driver's kind.
+        driver: its name.
+        settings: for the driver.
+        context: clock, robot file and bus.
+
+    Returns:
+        The driver.
+
+    Raises:
+        InputError: no driver has this name, its settings are invalid, or its own code fails.
     """
     place = (*context.section, "driver")
     if driver not in registry:
@@ -80,5 +108,5 @@ def make_driver(
     except PalpateError:
         raise
     except Exception as error:
-        problem = f"the driver cannot be made, {in_words(error)}"
+        problem = f"the driver cannot be made, {describe_error(error)}"
         raise input_error(context.robot_file.document, place, problem, driver) from error

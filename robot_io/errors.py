@@ -1,15 +1,15 @@
-"""The one family of errors: each says the value, the place and the valid choices in one line."""
+"""All errors that palpate raises on purpose: each states value, place and valid choices in one line."""
 
 import traceback
 from pathlib import Path
 
 
 class PalpateError(Exception):
-    """Base of every error that palpate raises on purpose; its text is one line that a user can act on."""
+    """Base of every error that palpate raises on purpose; its text is one line with a remedy."""
 
 
 class InputError(PalpateError, ValueError):
-    """Something the user supplied (file, option, value) is not valid; the command line exits with 2."""
+    """User input (file, option, value) is invalid; the command line exits with 2."""
 
 
 class UnknownNameError(InputError, KeyError):
@@ -27,11 +27,11 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class ProtocolError(DeviceError):
-    """What came over a wire is not what its protocol allows; all of it was ignored."""
+    """Bytes from a wire violate their protocol; all of them were ignored."""
 
 
 class LifecycleError(PalpateError):
-    """A call came in the wrong state, such as a command to a robot that is not active."""
+    """A call in the wrong state, such as a command to a robot that is not active."""
 
 
 class SafetyTripError(PalpateError):
@@ -39,19 +39,22 @@ class SafetyTripError(PalpateError):
 
 
 class SessionError(InputError):
-    """A session file cannot be written, or what was read is not a whole session."""
+    """A session file cannot be written, or a file is not a whole session."""
 
 
 class UnloggedError(SessionError):
-    """What happened in a session did not all reach its file, whatever the user supplied; exits with 1."""
+    """Not everything in a session reached its file, independent of user input; exits with 1."""
 
 
-def in_words(error: BaseException, own_file: str = "") -> str:
-    """Kind, message and place of an error, such as "ZeroDivisionError: division by zero (my.py, line 2)".
+def describe_error(error: BaseException, own_file: str = "") -> str:
+    """Write kind, message and place, such as "ZeroDivisionError: division by zero (my.py, line 2)".
 
     Args:
-        error: as it was caught; what the interpreter itself adds to its traceback is left out.
-        own_file: whose last line is named, if the error passed through it, even if a library raised it.
+        error: as it was caught; the interpreter's own frames are left out.
+        own_file: file whose last line is named if the error passed through it, even if a library raised it.
+
+    Returns:
+        One line.
     """
     text = f"{type(error).__name__}: {error}"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]

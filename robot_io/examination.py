@@ -1,4 +1,4 @@
-"""What is found when a machine or the devices at the other end of a driver are looked at before power."""
+"""Findings of an examination of the machine or of connected devices, before power is switched on."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -6,58 +6,94 @@ from enum import StrEnum
 
 
 class Level(StrEnum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     OK = "ok"
-    WARN = "warn"  # it works, but not as well as it should, or a part that not everybody needs is absent
+    WARN = "warn"  # works, but not as well as it should; or an optional part is missing
     FAIL = "fail"  # the arm must not be powered, or palpate will not work
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at."""
+    """Result of one check."""
 
-    subject: str  # what was looked at, such as "servo 2 (joint 2)"
+    subject: str  # what was checked, such as "servo 2 (joint 2)"
     level: Level
-    text: str  # what was found, with units
-    remedy: str = ""  # what to do, empty where all is well
+    text: str  # result, with units
+    remedy: str = ""  # what to do, empty without a complaint
 
 
 class Examinable(ABC):
-    """A bus or device that can say what is connected. Offering this is up to the driver."""
+    """A bus or device that can report what is connected; optional for a driver."""
 
     @abstractmethod
     def examine(self) -> tuple[Finding, ...]:
-        """Look at every device: is it there, is it the one of the robot file, is it well.
+        """Examine every device: is it present, is it the one of the robot file, is it healthy.
 
         Called after `configure`, also after one that failed, and never while the torque is on. May take
         seconds. It changes no setting, and it never switches a torque on.
 
-        DeviceError: nothing can be asked, such as on a port that is not open.
+        Raises:
+            DeviceError: nothing can be asked, such as on a port that is not open.
         """
 
     def tick_wire_s(self) -> float | None:
-        """How long the bytes of one tick are on the wire at least [s]; None where nobody knows."""
+        """Return the least time for which the bytes of one tick are on the wire [s]; None if unknown."""
         return None
 
 
 def ok(subject: str, text: str) -> Finding:
-    """A finding without complaint."""
+    """Make a finding without complaint.
+
+    Args:
+        subject: what was checked.
+        text: result, with units.
+
+    Returns:
+        The finding.
+    """
     return Finding(subject, Level.OK, text)
 
 
 def warn(subject: str, text: str, remedy: str) -> Finding:
-    """Something that one can live with."""
+    """Make a warning: usable, but worth fixing.
+
+    Args:
+        subject: what was checked.
+        text: result, with units.
+        remedy: what to do.
+
+    Returns:
+        The finding.
+    """
     return Finding(subject, Level.WARN, text, remedy)
 
 
 def fail(subject: str, text: str, remedy: str) -> Finding:
-    """Something that must be put right first."""
+    """Make a failure that must be fixed first.
+
+    Args:
+        subject: what was checked.
+        text: result, with units.
+        remedy: what to do.
+
+    Returns:
+        The finding.
+    """
     return Finding(subject, Level.FAIL, text, remedy)
 
 
 def graded(subject: str, text: str, *complaints: tuple[Level, object, str]) -> Finding:
-    """A finding with the first complaint (level, whether it holds, remedy) that holds; ok if none does."""
+    """Make a finding with the first complaint that holds.
+
+    Args:
+        subject: what was checked.
+        text: result, with units.
+        complaints: level, whether it holds, and remedy of each, the worst first.
+
+    Returns:
+        The finding; ok if no complaint holds.
+    """
     for level, holds, remedy in complaints:
         if holds:
             return Finding(subject, level, text, remedy)

@@ -1,38 +1,46 @@
-"""What a driver implements. Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline.
+"""Interfaces of drivers, and starting and stopping several of them.
 
-Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that
-looks measured. Samples come from `configure` on, with the torque still off, so that an arm can be watched
-before it is powered.
+Blocking work happens in `Bus.poll` and `Bus.flush`, each with a deadline.
+
+Before its first sample a device reads NaN, sampled at minus infinity, `Status.STALE`: never a zero that looks
+measured. Samples come from `configure` on, with the torque still off, so that an arm can be observed before
+it is powered.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Literal, Self
 
+from robot_io.errors import DeviceError
 from robot_io.types import FloatArray, Reading
 
 
 class Component:
     """Anything with a lifecycle: configure once, then activate and deactivate any number of times.
 
-    Each step does nothing unless a driver has something to do there.
+    Each step does nothing unless a driver overrides it.
     """
 
     def configure(self) -> None:
-        """Open what is needed and check that the device is the one expected.
+        """Open what is needed and check that the device is the expected one.
 
-        DeviceError: it is absent or is another model.
+        Raises:
+            DeviceError: it is absent or is another model.
         """
 
     def activate(self) -> None:
-        """Make ready for commands; program the device's own watchdog and read it back.
+        """Prepare for commands; program the device's own watchdog and read it back.
 
-        DeviceError: the device refused.
+        Raises:
+            DeviceError: the device refused.
         """
 
     def deactivate(self) -> None:
-        """Torque off. Works in every state, also after a failure, and can be called again."""
+        """Switch the torque off. Works in every state, also after a failure, and can be called again."""
 
     def close(self) -> None:
-        """Release ports and memory. Can be called again."""
+        """Release ports and memory; can be called again."""
 
 
 class Bus(Component, ABC):
@@ -40,18 +48,27 @@ class Bus(Component, ABC):
 
     @abstractmethod
     def poll(self, deadline_s: float) -> None:
-        """Bring in the newest samples of all devices on this bus.
+        """Read the newest samples of all devices on this bus.
 
-        A device that does not answer keeps its old sample, whose reading then says `Status.STALE`. Waiting
-        is given up at `deadline_s` on the robot's clock [s]; when that has passed already, take what is
-        there.
+        A device that does not answer keeps its old sample, whose reading then has `Status.STALE`.
 
-        DeviceError: the bus itself failed (unplugged, bus-off).
+        Args:
+            deadline_s: on the robot's clock, when waiting ends; a past deadline means no waiting [s].
+
+        Raises:
+            DeviceError: the bus itself failed (unplugged, bus-off).
         """
 
     @abstractmethod
     def flush(self, deadline_s: float) -> None:
-        """Send the commands staged by the devices on this bus. DeviceError: the bus itself failed."""
+        """Send the commands staged by the devices on this bus.
+
+        Args:
+            deadline_s: on the robot's clock, when waiting ends [s].
+
+        Raises:
+            DeviceError: the bus itself failed.
+        """
 
 
 class JointEncoder(Component, ABC):
@@ -64,11 +81,11 @@ class JointEncoder(Component, ABC):
 
     @abstractmethod
     def read_position(self) -> Reading:
-        """Newest positions, shape (n,) [rad]; never blocks."""
+        """Return the newest positions, shape (n,) [rad]; never blocks."""
 
     @abstractmethod
     def read_velocity(self) -> Reading:
-        """Newest velocities, shape (n,) [rad/s]; never blocks."""
+        """Return the newest velocities, shape (n,) [rad/s]; never blocks."""
 
 
 class JointTorque(Component, ABC):
@@ -81,13 +98,17 @@ class JointTorque(Component, ABC):
 
     @abstractmethod
     def read_torque(self) -> Reading:
-        """Newest measured torques, shape (n,), positive along the joint axis [N m]; never blocks."""
+        """Return the newest measured torques, shape (n,), along the joint axes [N m]; never blocks."""
 
     @abstractmethod
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """Stage torques for the next flush, shape (n,), positive along the joint axis [N m]; never blocks.
+        """Stage torques for the next flush; never blocks.
 
-        Returns what will really be sent, after the drive's resolution and range, shape (n,) [N m].
+        Args:
+            torque_nm: shape (n,), positive along the joint axis [N m].
+
+        Returns:
+            What will be sent, after the drive's resolution and range, shape (n,) [N m].
         """
 
 
@@ -96,4 +117,115 @@ class ForceSensor(Component, ABC):
 
     @abstractmethod
     def read_force(self) -> Reading:
-        """Newest force, shape (1,), positive in compression [N]; never blocks."""
+        """Return the newest force, shape (1,), positive in compression [N]; never blocks."""
+
+
+_ATTEMPTS = 3  # of a step that is interrupted, such as by several Ctrl-C
+Labelled = tuple[str, Component]
+"""A component and what to call it in messages."""
+
+
+class Opened(ABC):
+    """Context manager that configures and closes; a failure to close hides no earlier error."""
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Open it.
+
+        Raises:
+            DeviceError: a device is absent or is another one.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release it, torque or force off first; can be called again."""
+
+    def __enter__(self) -> Self:
+        self.configure()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            self.close()
+        except DeviceError as failure:
+            if error is None:
+                raise
+            error.add_note(f"closing failed too: {failure}")
+
+
+def start_all(
+    components: Sequence[Labelled],
+    step: Literal["configure", "activate"],
+    *,
+    undo: Literal["close", "deactivate"],
+) -> None:
+    """Take each component through a step, in order; if one fails, undo it and all before it.
+
+    The failing component is undone too: a drive may have powered two of three motors before it failed.
+
+    Args:
+        components: with their names for messages.
+        step: to take.
+        undo: the reverse step.
+
+    Raises:
+        DeviceError: a component failed. Other interruptions (such as Ctrl-C) pass unchanged.
+    """
+    for index, (label, component) in enumerate(components):
+        try:
+            getattr(component, step)()
+        except BaseException as error:
+            problem = f"{label}: {step} failed: {error}"
+            try:
+                undo_all(components[: index + 1], undo)
+            except DeviceError as second:
+                problem += f"; then {second}"
+                error.add_note(problem)
+            if isinstance(error, DeviceError):
+                raise DeviceError(problem) from error
+            raise
+
+
+def undo_all(components: Sequence[Labelled], step: Literal["close", "deactivate"]) -> None:
+    """Take every component through a step, last one first, whatever happens on the way.
+
+    After a Ctrl-C the interrupted step is taken again, the others follow, and then the interrupt is passed
+    on.
+
+    Args:
+        components: with their names for messages.
+        step: to take.
+
+    Raises:
+        DeviceError: some components failed; the error names all of them.
+    """
+    failures: list[tuple[str, Exception]] = []
+    interrupts: list[BaseException] = []
+    for label, component in reversed(components):
+        for error in _insist(getattr(component, step)):
+            if isinstance(error, Exception):
+                failures.append((label, error))
+            else:
+                interrupts.append(error)
+    if interrupts:
+        raise interrupts[0]
+    if failures:
+        text = "; ".join(f"{label}: {step} failed: {error}" for label, error in failures)
+        raise DeviceError(text) from failures[0][1]
+
+
+def _insist(call: Callable[[], None]) -> list[BaseException]:
+    """Call until it was not interrupted, and return what it raised; a plain failure is not repeated."""
+    caught: list[BaseException] = []
+    for _ in range(_ATTEMPTS):
+        try:
+            call()
+        except Exception as error:  # a driver's bug must not leave the next motor on
+            return [*caught, error]
+        except BaseException as interrupt:
+            caught.append(interrupt)
+        else:
+            break
+    return caught

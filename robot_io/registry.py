@@ -1,4 +1,4 @@
-"""Finds implementations by name: a new one is one new file in the right folder; nothing else is touched."""
+"""Registry of implementations by name: a new one is one new file in the right folder."""
 
 import importlib
 import inspect
@@ -15,10 +15,12 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, type[T]], Generic[T]):
-    """Every concrete subclass of `base` in the modules of `packages`, by its class attribute `name`.
+    """Every concrete subclass of a base class in some packages, by its class attribute `name`.
 
-    `kind` is what to call a member in errors, such as "driver". Packages (or single modules) are dotted
-    names; they are searched with their subpackages, on first use.
+    Args:
+        kind: name of a member in errors, such as "driver".
+        base: base class of the members.
+        packages: dotted names of packages or modules; searched with their subpackages, on first use.
     """
 
     def __init__(self, kind: str, base: type[T], *packages: str) -> None:
@@ -28,18 +30,18 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 
     @cached_property
     def _members(self) -> dict[str, type[T]]:
-        found: dict[str, type[T]] = {}
+        members: dict[str, type[T]] = {}
         for member in self._search():
             name = vars(member)["name"]
-            if name in found:
-                raise InputError(f"two {self.kind}s are called '{name}': {found[name]} and {member}")
-            found[name] = member
-        return dict(sorted(found.items()))
+            if name in members:
+                raise InputError(f"two {self.kind}s are called '{name}': {members[name]} and {member}")
+            members[name] = member
+        return dict(sorted(members.items()))
 
     def _search(self) -> Iterator[type[T]]:
         for name in self._packages:
-            found = _members_in(importlib.import_module(name), self.base)  # type: ignore[arg-type]
-            yield from cast("tuple[type[T], ...]", found)
+            members = _members_in(importlib.import_module(name), self.base)  # type: ignore[arg-type]
+            yield from cast("tuple[type[T], ...]", members)
 
     def __getitem__(self, name: str) -> type[T]:
         try:
@@ -48,7 +50,14 @@ class Registry(Mapping[str, type[T]], Generic[T]):
             raise UnknownNameError(self.unknown(name)) from None
 
     def unknown(self, name: str) -> str:
-        """What to tell a user who asked for `name`, which is not here."""
+        """Describe an unknown name, with the closest and all valid ones.
+
+        Args:
+            name: that is not here.
+
+        Returns:
+            One line.
+        """
         close = get_close_matches(str(name), self._members, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else "."
         valid = ", ".join(self._members) or "(none found)"
@@ -68,7 +77,7 @@ class Registry(Mapping[str, type[T]], Generic[T]):
 def _members_in(package: ModuleType, base: type[object]) -> tuple[type[object], ...]:
     """The members in a package, which several registries of a process look through."""
     inside = pkgutil.walk_packages(getattr(package, "__path__", ()), package.__name__ + ".")
-    modules = (package, *(importlib.import_module(one.name) for one in inside))
+    modules = (package, *(importlib.import_module(entry.name) for entry in inside))
     return tuple(member for module in modules for member in _defined_in(module, base))
 
 

@@ -1,4 +1,4 @@
-"""An arm put together from its devices: lifecycle, one coherent measurement a tick, one command a tick."""
+"""An arm assembled from its devices: lifecycle, one coherent measurement and one command a tick."""
 
 from collections.abc import Mapping
 from enum import Enum
@@ -11,16 +11,24 @@ from robot_io.calibration.devices import CalibratedEncoder, CalibratedForceSenso
 from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue, DriverContext, make_driver
 from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
-from robot_io.interfaces import Bus, ForceSensor, JointEncoder, JointTorque
-from robot_io.lifecycle import Labelled, Opened, start_all, undo_all
+from robot_io.interfaces import (
+    Bus,
+    ForceSensor,
+    JointEncoder,
+    JointTorque,
+    Labelled,
+    Opened,
+    start_all,
+    undo_all,
+)
 from robot_io.robot_file import DeviceSection, RobotFile
 from robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
 
-_CLOCKS_AGREE_S = 1e-3  # a device's clock that is converted to the robot's may be ahead by so much
+_CLOCKS_AGREE_S = 1e-3  # how far a device's converted clock may be ahead of the robot's
 
 
 class RobotState(Enum):
-    """Where a robot is in its life."""
+    """Stage of a robot's lifecycle."""
 
     NEW = "new"
     CONFIGURED = "configured"  # open and readable, torque off
@@ -31,19 +39,28 @@ class RobotState(Enum):
 class Robot(Opened):
     """An arm with encoders, torque-controlled drives and a uniaxial force sensor.
 
-    `read` never shows an old sample as a new one: what did not arrive in time keeps its value and its time,
-    and its status says so. As a context manager it configures on entry and closes on exit, torque off first;
-    activating is always said explicitly. Each of the buses, by name, is polled and flushed once per tick.
+    `read` never shows an old sample as a new one: a late sample keeps its value and its time, and its status
+    says so. As a context manager it configures on entry and closes on exit, torque off first; activation is
+    always explicit. Each bus is polled and flushed once per tick.
+
+    Args:
+        encoder: of all joints.
+        torque: drives of all joints.
+        force: force sensor at the tool.
+        buses: by name.
+        clock: of the robot.
+        name: of the robot, for errors.
 
     Attributes:
-        bus_errors: why the last `read` could not use a bus, by its name; empty when all is well.
+        bus_errors: why the last `read` could not use a bus, by its name; empty if all buses worked.
         bus_delays: why the last `read` got nothing new from a bus in time, by its name.
-        sample_errors: why the last `read` did not believe a device's sample, by the device.
+        sample_errors: why the last `read` rejected a device's sample, by the device.
 
-    InputError: encoder and drives disagree about the number of joints.
+    Raises:
+        InputError: encoder and drives have different numbers of joints.
     """
 
-    def __init__(  # noqa: PLR0917 (the parts of an arm)
+    def __init__(  # noqa: PLR0917
         self,
         encoder: JointEncoder,
         torque: JointTorque,
@@ -76,41 +93,46 @@ class Robot(Opened):
 
     @property
     def state(self) -> RobotState:
-        """Where the robot is in its life."""
+        """Stage of the lifecycle."""
         return self._state
 
     def configure(self) -> None:
-        """Open every device and check it; what was opened is closed again if one fails.
+        """Open every device and check it; opened devices are closed again if one fails.
 
-        DeviceError: a device is absent or is another one; LifecycleError: it is configured already, or
-        closed.
+        Raises:
+            DeviceError: a device is absent or is another one.
+            LifecycleError: it is configured already, or closed.
         """
         self._expect("configure", RobotState.NEW)
         start_all(self._components, "configure", undo="close")
         self._state = RobotState.CONFIGURED
 
     def activate(self) -> None:
-        """Make ready for commands; everything is off again if one device fails.
+        """Prepare for commands; everything is off again if one device fails.
 
-        DeviceError: a device refused; LifecycleError: it is not configured, or active already.
+        Raises:
+            DeviceError: a device refused.
+            LifecycleError: it is not configured, or active already.
         """
         self._expect("activate", RobotState.CONFIGURED)
         start_all(self._components, "activate", undo="deactivate")
         self._state = RobotState.ACTIVE
 
     def deactivate(self) -> None:
-        """Torque off, in any state and as often as you like.
+        """Switch the torque off, in any state; can be repeated.
 
-        DeviceError: some devices failed; every one of them was tried before. Calling again tries again.
+        Raises:
+            DeviceError: some devices failed; every one of them was tried. Another call tries again.
         """
         if self._state in (RobotState.CONFIGURED, RobotState.ACTIVE):
             self._state = RobotState.CONFIGURED
             undo_all(self._components, "deactivate")
 
     def close(self) -> None:
-        """Torque off, then release all devices; can be called again.
+        """Switch the torque off, then release all devices; can be called again.
 
-        DeviceError: some devices failed; every one of them was tried before.
+        Raises:
+            DeviceError: some devices failed; every one of them was tried.
         """
         if self._state is RobotState.CLOSED:
             return
@@ -121,16 +143,21 @@ class Robot(Opened):
             undo_all(self._components, "close")
 
     def read(self, deadline_s: float) -> Measurement:
-        """Poll each bus once and put together what the devices have.
+        """Poll each bus once and combine the devices' samples.
 
         A device without a new sample since the last call keeps the old one: `Status.STALE`, or `FAULT` if a
         bus has failed (`bus_errors` says why). A sample from after the poll is a `FAULT` too: some clock is
-        wrong. One from after the start of the tick is not: polling takes time, and now and then a lot of it.
-        Waiting is given up at `deadline_s` on the robot's clock [s].
+        wrong. One from after the start of the tick is valid, because polling takes time.
+
+        Args:
+            deadline_s: on the robot's clock, when waiting ends [s].
+
+        Returns:
+            The measurement.
 
         Raises:
             LifecycleError: the robot is not configured.
-            DeviceError: a device handed over something of the wrong shape.
+            DeviceError: a device returned a wrong shape.
         """
         self._expect("read", RobotState.CONFIGURED, RobotState.ACTIVE)
         time_s = self.clock.now_s()
@@ -155,9 +182,14 @@ class Robot(Opened):
         )
 
     def write(self, command: Command, deadline_s: float) -> Command:
-        """Send joint torques [N m], and return what was really sent (resolution and range of the drives).
+        """Send joint torques.
 
-        Sending is given up at `deadline_s` on the robot's clock [s].
+        Args:
+            command: shape (n,) [N m].
+            deadline_s: on the robot's clock, when sending ends [s].
+
+        Returns:
+            What was sent, after resolution and range of the drives.
 
         Raises:
             LifecycleError: the robot is not active.
@@ -165,8 +197,8 @@ class Robot(Opened):
             DeviceError: a bus failed; the others were flushed.
         """
         self._expect("write", RobotState.ACTIVE)
-        wanted = frozen_array(command.joint_torque_nm, (self.joint_count,), what="joint torque command")
-        sent = np.array(self.torque.stage_torque(wanted), dtype=np.float64)
+        torque_nm = frozen_array(command.joint_torque_nm, (self.joint_count,), what="joint torque command")
+        sent = np.array(self.torque.stage_torque(torque_nm), dtype=np.float64)
         sent.setflags(write=False)
         failures: list[tuple[str, DeviceError]] = []
         for name, bus in self.buses.items():
@@ -199,7 +231,7 @@ class Robot(Opened):
                 self.bus_errors[name] = str(error)
 
     def _honest_status(self, device: str, sampled_at_s: float, status: Status, polled_s: float) -> Status:
-        """What the driver says, unless the sample is not newer than the last one (or its time is NaN)."""
+        """Return the driver's status, or stale if the sample is not newer than the last (or dated NaN)."""
         if sampled_at_s > polled_s + _CLOCKS_AGREE_S:
             ahead_s = sampled_at_s - polled_s
             self.sample_errors[device] = f"sample from the future, {ahead_s:.4g} s ahead of the robot's clock"
@@ -225,12 +257,20 @@ class Robot(Opened):
 def build_robot(
     robot_file: RobotFile, drivers: DriverCatalogue, clock: Clock, calibrations: Calibrations | None = None
 ) -> Robot:
-    """Put together the robot that a robot file describes; opens nothing yet.
+    """Assemble the robot that a robot file describes; opens nothing yet.
 
-    Without `calibrations` those that the robot file names correct its devices, if they are valid today.
+    Args:
+        robot_file: the description.
+        drivers: catalogue of drivers.
+        clock: of the robot.
+        calibrations: correct the devices; None for those that the robot file names, if they are valid today.
 
-    InputError: a driver has no such name, its settings are not valid, joint counts differ, or a calibration
-    is not valid, of something else, or expired.
+    Returns:
+        The robot.
+
+    Raises:
+        InputError: a driver has no such name, its settings are invalid, joint counts differ, or a calibration
+            is invalid, foreign, or expired.
     """
     if calibrations is None:
         calibrations = load_calibrations(robot_file)

@@ -1,4 +1,4 @@
-"""The robot file: one YAML file that says what an arm is made of and what it may do."""
+"""Robot file: one YAML file that describes an arm's parts and limits."""
 
 import math
 import os.path
@@ -21,7 +21,7 @@ Name = Annotated[
 Text = Annotated[str, Field(min_length=1)]
 
 
-_SLOWEST_RAD_S2 = 1.0  # acceleration by a joint's torque limit: less would be of no use in an arm
+_SLOWEST_RAD_S2 = 1.0  # least acceleration by a joint's torque limit
 
 
 class BusSection(FileModel):
@@ -33,7 +33,7 @@ class BusSection(FileModel):
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """Everything that is meant for the driver."""
+        """Settings for the driver."""
         return self.model_extra or {}
 
 
@@ -44,7 +44,7 @@ class DeviceSection(BusSection):
 
 
 class CalibrationSection(FileModel):
-    """Files of calibrations, relative to the robot file; None: the device is taken as it is."""
+    """Files of calibrations, relative to the robot file; None: the device is used uncalibrated."""
 
     force: Text | None = None  # scale and zero of the force sensor
     encoder: Text | None = None  # zeros of the joints
@@ -53,7 +53,7 @@ class CalibrationSection(FileModel):
 
 
 class RobotFile(FileModel):
-    """What a robot file says. Lists hold one value per joint, from base to tip."""
+    """Content of a robot file. Lists hold one value per joint, from base to tip."""
 
     name: Name  # short name of the arm
     urdf: Text  # URDF file, relative to the robot file
@@ -66,13 +66,13 @@ class RobotFile(FileModel):
     encoder: DeviceSection  # joint encoders
     torque: DeviceSection  # torque-controlled drives
     force: DeviceSection  # force sensor
-    # What the drives' rotors add to the joints: their inertia times the square of the gear ratio, for which
-    # a URDF has no place; with gears of some hundred to one, most of what a joint moves [kg m^2].
+    # Inertia of the drives' rotors times the square of the gear ratio, which a URDF cannot hold; with gears
+    # of some hundred to one, most of a joint's inertia [kg m^2].
     rotor_inertia_kg_m2: tuple[NotNegative, ...] | None = None
     # Pose in which the arm can rest, tool down; nothing drives it there. Shape (n,) [rad].
     home_rad: Annotated[tuple[Number, ...], Field(min_length=1)]
-    limits: Limits  # what the guard holds the arm to
-    safe_state: SafeState  # how the guard brings it to rest
+    limits: Limits  # of the guard
+    safe_state: SafeState  # how the guard stops the arm
     gains: dict[str, Any] = Field(default_factory=dict)  # controller gains; the controllers check them
     # Files of calibrations; see `robot_io.calibration`.
     calibration: CalibrationSection = CalibrationSection()
@@ -86,7 +86,7 @@ class RobotFile(FileModel):
 
     @property
     def path(self) -> Path:
-        """Where the file is, or was when its text was kept."""
+        """Path of the file, or the one it had when its text was stored."""
         return Path(self._document.origin)
 
     @property
@@ -105,7 +105,14 @@ class RobotFile(FileModel):
         return self.resolve(self.urdf)
 
     def resolve(self, relative: str) -> Path:
-        """A path that is written in this file, seen from where the program runs."""
+        """Resolve a path in this file.
+
+        Args:
+            relative: path relative to the robot file.
+
+        Returns:
+            The path.
+        """
         return self.path.parent / relative
 
     @field_validator("sensor_axis_tip")
@@ -118,9 +125,16 @@ class RobotFile(FileModel):
 
 
 def load_robot_file(path: str | Path) -> RobotFile:
-    """Read and check the robot file at `path`: the files it names are there, and no port is named twice.
+    """Read and check a robot file: the files it names exist, and no port is named twice.
 
-    InputError: the first thing that is wrong, with file, line, key, value and the valid choices.
+    Args:
+        path: of the file.
+
+    Returns:
+        The robot file.
+
+    Raises:
+        InputError: the first problem, with file, line, key, value and valid values.
     """
     robot_file = _from_document(load_yaml(path))
     for key in ("urdf", "dh"):
@@ -134,9 +148,17 @@ def load_robot_file(path: str | Path) -> RobotFile:
 
 
 def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
-    """Read a robot file from its text, for instance the copy in a session; other files are not looked for.
+    """Read a robot file from its text, for instance the copy in a session; other files are not checked.
 
-    InputError: as `load_robot_file`.
+    Args:
+        text: YAML.
+        origin: name of the text in errors.
+
+    Returns:
+        The robot file.
+
+    Raises:
+        InputError: as `load_robot_file`.
     """
     return _from_document(parse_yaml(text, str(origin)))
 
@@ -181,15 +203,15 @@ def _check_home(robot_file: RobotFile) -> None:
 
 
 def _check_ports(robot_file: RobotFile) -> None:
-    """Two buses cannot open one serial port, whichever of its names each of them knows it by."""
+    """Refuse two buses with the same serial port, also under different names."""
     taken: dict[str, str] = {}
     for name, bus in robot_file.buses.items():
         port = bus.settings.get("port")
         if not isinstance(port, str) or not port.startswith("/") or "\0" in port:
             continue
-        other = taken.setdefault(os.path.realpath(port), name)
-        if other != name:
-            problem = f"is the port of '{other}' too: give each bus a port of its own"
+        first = taken.setdefault(os.path.realpath(port), name)
+        if first != name:
+            problem = f"is the port of '{first}' too: give each bus a port of its own"
             raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
 
 

@@ -1,4 +1,4 @@
-"""A serial port with one owner: opened exclusively, never blocking, and closed once it has failed."""
+"""A serial port with one owner: opened exclusively, never blocking, closed after a failure."""
 
 import errno
 import fcntl
@@ -14,7 +14,14 @@ from robot_io.errors import DeviceError
 
 
 def reason_of(error: Exception) -> str:
-    """Why a port cannot be used, in the words of the system and without its path."""
+    """Write why a port cannot be used, without its path.
+
+    Args:
+        error: of the system.
+
+    Returns:
+        The reason.
+    """
     number = getattr(error, "errno", None)
     if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it"
@@ -22,11 +29,18 @@ def reason_of(error: Exception) -> str:
 
 
 def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> serial.Serial:
-    """Open a port of 8 data bits, no parity, 1 stop bit; reading never waits.
+    """Open a port with 8 data bits, no parity, 1 stop bit; reading never waits.
 
-    Writing may take `write_timeout_s` [s]; None leaves that to the system.
+    Args:
+        path: of the port.
+        baud_rate: [bit/s].
+        write_timeout_s: longest time of a write [s]; None leaves it to the system.
 
-    DeviceError: there is no such port, no permission, or another program has it.
+    Returns:
+        The open port.
+
+    Raises:
+        DeviceError: there is no such port, no permission, or another program has it.
     """
     try:
         port = serial.Serial(path, baud_rate, timeout=0, write_timeout=write_timeout_s, exclusive=True)
@@ -40,21 +54,30 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
 
 
 def close_exclusive(port: serial.Serial) -> None:
-    """Let others have it."""
+    """Close a port and let others use it.
+
+    Args:
+        port: opened by `open_exclusively`.
+    """
     with suppress(OSError):
         fcntl.ioctl(port.fileno(), termios.TIOCNXCL)
     with suppress(OSError):
         port.close()
 
 
-_LOOK_S = 50e-6  # on simulated time, how often to look whether something has come
+_LOOK_S = 50e-6  # period of polling on simulated time
 _CHUNK = 4096
 
 
 class SerialPort:
-    """A serial port, 8 data bits, no parity, 1 stop bit: each byte takes ten bits of the baud rate [bit/s].
+    """A serial port, 8 data bits, no parity, 1 stop bit: each byte takes ten bits of the baud rate.
 
-    After a failure it is closed, and `failure` says why; it works again when it is opened again.
+    After a failure it is closed, and `failure` says why; it can be opened again.
+
+    Args:
+        path: of the port.
+        baud_rate: [bit/s].
+        clock: of the robot.
     """
 
     def __init__(self, path: str, baud_rate: int, clock: Clock) -> None:
@@ -71,13 +94,21 @@ class SerialPort:
         return self._fd >= 0
 
     def duration_s(self, byte_count: int) -> float:
-        """How long so many bytes take on the wire [s]."""
+        """Compute how long bytes take on the wire.
+
+        Args:
+            byte_count: number of bytes.
+
+        Returns:
+            Duration [s].
+        """
         return byte_count * 10.0 / self.baud_rate
 
     def open(self) -> None:
-        """Open it for this program alone, and forget earlier failures.
+        """Open the port for this program alone, and forget earlier failures.
 
-        DeviceError: there is no such port, no permission, or another program has it.
+        Raises:
+            DeviceError: there is no such port, no permission, or another program has it.
         """
         self.close()
         self._serial = open_exclusively(self.path, self.baud_rate)
@@ -85,13 +116,20 @@ class SerialPort:
         self.failure = None
 
     def close(self) -> None:
-        """Let it go. Can be called again."""
+        """Close the port; can be called again."""
         port, self._serial, self._fd = self._serial, None, -1
         if port is not None:
             close_exclusive(port)
 
     def write(self, data: bytes) -> None:
-        """Send bytes. DeviceError: the port is closed or gone, or takes no more."""
+        """Send bytes.
+
+        Args:
+            data: to send.
+
+        Raises:
+            DeviceError: the port is closed or gone, or its output is blocked.
+        """
         try:
             sent = os.write(self._usable(), data)
         except BlockingIOError:
@@ -102,7 +140,11 @@ class SerialPort:
             raise DeviceError(f"{self.path}: took {sent} of {len(data)} bytes; its output is blocked")
 
     def read(self) -> bytes:
-        """What has come, without waiting. DeviceError: the port is closed or gone."""
+        """Return received bytes without waiting.
+
+        Raises:
+            DeviceError: the port is closed or gone.
+        """
         try:
             return os.read(self._usable(), _CHUNK)
         except BlockingIOError:
@@ -111,9 +153,16 @@ class SerialPort:
             raise self._failed(error) from error
 
     def wait(self, deadline_s: float) -> bytes:
-        """What has come as soon as something has, or nothing at the deadline.
+        """Wait for bytes.
 
-        DeviceError: the port is closed or gone.
+        Args:
+            deadline_s: on the robot's clock [s].
+
+        Returns:
+            Received bytes; empty at the deadline.
+
+        Raises:
+            DeviceError: the port is closed or gone.
         """
         if isinstance(self._clock, SimulatedClock):
             data = self._watch_in_simulated_time(deadline_s)
@@ -130,7 +179,11 @@ class SerialPort:
         return data
 
     def read_all(self) -> bytes:
-        """All that has come, without waiting. DeviceError: the port is closed or gone."""
+        """Return all received bytes without waiting.
+
+        Raises:
+            DeviceError: the port is closed or gone.
+        """
         received = b""
         while data := self.read():
             received += data

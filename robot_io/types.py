@@ -1,6 +1,6 @@
-"""What travels between robot, guard and controller in one tick. SI units; arrays are read-only.
+"""Data of one tick between robot, guard and controller. SI units; arrays are read-only.
 
-Named tuples where a record has many fields: as safe from change as a frozen dataclass, and made faster.
+Records with many fields are named tuples: immutable like a frozen dataclass, and faster to make.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ BoolArray = NDArray[np.bool_]
 
 
 class Status(IntEnum):
-    """How far a sample can be trusted."""
+    """Trust in a sample."""
 
     OK = 0
-    STALE = 1  # no new sample has come since the one shown; its age is in `sampled_at_s`
+    STALE = 1  # no new sample since the one returned before; its age is in `sampled_at_s`
     SATURATED = 2  # the device reports the end of its range
     FAULT = 3  # the device reports an error; the value means nothing
 
@@ -36,7 +36,7 @@ class Reading(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """Everything the robot measured in one tick."""
+    """All measurements of one tick."""
 
     time_s: float  # start of the tick on the robot's clock [s]
     joint_position_rad: FloatArray  # shape (n,) [rad]; [m] for a prismatic joint
@@ -53,7 +53,7 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the robot is told in one tick."""
+    """Command of one tick."""
 
     joint_torque_nm: FloatArray  # shape (n,), positive along the joint axis [N m]
 
@@ -61,9 +61,18 @@ class Command:
 def frozen_array(
     values: ArrayLike, shape: tuple[int, ...] | None = None, *, what: str = "array"
 ) -> FloatArray:
-    """Copy a few `values` into a read-only float array of this shape, if one is given.
+    """Copy values into a read-only float array.
 
-    InputError: wrong shape or a value that is not finite; `what` is its name there.
+    Args:
+        values: few numbers.
+        shape: that the array must have; None for any.
+        what: name of the array in errors.
+
+    Returns:
+        The array.
+
+    Raises:
+        InputError: wrong shape or a value that is not finite.
     """
     array = np.array(values, dtype=np.float64)
     if shape is not None and array.shape != shape:

@@ -204,8 +204,8 @@ class HiddenEffects:
     torque: tuple[SensorHook, ...] = ()  # in the torque sensors
     encoder: tuple[SensorHook, ...] = ()  # in the encoders, before the velocity is derived
 
-    def __add__(self, other: "HiddenEffects") -> "HiddenEffects":
-        return HiddenEffects(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, more: "HiddenEffects") -> "HiddenEffects":
+        return HiddenEffects(*(getattr(self, f.name) + getattr(more, f.name) for f in fields(self)))
 
 
 NO_EFFECTS = HiddenEffects()

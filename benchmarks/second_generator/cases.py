@@ -19,7 +19,7 @@ from .contact_effects import CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS
 from .joint_effects import GRAVITY, IN_RIGID_BODY, JOINT, JOINT_OUTSIDE, JOINT_PAIRS, NEEDS_GRAVITY
 from .motion import Array
 from .sensor_effects import AFTER_NOISE
-from .world import Hidden, World, effort_and_position, sized
+from .world import CaseWorld, Hidden, effort_and_position, sized
 
 STRENGTHS = (3.0, 10.0, 30.0)
 MOST_SAMPLES = 20_000  # of a case, so that many can be judged; a fast reader gets fewer runs
@@ -29,7 +29,7 @@ _LIBRARY = {"contact": CONTACT | CONTACT_OUTSIDE, "revolute": JOINT | JOINT_OUTS
 
 
 @dataclass(frozen=True)
-class Job:
+class CaseSpec:
     """What to hide; with a seed, all of a case follows from it."""
 
     number: int  # in the grid, the same whatever part of the grid is run
@@ -41,10 +41,10 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Case:
+class GeneratedCase:
     """A channel as a user has it, and the truth behind."""
 
-    job: Job  # what was asked for
+    job: CaseSpec  # what was asked for
     channel: ChannelData  # as imported from a CSV file
     model: Model  # simple model
     strength: float  # reached; smaller than asked for where no world of the ranges allows it
@@ -53,7 +53,7 @@ class Case:
     world: str  # a few words
 
 
-def grid() -> list[Job]:
+def grid() -> list[CaseSpec]:
     """All jobs in an order that mixes them; a beginning of it is a fair sample."""
     jobs = [
         (kind, sort, hidden, strength)
@@ -69,10 +69,10 @@ def grid() -> list[Job]:
         )
     ]
     order = np.random.default_rng(2026).permutation(len(jobs))
-    return [Job(number, *jobs[i]) for number, i in enumerate(order)]
+    return [CaseSpec(number, *jobs[i]) for number, i in enumerate(order)]
 
 
-def make(job: Job, seed: int) -> Case | None:
+def make(job: CaseSpec, seed: int) -> GeneratedCase | None:
     """The case of a job; None if no world can hide its effects even at the smallest strength."""
     for strength in [s for s in STRENGTHS[::-1] if s <= job.strength] or [0.0]:
         rng = np.random.default_rng([seed, job.number, int(strength)])
@@ -83,7 +83,7 @@ def make(job: Job, seed: int) -> Case | None:
     return None
 
 
-def _try(job: Job, strength: float, rng: Generator) -> Case | None:
+def _try(job: CaseSpec, strength: float, rng: Generator) -> GeneratedCase | None:
     reading = readings.draw_reading(rng, job.kind)
     runs = int(rng.integers(3, 7 if reading.rate_hz < 500.0 else 4))
     drawn = _contact(rng, reading, runs, job) if job.kind == "contact" else _joint(rng, runs, job)
@@ -95,12 +95,12 @@ def _try(job: Job, strength: float, rng: Generator) -> Case | None:
     read = _Reader(rng, reading, world, times)
     if read.floor > 0.05 * world.scale:
         return None
-    found = [
+    effects = [
         sized(world, _LIBRARY[job.kind][name], rng.uniform(size=4), strength * read.floor)
         for name in job.hidden
     ]
-    hidden = [effect for effect in found if effect is not None]
-    if len(hidden) < len(found):
+    hidden = [effect for effect in effects if effect is not None]
+    if len(hidden) < len(effects):
         return None
     last = [e for e, name in zip(hidden, job.hidden, strict=True) if name in AFTER_NOISE]
     effort, position = effort_and_position(world, [e for e in hidden if e not in last])
@@ -112,32 +112,33 @@ def _try(job: Job, strength: float, rng: Generator) -> Case | None:
         f"{' irregular' if reading.irregular else ''}, {_chain(reading)}, velocity {reading.velocity}, "
         f"{reading.colour} noise"
     )
-    return Case(job, channel, model, strength, read.floor, _truth(world, job, hidden), words)
+    return GeneratedCase(job, channel, model, strength, read.floor, _truth(world, job, hidden), words)
 
 
-def _chain(reading: readings.Reading) -> str:
+def _chain(reading: readings.ReadingChain) -> str:
     if reading.digits_m:
         return f"printed to {reading.digits_m:g} m"
     return "/".join(f"{n}" for n in reading.steps) + " a turn"
 
 
-def _contact(rng: Generator, reading: readings.Reading, runs: int, job: Job) -> tuple[World, str]:
+def _contact(
+    rng: Generator, reading: readings.ReadingChain, runs: int, job: CaseSpec
+) -> tuple[CaseWorld, str]:
     """Depth and stiffness such that the position's steps neither vanish nor drown the force."""
     probe = np.linspace(0.0, 0.02, 4001) + 1e-5 * rng.standard_normal(4001)
     steps = float(np.std(readings.read_position(rng, reading, probe, arm=not reading.digits_m) - probe))
     size = float(np.clip(steps * 10 ** rng.uniform(2.4, 3.6), 5e-4, 0.03))
     k = rng.uniform(3.0, 30.0) / size
     speed = rng.uniform(0.5, 3.0)
-    one = job.one_recording
     moved, shape = motion.draw(
-        rng, size, speed, runs, below=-0.15, rounding_s=(0.01, 0.02), one_recording=one
+        rng, size, speed, runs, below=-0.15, rounding_s=(0.01, 0.02), one_recording=job.one_recording
     )
     c = k * size * rng.uniform(0.02, 0.2) / float(np.quantile(np.abs(moved.v), 0.95))
-    fresh = bool(rng.random() < 0.5) and not one
-    return World("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, fresh), shape
+    fresh = bool(rng.random() < 0.5) and not job.one_recording
+    return CaseWorld("contact", moved, "kelvin_voigt", {"k": k, "c": c}, size, fresh), shape
 
 
-def _joint(rng: Generator, runs: int, job: Job) -> tuple[World, str]:
+def _joint(rng: Generator, runs: int, job: CaseSpec) -> tuple[CaseWorld, str]:
     """An inertia, a pendulum, or an arm of one link with its URDF."""
     hidden = job.hidden
     base = str(rng.choice(["inertia", "pendulum", "rigid_body"], p=[0.35, 0.4, 0.25]))
@@ -156,13 +157,15 @@ def _joint(rng: Generator, runs: int, job: Job) -> tuple[World, str]:
     if base != "rigid_body":
         plain = law["J"] * moved.a + law["g"] * np.sin(moved.x)
         law["d"] = rng.uniform(0.03, 0.3) * float(np.std(plain) / np.std(moved.v))
-    return World("revolute", moved, base, law, size, False), shape
+    return CaseWorld("revolute", moved, base, law, size, False), shape
 
 
 class _Reader:
     """Turns efforts and positions of the fine grid into a file of readings."""
 
-    def __init__(self, rng: Generator, reading: readings.Reading, world: World, times: Array) -> None:
+    def __init__(
+        self, rng: Generator, reading: readings.ReadingChain, world: CaseWorld, times: Array
+    ) -> None:
         self.reading, self.world, self.times = reading, world, times
         self.run = readings.run_at(world.motion, times)
         self.seed = int(rng.integers(2**31))
@@ -243,7 +246,7 @@ class _Reader:
             rng = np.random.default_rng([self.seed, 3])
             return true + 0.003 * self.world.speed * rng.standard_normal(len(true))
         tries = [readings.slope(self.times, read, self.run, half) for half in (1, 2, 4, 8, 16, 32)]
-        return min(tries, key=lambda one: float(np.mean((one - true) ** 2)))
+        return min(tries, key=lambda slope: float(np.mean((slope - true) ** 2)))
 
 
 def _imported(text: str, options: ImportOptions) -> ChannelData:
@@ -253,7 +256,7 @@ def _imported(text: str, options: ImportOptions) -> ChannelData:
         return import_file(path, options).channels[0]
 
 
-def _model(world: World, channel: ChannelData) -> tuple[ChannelData, Model]:
+def _model(world: CaseWorld, channel: ChannelData) -> tuple[ChannelData, Model]:
     base = MODELS[world.base]()
     context = ModelContext(joint=None if world.kind == "contact" else 0)
     if world.base == "rigid_body":
@@ -261,7 +264,7 @@ def _model(world: World, channel: ChannelData) -> tuple[ChannelData, Model]:
     return base.prepare(channel, context), base.build(context)
 
 
-def _truth(world: World, job: Job, hidden: list[Hidden]) -> dict[str, float]:
+def _truth(world: CaseWorld, job: CaseSpec, hidden: list[Hidden]) -> dict[str, float]:
     """True parameters in the library's names."""
     law = world.law
     truth = {

@@ -9,26 +9,26 @@ from scipy.integrate import cumulative_trapezoid
 
 from .motion import FINE_HZ, Array
 from .sensor_effects import SENSOR, crosstalk
-from .world import Effect, Hidden, World
+from .world import CaseWorld, Effect, Hidden
 
 
-def cubic_stiffness(w: World, s: float, u: Array) -> Hidden:
+def cubic_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F += k3 x^3."""
     k3 = 4 * s * w.law["k"] / w.size**2
     return Hidden(adds=k3 * w.pressed**3, one_sided=True, truth={"k3": k3})
 
 
-def _power(w: World, n: float) -> Array:
+def _power(w: CaseWorld, n: float) -> Array:
     return w.law["k"] * w.size * ((w.pressed / w.size) ** n - w.pressed / w.size)
 
 
-def power_law_stiffness(w: World, s: float, u: Array) -> Hidden:
+def power_law_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F = k x^n in place of k x."""
     n = 1 + 1.5 * s
     return Hidden(adds=_power(w, n), one_sided=True, truth={"n": n, "stiffness.k": 0.0})
 
 
-def hunt_crossley(w: World, s: float, u: Array) -> Hidden:
+def hunt_crossley(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F = k x^n + b x^n v in place of k x; the damper c stays."""
     n, m = 1 + s * (0.3 + u[0]), w.motion
     b = 0.6 * s * (0.3 + u[1]) / w.speed
@@ -37,7 +37,7 @@ def hunt_crossley(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=adds, one_sided=True, truth={"k": k, "b": b * k, "n": n, "stiffness.k": 0.0})
 
 
-def layered_stiffness(w: World, s: float, u: Array) -> Hidden:
+def layered_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A stiffer layer below a depth."""
     depth, dk = w.size * (0.25 + 0.35 * u[0]), 4 * s * w.law["k"]
     return Hidden(
@@ -45,18 +45,18 @@ def layered_stiffness(w: World, s: float, u: Array) -> Hidden:
     )
 
 
-def _maxwell(w: World, k: float, tau: float) -> Array:
+def _maxwell(w: CaseWorld, k: float, tau: float) -> Array:
     """A spring that a dashpot lets go: k times the high-passed depth."""
     return k * (w.pressed - w.filtered(w.pressed, tau))
 
 
-def stress_relaxation(w: World, s: float, u: Array) -> Hidden:
+def stress_relaxation(w: CaseWorld, s: float, u: Array) -> Hidden:
     """One Maxwell branch beside the spring."""
     k, tau = 2 * s * w.law["k"], 0.1 * 10 ** (1.1 * u[0])
     return Hidden(adds=_maxwell(w, k, tau), one_sided=True, truth={"k1": k, "tau": tau})
 
 
-def relaxation_spectrum(w: World, s: float, u: Array) -> Hidden:
+def relaxation_spectrum(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Two Maxwell branches, a decade or more apart; a sudden press meets both of them beside the spring."""
     fast, fast_time = 2 * s * w.law["k"], 0.05 * 10 ** (0.5 * u[0])
     slow, slow_time = fast * (0.6 + 0.6 * u[1]), fast_time * (12 + 10 * u[2])
@@ -72,13 +72,13 @@ def relaxation_spectrum(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=adds, one_sided=True, truth=truth)
 
 
-def quadratic_damping(w: World, s: float, u: Array) -> Hidden:
+def quadratic_damping(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F += c2 v |v|."""
     c2, m = 2 * s * w.law["k"] * w.size / w.speed**2, w.motion
     return Hidden(adds=c2 * m.v * np.abs(m.v) * w.touching, one_sided=True, truth={"c2": c2})
 
 
-def adhesion(w: World, s: float, u: Array) -> Hidden:
+def adhesion(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A pull while touching, and a neck that is drawn out on the way back until it breaks."""
     pull, neck, m = s * w.scale, 0.05 * w.size * (0.3 + u[0]), w.motion
     sticks, out = False, np.zeros(len(m.x))
@@ -90,26 +90,26 @@ def adhesion(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=out, truth={"force": pull})
 
 
-def plastic_set(w: World, s: float, u: Array) -> Hidden:
+def plastic_set(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A share of the largest depth stays; there the spring is at rest."""
     share = 0.6 * s
     lost = np.minimum(share * w.deepest(), w.pressed)
     return Hidden(adds=-w.law["k"] * lost, one_sided=True, truth={"share": share})
 
 
-def dry_friction(w: World, s: float, u: Array) -> Hidden:
+def dry_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Tool and object rub."""
     f = s * w.scale
     return Hidden(adds=f * np.tanh(w.motion.v / (0.01 * w.speed)) * w.touching, truth={"force": f})
 
 
-def contact_offset(w: World, s: float, u: Array) -> Hidden:
+def contact_offset(w: CaseWorld, s: float, u: Array) -> Hidden:
     """The surface is not where the depth counts from."""
     off = float(np.sign(u[0] - 0.5)) * 0.4 * s * w.size
     return Hidden(moves=lambda f: np.full(len(f), off), truth={"offset": off})
 
 
-def tool_compliance(w: World, s: float, u: Array) -> Hidden:
+def tool_compliance(w: CaseWorld, s: float, u: Array) -> Hidden:
     """The tool gives: its deflection is read as depth.
 
     k z + c z' = (x - z) / compliance while pressed, z the object's depth.
@@ -146,43 +146,43 @@ CONTACT_PAIRS = (
 )
 
 
-def _chatter(w: World, s: float, u: Array) -> Hidden:
+def _chatter(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Stick-slip: a sawtooth over the path while touching."""
     path = cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
     saw = 2 * ((path / (w.size * (0.03 + 0.1 * u[0]))) % 1.0) - 1
     return Hidden(adds=s * w.scale * saw * np.sign(w.motion.v) * w.touching)
 
 
-def _depth_squared_damping(w: World, s: float, u: Array) -> Hidden:
+def _depth_squared_damping(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F += b x^2 v."""
     return Hidden(adds=3 * s * w.scale * (w.pressed / w.size) ** 2 * w.motion.v / w.speed, one_sided=True)
 
 
-def _detent(w: World, s: float, u: Array) -> Hidden:
+def _detent(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A magnet that pulls at a depth: exp(-((x - x0) / w)^2)."""
     z = (w.motion.x / w.size - 0.25 - 0.4 * u[0]) / (0.06 + 0.1 * u[1])
     return Hidden(adds=s * w.scale * np.exp(-(z**2)))
 
 
-def _thinning(w: World, s: float, u: Array) -> Hidden:
+def _thinning(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A viscosity that use takes away (thixotropy)."""
     used = cumulative_trapezoid(np.abs(w.motion.v) * w.touching, dx=1 / FINE_HZ, initial=0.0)
     left = np.exp(-used / (used[-1] * (0.08 + 0.2 * u[0])))
     return Hidden(adds=4 * s * w.scale * left * w.motion.v / w.speed * w.touching, one_sided=True)
 
 
-def _warming(w: World, s: float, u: Array) -> Hidden:
+def _warming(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A gain that follows the heat of what was dissipated, which leaks away."""
     heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * u[0])
     return Hidden(senses=lambda f: f * (1 + 2 * s * heat / heat.max()))
 
 
-def _one_way_stiffness(w: World, s: float, u: Array) -> Hidden:
+def _one_way_stiffness(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Stiffer on the way in than on the way out."""
     return Hidden(adds=s * w.load * np.tanh(w.motion.v / (0.05 * w.speed)), one_sided=True)
 
 
-def _buckling(w: World, s: float, u: Array) -> Hidden:
+def _buckling(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A dome that snaps through at a depth, and back at a smaller one."""
     snap, out, state = w.size * (0.35 + 0.2 * u[0]), np.zeros(len(w.motion.x)), 0.0
     for i, x in enumerate(w.motion.x.tolist()):
@@ -192,13 +192,13 @@ def _buckling(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=-0.8 * s * w.law["k"] * snap * soft, one_sided=True)
 
 
-def _mullins(w: World, s: float, u: Array) -> Hidden:
+def _mullins(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Below the largest depth so far the object is softer (Mullins 1969)."""
     below = w.deepest() - w.pressed
     return Hidden(adds=-0.8 * s * w.load * (1 - np.exp(-below / (0.1 * w.size))), one_sided=True)
 
 
-def _texture(w: World, s: float, u: Array) -> Hidden:
+def _texture(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A laminate: force periodic in depth."""
     period = w.size * (0.08 + 0.1 * u[0])
     return Hidden(adds=s * w.scale * np.sin(2 * np.pi * (w.pressed / period)) * w.touching)

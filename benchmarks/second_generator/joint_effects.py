@@ -9,22 +9,22 @@ from scipy.integrate import cumulative_trapezoid
 
 from .motion import FINE_HZ, Array
 from .sensor_effects import SENSOR, crosstalk
-from .world import Effect, Hidden, World, play
+from .world import CaseWorld, Effect, Hidden, play
 
 GRAVITY = 9.81  # as the model of the arm has it: else a light payload is judged by the fourth digit of g
 
 
-def _sign(w: World) -> Array:
+def _sign(w: CaseWorld) -> Array:
     return np.tanh(w.motion.v / (0.003 * w.speed))
 
 
-def coulomb_friction(w: World, s: float, u: Array) -> Hidden:
+def coulomb_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """F sign(v)."""
     f = s * w.scale
     return Hidden(adds=f * _sign(w), truth={"force": f})
 
 
-def stribeck_friction(w: World, s: float, u: Array) -> Hidden:
+def stribeck_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Stribeck's whole curve: Coulomb's friction, and more of it at small speed."""
     f, more, vs = s * w.scale, s * w.scale * (0.5 + u[0]), w.speed * (0.05 + 0.15 * u[1])
     return Hidden(
@@ -33,32 +33,32 @@ def stribeck_friction(w: World, s: float, u: Array) -> Hidden:
     )
 
 
-def asymmetric_friction(w: World, s: float, u: Array) -> Hidden:
+def asymmetric_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """One Coulomb friction forwards, another backwards."""
     f, b = s * w.scale, s * w.scale * (0.1 + 0.5 * u[0])
     sign = _sign(w)
     return Hidden(adds=np.where(sign > 0, f, b) * sign, truth={"forward": f, "backward": b})
 
 
-def load_dependent_friction(w: World, s: float, u: Array) -> Hidden:
+def load_dependent_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Mu |load| sign(v)."""
     mu = s
     return Hidden(adds=mu * np.abs(w.load) * _sign(w), truth={"mu": mu})
 
 
-def quadratic_friction(w: World, s: float, u: Array) -> Hidden:
+def quadratic_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """d2 v |v|."""
     d2 = 2 * s * w.scale / w.speed**2
     return Hidden(adds=d2 * w.motion.v * np.abs(w.motion.v), truth={"d2": d2})
 
 
-def viscous_friction(w: World, s: float, u: Array) -> Hidden:
+def viscous_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """D v, where the simple model has none."""
     d = s * w.scale / w.speed
     return Hidden(adds=d * w.motion.v, truth={"d": d})
 
 
-def payload(w: World, s: float, u: Array) -> Hidden:
+def payload(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A point mass at the tip, at `w.law["tip"]` from the axis."""
     tip = w.law["tip"]
     mass = 2 * s * w.law["g"] / (GRAVITY * tip)
@@ -66,13 +66,13 @@ def payload(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=adds, truth={"mass": mass})
 
 
-def armature(w: World, s: float, u: Array) -> Hidden:
+def armature(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A rotor behind the gear."""
     inertia = 3 * s * w.law["J"]
     return Hidden(adds=inertia * w.motion.a, truth={"inertia": inertia})
 
 
-def gravity_tilt(w: World, s: float, u: Array) -> Hidden:
+def gravity_tilt(w: CaseWorld, s: float, u: Array) -> Hidden:
     """The base stands askew: gravity comes from another direction."""
     angle = float(np.sign(u[0] - 0.5)) * 0.5 * s
     g, x = w.law["g"], w.motion.x
@@ -80,14 +80,14 @@ def gravity_tilt(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=g * (np.sin(x + angle) - np.sin(x)), truth={"tilt": tilt})
 
 
-def torque_ripple(w: World, s: float, u: Array) -> Hidden:
+def torque_ripple(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A sin(N q + phase)."""
     n, size, phase = int(6 + 30 * u[0]), s * w.scale, 2 * np.pi * u[1]
     truth = {"sine": size * np.cos(phase), "cosine": size * np.sin(phase), "cycles": n}
     return Hidden(adds=size * np.sin(n * w.motion.x + phase), truth=truth)
 
 
-def ripple_with_harmonics(w: World, s: float, u: Array) -> Hidden:
+def ripple_with_harmonics(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Cogging: a ripple of N and 2 N (and a little 3 N) a turn."""
     n, x, size = int(6 + 14 * u[0]), w.motion.x, s * w.scale
     parts = ((1.0, 1, u[1]), (0.6, 2, u[2]), (0.3, 3, u[3]))
@@ -95,13 +95,13 @@ def ripple_with_harmonics(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=size * adds, truth={"cycles": n})
 
 
-def joint_spring(w: World, s: float, u: Array) -> Hidden:
+def joint_spring(w: CaseWorld, s: float, u: Array) -> Hidden:
     """K (q - q0)."""
     k, rest = 2 * s * w.scale / w.size, w.size * (u[0] - 0.3)
     return Hidden(adds=k * (w.motion.x - rest), truth={"k": k, "preload": -k * rest})
 
 
-def backlash(w: World, s: float, u: Array) -> Hidden:
+def backlash(w: CaseWorld, s: float, u: Array) -> Hidden:
     """The motor's angle is read; a link that does not move by itself follows it with play.
 
     While the gap is crossed, the motor turns alone and carries half of the inertia.
@@ -113,7 +113,7 @@ def backlash(w: World, s: float, u: Array) -> Hidden:
     return Hidden(adds=w.filtered(adds, 0.002), truth={"gap": gap})
 
 
-def joint_elasticity(w: World, s: float, u: Array) -> Hidden:
+def joint_elasticity(w: CaseWorld, s: float, u: Array) -> Hidden:
     """The motor's angle is read, the link is behind it by torque over stiffness.
 
     Singular perturbation to first order: the link moves as said, the motor ahead of it. With the motor held,
@@ -123,13 +123,13 @@ def joint_elasticity(w: World, s: float, u: Array) -> Hidden:
     return Hidden(moves=lambda torque: w.load * give, truth={"compliance": give})
 
 
-def torque_gain(w: World, s: float, u: Array) -> Hidden:
+def torque_gain(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Each newton metre reads as more or less."""
     gain = float(np.sign(u[0] - 0.5)) * 0.6 * s
     return Hidden(senses=lambda f: (1 + gain) * f, truth={"gain": 1 + gain})
 
 
-def presliding_friction(w: World, s: float, u: Array) -> Hidden:
+def presliding_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Dahl: asperities bend over a distance before they slip."""
     f, over, m = s * w.scale, w.size * (0.02 + 0.1 * u[0]), w.motion
 
@@ -179,28 +179,28 @@ JOINT_PAIRS = (
 )
 
 
-def _travel(w: World) -> Array:
+def _travel(w: CaseWorld) -> Array:
     return cumulative_trapezoid(np.abs(w.motion.v), dx=1 / FINE_HZ, initial=0.0)
 
 
-def _stick_slip(w: World, s: float, u: Array) -> Hidden:
+def _stick_slip(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A sawtooth over the path."""
     saw = 2 * ((_travel(w) / (w.size * (0.05 + 0.1 * u[0]))) % 1.0) - 1
     return Hidden(adds=s * w.scale * saw * _sign(w))
 
 
-def _cos2_friction(w: World, s: float, u: Array) -> Hidden:
+def _cos2_friction(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A bearing that is tight in two places: cos^2(q) v."""
     return Hidden(adds=3 * s * w.scale * np.cos(2 * w.motion.x + u[0]) ** 2 * w.motion.v / w.speed)
 
 
-def _detent(w: World, s: float, u: Array) -> Hidden:
+def _detent(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A magnet at one angle."""
     z = (w.motion.x / w.size - u[0] * 0.6) / (0.06 + 0.1 * u[1])
     return Hidden(adds=s * w.scale * np.exp(-(z**2)))
 
 
-def _thinning(w: World, s: float, u: Array) -> Hidden:
+def _thinning(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A grease that thins with use."""
     used = _travel(w)
     return Hidden(
@@ -208,25 +208,25 @@ def _thinning(w: World, s: float, u: Array) -> Hidden:
     )
 
 
-def _warming(w: World, s: float, u: Array) -> Hidden:
+def _warming(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A torque constant that falls with the heat of what was dissipated."""
     heat = w.filtered(np.abs(w.plain * w.motion.v), 1.0 + 4 * u[0])
     return Hidden(senses=lambda f: f * (1 - 0.8 * s * heat / heat.max()))
 
 
-def _farthest(w: World, s: float, u: Array) -> Hidden:
+def _farthest(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A seal that has given way as far as the joint ever turned."""
     far = np.maximum.accumulate(np.abs(w.motion.x))
     return Hidden(adds=s * w.scale * np.exp(-(far - np.abs(w.motion.x)) / (0.08 * w.size)) * _sign(w))
 
 
-def _end_cushion(w: World, s: float, u: Array) -> Hidden:
+def _end_cushion(w: CaseWorld, s: float, u: Array) -> Hidden:
     """Oil that is squeezed out near an end: (q - q0)^2 v beyond q0."""
     deep = np.maximum(w.motion.x / w.size - 0.3 - 0.3 * u[0], 0.0)
     return Hidden(adds=10 * s * w.scale * deep**2 * w.motion.v / w.speed)
 
 
-def _dwell(w: World, s: float, u: Array) -> Hidden:
+def _dwell(w: CaseWorld, s: float, u: Array) -> Hidden:
     """A friction that grows with the time spent slow, and is worn off within a short time of motion."""
     slow = w.filtered((np.abs(w.motion.v) < 0.1 * w.speed).astype(float), 0.3 + u[0])
     return Hidden(adds=3 * s * w.scale * slow * w.motion.v / w.speed)

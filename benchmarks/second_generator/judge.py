@@ -13,7 +13,7 @@ import numpy as np
 from estimation.diagnosis import ChannelDiagnosis, diagnose
 from estimation.diagnosis.candidates import effect_library
 
-from .cases import Case, Job, make
+from .cases import CaseSpec, GeneratedCase, make
 
 # One and the same curve under two names, for mathematical reasons, so that no data can prefer one:
 # hidden -> the sets of effects that describe it as well, and why. A first effect out of any set is right.
@@ -87,10 +87,10 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseOutcome:
     """A diagnosed case; seconds are the processor's, as machines are busy."""
 
-    job: Job
+    job: CaseSpec
     seed: int
     strength: float
     world: str
@@ -122,23 +122,24 @@ class Outcome:
 
     def record(self) -> str:
         """One line of JSON, by which two engines can be compared case by case."""
-        found = asdict(self)
-        found["intervals"] = [asdict(one) | {"holds": one.holds} for one in self.intervals]
-        return json.dumps(found)
+        fields = asdict(self)
+        fields["intervals"] = [asdict(interval) | {"holds": interval.holds} for interval in self.intervals]
+        return json.dumps(fields)
 
 
-def from_record(line: str) -> Outcome:
+def from_record(line: str) -> CaseOutcome:
     """An outcome back from its line of JSON."""
-    found = json.loads(line)
-    found["job"] = Job(**found["job"] | {"hidden": tuple(found["job"]["hidden"])})
-    found["rmse"] = found["rmse"] and tuple(found["rmse"])
-    found["intervals"] = [
-        Interval(**{key: value for key, value in one.items() if key != "holds"}) for one in found["intervals"]
+    fields = json.loads(line)
+    fields["job"] = CaseSpec(**fields["job"] | {"hidden": tuple(fields["job"]["hidden"])})
+    fields["rmse"] = fields["rmse"] and tuple(fields["rmse"])
+    fields["intervals"] = [
+        Interval(**{key: value for key, value in interval.items() if key != "holds"})
+        for interval in fields["intervals"]
     ]
-    return Outcome(**found)
+    return CaseOutcome(**fields)
 
 
-def run(job: Job, seed: int) -> Outcome | None:
+def run(job: CaseSpec, seed: int) -> CaseOutcome | None:
     """Make a case and diagnose it; None where it cannot be made.
 
     The library of a case of the sort "removed" lacks the hidden effect and every law that contains it.
@@ -150,30 +151,30 @@ def run(job: Job, seed: int) -> Outcome | None:
     rng = np.random.default_rng([seed, job.number, 7])
     removed = withheld(job) if job.sort == "removed" else frozenset()
     effects = [effect for effect in effect_library() if effect.name not in removed]
-    found = diagnose(case.channel, case.model, effects, rng=rng, file=f"case {job.number}").channels[0]
-    return judged(case, seed, found, time.process_time() - started)
+    diagnosis = diagnose(case.channel, case.model, effects, rng=rng, file=f"case {job.number}").channels[0]
+    return judged(case, seed, diagnosis, time.process_time() - started)
 
 
-def withheld(job: Job) -> frozenset[str]:
+def withheld(job: CaseSpec) -> frozenset[str]:
     """Names of the hidden effects and of every law that contains one of them."""
     plain = frozenset(SPELLED.get(name, name) for name in job.hidden)
     return plain.union(*(CONTAINED_IN.get(name, frozenset()) for name in plain))
 
 
-def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Outcome:
+def judged(case: GeneratedCase, seed: int, diagnosis: ChannelDiagnosis, seconds: float) -> CaseOutcome:
     """Hold a diagnosis against the truth."""
     job = case.job
-    names = [entry.effect for entry in found.accepted]
-    group = [names[0], *found.accepted[0].confused_with] if names else []
-    exact = any(set(names) == one for one in _right_sets(job))
+    names = [entry.effect for entry in diagnosis.accepted]
+    group = [names[0], *diagnosis.accepted[0].confused_with] if names else []
+    exact = any(set(names) == right for right in _right_sets(job))
     first = bool(set(group) & frozenset().union(*_right_sets(job)))
-    verdict = found.verdict.value
+    verdict = diagnosis.verdict.value
     right = {
         "nothing": verdict == "adequate",
         "outside": verdict == "unexplained" or (verdict == "missing" and first),
         "removed": verdict == "unexplained",
     }.get(job.sort, verdict == "missing" and first)
-    return Outcome(
+    return CaseOutcome(
         job=job,
         seed=seed,
         strength=case.strength,
@@ -181,21 +182,23 @@ def judged(case: Case, seed: int, found: ChannelDiagnosis, seconds: float) -> Ou
         samples=len(case.channel),
         floor=case.floor,
         verdict=verdict,
-        reason=found.reason,
+        reason=diagnosis.reason,
         accepted=names,
         first_group=group,
-        complete=found.complete,
-        remaining_times_floor=found.remaining.times_floor if found.remaining else None,
-        rmse=(found.baseline.rmse, found.final.rmse) if found.baseline and found.final else None,
+        complete=diagnosis.complete,
+        remaining_times_floor=diagnosis.remaining.times_floor if diagnosis.remaining else None,
+        rmse=(diagnosis.baseline.rmse, diagnosis.final.rmse)
+        if diagnosis.baseline and diagnosis.final
+        else None,
         right=right,
         first=first,
         exact=exact,
         seconds=seconds,
-        intervals=_intervals(case, found) if job.sort not in ("outside", "removed") else [],
+        intervals=_intervals(case, diagnosis) if job.sort not in ("outside", "removed") else [],
     )
 
 
-def _right_sets(job: Job) -> list[frozenset[str]]:
+def _right_sets(job: CaseSpec) -> list[frozenset[str]]:
     """All sets of names that describe what is hidden."""
     if job.sort == "outside":
         return [NAMED_BY_A_WIDER_LIBRARY.get(job.hidden[0], frozenset())]
@@ -203,16 +206,18 @@ def _right_sets(job: Job) -> list[frozenset[str]]:
     for name in job.hidden:
         plain = SPELLED.get(name, name)
         ways = [frozenset({plain}), *(names for names, _ in SAME_CURVE.get(plain, ()))]
-        sets = [one | way for one in sets for way in ways]
+        sets = [names | way for names in sets for way in ways]
     return sets
 
 
-def _intervals(case: Case, found: ChannelDiagnosis) -> list[Interval]:
+def _intervals(case: GeneratedCase, diagnosis: ChannelDiagnosis) -> list[Interval]:
     """Estimates with a known truth: of accepted effects that are there, and of the model if all are named."""
-    named = {entry.effect for entry in found.accepted}
+    named = {entry.effect for entry in diagnosis.accepted}
     spelled = {SPELLED.get(name, name) for name in case.job.hidden}
-    there = {f"{entry.effect}.{name}": p for entry in found.accepted for name, p in entry.parameters.items()}
-    whole = found.final.parameters if found.final and named == spelled else {}
+    there = {
+        f"{entry.effect}.{name}": p for entry in diagnosis.accepted for name, p in entry.parameters.items()
+    }
+    whole = diagnosis.final.parameters if diagnosis.final and named == spelled else {}
     both = {name: (p, True) for name, p in there.items() if name.split(".")[0] in spelled}
     both |= {name: (p, False) for name, p in whole.items() if name.split(".")[0] not in named}
     return [
@@ -228,7 +233,7 @@ def share(flags: Iterable[bool]) -> str:
     return f"{sum(some)} of {len(some)}"
 
 
-def table(outcomes: Sequence[Outcome]) -> str:
+def table(outcomes: Sequence[CaseOutcome]) -> str:
     """What came out, in one table, for each kind and both."""
     kinds = [k for k in ("contact", "revolute") if any(o.job.kind == k for o in outcomes)]
     columns = {kind: [o for o in outcomes if o.job.kind == kind] for kind in kinds} | {"all": list(outcomes)}
@@ -265,27 +270,27 @@ def table(outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def _right(sort: str, some: Sequence[Outcome]) -> str:
+def _right(sort: str, some: Sequence[CaseOutcome]) -> str:
     return share(o.right for o in some if o.job.sort == sort)
 
 
-def _verdicts(some: Sequence[Outcome], sort: str, verdict: str) -> str:
+def _verdicts(some: Sequence[CaseOutcome], sort: str, verdict: str) -> str:
     return share(o.verdict == verdict for o in some if o.job.sort == sort)
 
 
-def _held(some: Sequence[Outcome], *, accepted: bool) -> str:
+def _held(some: Sequence[CaseOutcome], *, accepted: bool) -> str:
     flags = [i.holds for o in some for i in o.intervals if i.accepted == accepted and i.holds is not None]
     return f"{100 * np.mean(flags):.0f} % of {len(flags)}" if flags else "-"
 
 
-def _seconds(some: Sequence[Outcome]) -> str:
+def _seconds(some: Sequence[CaseOutcome]) -> str:
     times = [o.seconds for o in some]
     return f"{np.median(times):.1f} / {max(times):.1f}" if times else "-"
 
 
-def by_effect(outcomes: Sequence[Outcome]) -> str:
+def by_effect(outcomes: Sequence[CaseOutcome]) -> str:
     """Per hidden effect: how often right, and what was said where it was wrong."""
-    of: dict[str, list[Outcome]] = defaultdict(list)
+    of: dict[str, list[CaseOutcome]] = defaultdict(list)
     for o in outcomes:
         of[" + ".join(o.job.hidden) or "nothing"].append(o)
     lines = []

@@ -18,7 +18,7 @@ FINE_HZ = 2000.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrueMotion:
     """All runs in a row on the fine grid; time goes on between runs."""
 
     t: Array  # [s], shape (n,)
@@ -117,7 +117,7 @@ def _joined(ways: list[Array]) -> Array:
     moves = [np.linspace(before[-1], after[0], int(0.6 * FINE_HZ)) for before, after in pairwise(ways)]
     rests = [np.full(int(0.3 * FINE_HZ), after[0]) for after in ways[1:]]
     return np.concatenate(
-        [ways[0], *(np.concatenate(one) for one in zip(moves, rests, ways[1:], strict=True))]
+        [ways[0], *(np.concatenate(piece) for piece in zip(moves, rests, ways[1:], strict=True))]
     )
 
 
@@ -130,7 +130,7 @@ def draw(
     below: float,
     rounding_s: tuple[float, float],
     one_recording: bool = False,
-) -> tuple[Motion, str]:
+) -> tuple[TrueMotion, str]:
     """A session of several runs, deep and fast to different degrees, or one recording of all of them.
 
     Args:
@@ -156,4 +156,4 @@ def draw(
         t = clock + np.arange(len(x)) / FINE_HZ
         parts.append((t, x, v, np.gradient(v, 1 / FINE_HZ), np.full(len(x), number)))
         clock = t[-1] + pauses[number]
-    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True))), shape.__name__
+    return TrueMotion(*(np.concatenate(part) for part in zip(*parts, strict=True))), shape.__name__

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import lfilter, savgol_filter
 
-from .motion import FINE_HZ, Array, Motion
+from .motion import FINE_HZ, Array, TrueMotion
 
 LINKS_M = (0.30, 0.25, 0.10)
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadingChain:
     """How a case is read; drawn once."""
 
     rate_hz: float  # of samples
@@ -23,7 +23,7 @@ class Reading:
     colour: str  # of the effort's noise: "white", "ar1" or "proportional"
 
 
-def draw_reading(rng: Generator, kind: str) -> Reading:
+def draw_reading(rng: Generator, kind: str) -> ReadingChain:
     """Any of the ways in which people record."""
     fine = [2**19, 2**17, 2**16]
     if kind == "contact":
@@ -33,7 +33,7 @@ def draw_reading(rng: Generator, kind: str) -> Reading:
     else:
         per_turn, digits = [rng.choice([4096, 16384, 2**17, 2**19])], 0.0
     rate = float(rng.choice([100, 250, 500, 1000], p=[0.2, 0.25, 0.3, 0.25]))
-    return Reading(
+    return ReadingChain(
         rate_hz=rate,
         irregular=bool(rng.random() < 0.2),
         steps=tuple(int(n) for n in per_turn),
@@ -43,7 +43,7 @@ def draw_reading(rng: Generator, kind: str) -> Reading:
     )
 
 
-def sample_times(rng: Generator, reading: Reading, motion: Motion) -> Array:
+def sample_times(rng: Generator, reading: ReadingChain, motion: TrueMotion) -> Array:
     """When samples are taken, run by run [s]."""
     times = []
     for rows in motion.each():
@@ -57,7 +57,7 @@ def sample_times(rng: Generator, reading: Reading, motion: Motion) -> Array:
     return np.concatenate(times)
 
 
-def read_position(rng: Generator, reading: Reading, x: Array, *, arm: bool) -> Array:
+def read_position(rng: Generator, reading: ReadingChain, x: Array, *, arm: bool) -> Array:
     """A position through its encoders' steps, or printed with few digits."""
     if reading.digits_m:
         return np.round(x / reading.digits_m) * reading.digits_m
@@ -87,7 +87,7 @@ def _through_an_arm(rng: Generator, x: Array, steps: list[float]) -> Array:
     return (height - tool) - tip
 
 
-def noise(rng: Generator, reading: Reading, effort: Array, run: Array) -> Array:
+def noise(rng: Generator, reading: ReadingChain, effort: Array, run: Array) -> Array:
     """Noise of RMS 1: white, first-order autoregressive over 10 samples, or growing with the effort."""
     white = rng.standard_normal(len(effort))
     if reading.colour == "ar1":
@@ -111,7 +111,7 @@ def smoothed(x: Array, rate_hz: float, run: Array, seconds: float, order: int) -
 def best_derivative(x: Array, true: Array, rate_hz: float, run: Array, order: int) -> Array:
     """The best that such a fit can do: the window is chosen by the truth."""
     tries = [smoothed(x, rate_hz, run, seconds, order) for seconds in (0.005, 0.01, 0.02, 0.04, 0.08, 0.16)]
-    return min(tries, key=lambda one: float(np.mean((one - true) ** 2)))
+    return min(tries, key=lambda derivative: float(np.mean((derivative - true) ** 2)))
 
 
 def slope(times: Array, x: Array, run: Array, half: int) -> Array:
@@ -125,11 +125,11 @@ def slope(times: Array, x: Array, run: Array, half: int) -> Array:
     return out
 
 
-def at(motion: Motion, times: Array, signal: Array) -> Array:
+def at(motion: TrueMotion, times: Array, signal: Array) -> Array:
     """A fine signal at the times of samples (time never goes back, so one interpolation serves)."""
     return np.interp(times, motion.t, signal)
 
 
-def run_at(motion: Motion, times: Array) -> Array:
+def run_at(motion: TrueMotion, times: Array) -> Array:
     """The run of each sample."""
     return motion.run[np.searchsorted(motion.t, times - 0.25 / FINE_HZ).clip(0, len(motion.t) - 1)]

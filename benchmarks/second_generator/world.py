@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from .motion import FINE_HZ, Array, Motion
+from .motion import FINE_HZ, Array, TrueMotion
 
 Truth = dict[str, float]
 
 
 @dataclass(frozen=True)
-class World:
+class CaseWorld:
     """A motion and the simple law that moves or resists it."""
 
     kind: str  # "contact" or "revolute"
-    motion: Motion  # the true one
+    motion: TrueMotion  # the true one
     base: str  # "kelvin_voigt", "inertia", "pendulum" or "rigid_body"
     law: dict[str, float]  # its parameters: k, c of a contact; J, g, d of a joint
     size: float  # depth or swing of the deepest run [m or rad]
@@ -115,10 +115,12 @@ class Hidden:
     truth: Truth | None = None
 
 
-Effect = Callable[[World, float, Array], Hidden]  # of the world, a size in (0, 1], and four chances in 0..1
+Effect = Callable[
+    [CaseWorld, float, Array], Hidden
+]  # of the world, a size in (0, 1], and four chances in 0..1
 
 
-def effort_and_position(world: World, hidden: Iterable[Hidden]) -> tuple[Array, Array]:
+def effort_and_position(world: CaseWorld, hidden: Iterable[Hidden]) -> tuple[Array, Array]:
     """The effort as sensed without noise, and the position as read without steps."""
     some = list(hidden)
     m = world.motion
@@ -139,35 +141,35 @@ def effort_and_position(world: World, hidden: Iterable[Hidden]) -> tuple[Array, 
     return effort, position
 
 
-def not_mimicked(world: World, hidden: Iterable[Hidden]) -> float:
+def not_mimicked(world: CaseWorld, hidden: Iterable[Hidden]) -> float:
     """RMS of the part of some effects that the simple law cannot take over with other parameters."""
     effort, position = effort_and_position(world, hidden)
     m = world.motion
     v = world.rate(position)
-    read = Motion(m.t, position, v, world.rate(v), m.run)
-    seen = World(world.kind, read, world.base, world.law, world.size, world.fresh)
+    read = TrueMotion(m.t, position, v, world.rate(v), m.run)
+    seen = CaseWorld(world.kind, read, world.base, world.law, world.size, world.fresh)
     rows = slice(None, None, 4)
     columns = seen.columns[rows]
     norm = np.linalg.norm(columns, axis=0)
     columns = columns / np.where(norm > 0, norm, 1.0)
     rest = effort[rows] - seen.plain[rows]  # an object lets go before its damper pulls: no column has that
-    found = np.linalg.lstsq(columns, rest, rcond=None)[0]
-    return float(np.sqrt(np.mean((rest - columns @ found) ** 2)))
+    gains = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return float(np.sqrt(np.mean((rest - columns @ gains) ** 2)))
 
 
 def sized(
-    world: World, effect: Effect, chances: Array, wanted: float, *, tolerance: float = 0.03
+    world: CaseWorld, effect: Effect, chances: Array, target: float, *, tolerance: float = 0.03
 ) -> Hidden | None:
     """The effect so large that the simple law misses this much; None if it never does."""
     low, high = 1e-4, 1.0
-    if not_mimicked(world, [effect(world, high, chances)]) < wanted:
+    if not_mimicked(world, [effect(world, high, chances)]) < target:
         return None
     for _ in range(20):
         middle = float(np.sqrt(low * high))
         missed = not_mimicked(world, [effect(world, middle, chances)])
-        if abs(missed / wanted - 1) < tolerance:
+        if abs(missed / target - 1) < tolerance:
             return effect(world, middle, chances)
-        low, high = (middle, high) if missed < wanted else (low, middle)
+        low, high = (middle, high) if missed < target else (low, middle)
     return effect(world, high, chances)
 
 

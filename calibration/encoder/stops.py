@@ -136,9 +136,9 @@ def _candidates(
     for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
         if not np.isfinite(stops[joint]):
             continue
-        for others in product(*behind):
+        for angles in product(*behind):
             posture = up.copy()
-            posture[joint + 1 :] = others
+            posture[joint + 1 :] = angles
             posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
             end = posture.copy()
             end[joint] = stops[joint] + side * reach_rad
@@ -283,8 +283,8 @@ class StopTask:
         position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]
         own_position, own_speed = motion.position_rad.copy(), motion.velocity_rad_s.copy()
         own_position[joint], own_speed[joint] = position, speed
-        others = JointMotion(own_position, own_speed, motion.acceleration_rad_s2)
-        torque_nm = self._free.torque_nm(measurement, others, dt_s).copy()
+        free_joints = JointMotion(own_position, own_speed, motion.acceleration_rad_s2)
+        torque_nm = self._free.torque_nm(measurement, free_joints, dt_s).copy()
         most_nm = float(self._settings.push_nm[joint])
         ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
         inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])

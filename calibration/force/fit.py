@@ -169,6 +169,6 @@ def _residuals(
 def _suspect(residual: FloatArray) -> int | None:
     """Find a plateau whose residual is much larger than the others' scatter, as from a wrong weight."""
     worst = int(np.argmax(np.abs(residual)))
-    others = np.delete(residual, worst)
-    scatter = float(np.sqrt(np.mean(others**2)))
+    rest = np.delete(residual, worst)
+    scatter = float(np.sqrt(np.mean(rest**2)))
     return worst if abs(residual[worst]) > _SUSPECT * scatter > 0.0 else None

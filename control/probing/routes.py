@@ -117,7 +117,7 @@ class Routes:
                 break
             route = self._at_level(ends, level_m, top_m)
             level_m -= max(route.too_low_m, 0.0) + _LIFT_MARGIN_M
-            best = min(best, route, key=lambda found: found.too_low_m)
+            best = min(best, route, key=lambda candidate: candidate.too_low_m)
         return best
 
     def check(self, start: Place, sites: Sequence[ProbingSite]) -> None:

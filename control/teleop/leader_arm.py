@@ -16,7 +16,7 @@ from robot_io.driver import DriverCatalogue
 from robot_io.errors import DeviceError, LifecycleError, SafetyTripError
 from robot_io.files.file_model import FileModel, Positive
 from robot_io.guard import Guard
-from robot_io.operator.device import Hand, OperatorDevice
+from robot_io.operator.device import HandState, OperatorDevice
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Command, FloatArray, Measurement, Status
@@ -62,7 +62,7 @@ class LeaderArm(OperatorDevice):
     def _measure(self) -> Measurement:
         return self._arm.read(self.clock.now_s() + self.settings.deadline_s)
 
-    def _hand(self) -> Hand:
+    def _hand(self) -> HandState:
         measured = self._measure()
         if self._is_active:
             self._guard.watch(measured)
@@ -73,7 +73,7 @@ class LeaderArm(OperatorDevice):
         self._measured = measured
         tip = self._tip(measured)
         select = measured.force_n > self.settings.select_force_n
-        return Hand(tip.position_world_m, tip.velocity_world_m_s, measured.encoder_at_s, select)
+        return HandState(tip.position_world_m, tip.velocity_world_m_s, measured.encoder_at_s, select)
 
     def _power(self, *, on: bool) -> None:
         if not on:

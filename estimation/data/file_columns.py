@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from robot_io.errors import InputError
-from robot_io.files.unpacked import most_unpacked
+from robot_io.files.whole_file import most_unpacked
 from robot_io.types import IntArray
 
 BAGS = (".mcap", ".db3")  # of ROS 2

@@ -19,10 +19,9 @@ from palpate.runs.session import SIMULATED_DRIVERS
 from robot_io.calibration import doubtful, load_calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, InputError, PalpateError, in_words
+from robot_io.errors import DeviceError, InputError, PalpateError, describe_error
 from robot_io.examination import Examinable, Finding, Level, fail, warn
-from robot_io.interfaces import Component
-from robot_io.lifecycle import undo_all
+from robot_io.interfaces import Component, undo_all
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from sim_backend.scenario import load_scenario
@@ -123,7 +122,7 @@ def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Find
     except PalpateError as error:
         yield fail("arm", str(error), _HELP)
     except Exception as error:  # a driver of somebody's own may fail with anything: that is a finding
-        yield fail("arm", in_words(error), "correct the driver")
+        yield fail("arm", describe_error(error), "correct the driver")
 
 
 def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
@@ -192,4 +191,4 @@ def _examine(label: str, component: Component) -> Iterator[Finding]:
 
 
 def _in_words(error: Exception) -> str:
-    return str(error) if isinstance(error, PalpateError) else f"its driver fails, {in_words(error)}"
+    return str(error) if isinstance(error, PalpateError) else f"its driver fails, {describe_error(error)}"

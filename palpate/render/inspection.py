@@ -21,7 +21,7 @@ from palpate.render.view import ChannelView, StudyView, VerdictView
 from palpate.truth import SURFACE, true_parameters
 from palpate.words import count
 from robot_io.errors import InputError
-from robot_io.files.utf8 import as_utf8
+from robot_io.files.whole_file import as_utf8
 from robot_io.session import Session
 from robot_io.types import FloatArray
 

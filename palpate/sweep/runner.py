@@ -18,7 +18,7 @@ from uuid import uuid4
 from palpate.sweep.case import Case, code_version
 from palpate.sweep.store import ResultStore
 from palpate.sweep.worker_pool import run_in_processes
-from robot_io.errors import InputError, PalpateError, in_words
+from robot_io.errors import InputError, PalpateError, describe_error
 
 _AHEAD = 500  # cases that the scheduler knows of at a time
 _PACK_EVERY = 500
@@ -94,7 +94,7 @@ def run_one(case: Case, address: str, folder: Path) -> None:
     try:
         rows, error = case.run(), ""
     except Exception as problem:  # a result as well: the same case would fail again
-        rows, error = [{}], str(problem) if isinstance(problem, PalpateError) else in_words(problem)
+        rows, error = [{}], str(problem) if isinstance(problem, PalpateError) else describe_error(problem)
     common = {"seed": case.seed, "seconds": time.process_time() - begun_s, "error": error}
     landing = [row | common | {"first": number == 0} for number, row in enumerate(rows)]
     ResultStore(folder).land(address, landing)

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from estimation.end_workers import end_with_parent
 from palpate.sweep.case import Case
-from robot_io.errors import PalpateError, in_words
+from robot_io.errors import PalpateError, describe_error
 
 _MOST_ENDS = 4  # of workers by one case, before it is given up
 _JOIN_S = 5.0  # for a worker to end that was told to
@@ -95,4 +95,4 @@ def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) ->
             except PalpateError as error:
                 pipe.send(str(error))
             except Exception as error:
-                pipe.send(in_words(error))
+                pipe.send(describe_error(error))

@@ -28,7 +28,7 @@ from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
 from palpate.teleop.object_law import terms_of
 from robot_io.errors import InputError
-from robot_io.link import ObjectEstimate, Parameter
+from robot_io.link import EstimatedParameter, ObjectEstimate
 from robot_io.link.messages import MOST_TEXT
 from robot_io.session import Column, Samples, Stream
 from robot_io.types import FloatArray
@@ -279,6 +279,6 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
     )
 
 
-def _parameter(name: str, kept: KeptParameter) -> Parameter:
+def _parameter(name: str, kept: KeptParameter) -> EstimatedParameter:
     reach = nan if kept.std_err is None else _SURE * kept.std_err
-    return Parameter(name, kept.unit, kept.value, kept.value - reach, kept.value + reach)
+    return EstimatedParameter(name, kept.unit, kept.value, kept.value - reach, kept.value + reach)

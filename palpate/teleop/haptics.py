@@ -28,7 +28,7 @@ from palpate.teleop.summaries import summarize_estimate
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number
-from robot_io.operator.device import Hand, OperatorDevice
+from robot_io.operator.device import HandState, OperatorDevice
 from robot_io.robot_file import RobotFile
 from robot_io.session import Column, SessionMetadata, SessionWriter, Stream
 from sim_backend.scenario import Scenario
@@ -210,7 +210,7 @@ class _Haptics:
         if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
             self._tell(hand, touch)
 
-    def _select(self, hand: Hand, touch: RenderedForce) -> None:
+    def _select(self, hand: HandState, touch: RenderedForce) -> None:
         """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
         if hand.select and not self._was_selected:
             place = self._arm.tip_world_m - touch.depth_m * _DOWN
@@ -237,7 +237,7 @@ class _Haptics:
         text = f"estimate {estimate.revision}, target {number}: {summarize_estimate(estimate)}"
         self._log.event(now_s, FEEL, text, felt_data(estimate))
 
-    def _tell(self, hand: Hand, touch: RenderedForce) -> None:
+    def _tell(self, hand: HandState, touch: RenderedForce) -> None:
         tip = tuple(hand.position_world_m.tolist())
         finished = getattr(self._device, "finished", False)
         chosen, refused = tuple(self._selected), tuple(self._refused)

@@ -3,7 +3,7 @@
 from math import isfinite
 
 from palpate.words import count, significant
-from robot_io.link import ObjectEstimate, Parameter, short_number
+from robot_io.link import EstimatedParameter, ObjectEstimate, short_number
 
 _SHORT = {"stiffness.k": "k", "damping.c": "c"}
 GEOMETRY = ("contact_offset.offset",)
@@ -16,7 +16,7 @@ def summarize_estimate(estimate: ObjectEstimate) -> str:
     return f"{shown}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 
 
-def _parameter(one: Parameter) -> str:
+def _parameter(one: EstimatedParameter) -> str:
     name, half = _SHORT.get(one.name, one.name), 0.5 * (one.upper - one.lower)
     if not (isfinite(half) and half > 0.0):
         return f"{name} {significant(one.value, half)} {one.unit}"

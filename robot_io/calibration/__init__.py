@@ -1,6 +1,15 @@
-"""Calibrations: the file, who may use it, and the one place where it corrects what devices say."""
+"""Calibrations: the file, its checks, and the devices that it corrects."""
 
-from robot_io.calibration.applied import NO_CALIBRATIONS, Calibrations, load_calibrations, parse_calibrations
+from robot_io.calibration.applied import (
+    NO_CALIBRATIONS,
+    Calibrations,
+    device_identity,
+    doubtful,
+    first_difference,
+    load_calibrations,
+    parse_calibrations,
+    urdf_sha256,
+)
 from robot_io.calibration.file import (
     Calibration,
     EncoderCalibration,
@@ -13,8 +22,6 @@ from robot_io.calibration.file import (
     load_calibration,
     parse_calibration,
 )
-from robot_io.calibration.identity import device_identity, first_difference, urdf_sha256
-from robot_io.calibration.plausible import doubtful
 
 __all__ = [
     "NO_CALIBRATIONS",

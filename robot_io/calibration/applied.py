@@ -1,6 +1,11 @@
-"""The calibrations that a robot file names: found, checked against the robot and the date, kept as text."""
+"""Calibrations that a robot file names: loaded, checked against robot, device, limits and date, kept as text.
 
-from collections.abc import Collection
+A calibration belongs to a device: its driver and those settings that its readings depend on. It stands
+between the sensors and the guard: a wrong one must not hide forces, nor command more than a drive may exert.
+"""
+
+import hashlib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from math import cos, sin
@@ -15,12 +20,165 @@ from robot_io.calibration.file import (
     TorqueCalibration,
     calibration_from,
 )
-from robot_io.calibration.identity import device_identity, first_difference, urdf_sha256
-from robot_io.calibration.plausible import implausible
 from robot_io.errors import InputError
 from robot_io.files.file_model import input_error
-from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
-from robot_io.robot_file import RobotFile
+from robot_io.files.safe_yaml import load_yaml, parse_yaml
+from robot_io.guard import Limits
+from robot_io.robot_file import DeviceSection, RobotFile
+
+# Settings that affect when a sample comes or is refused, not its value; a calibration survives their change.
+_PASSING = frozenset(
+    {
+        *("scenario", "baud_rate", "delay_s", "return_delay_s", "watchdog_s"),
+        *("heartbeat_s", "fast_sync_read", "velocity", "bandwidth_hz", "pair_tolerance_rad"),
+    }
+)
+
+
+def device_identity(robot_file: RobotFile, kind: str) -> dict[str, object]:
+    """Describe the device that a calibration belongs to, with its bus; gravity belongs to the drives.
+
+    Args:
+        robot_file: the robot.
+        kind: of the calibration.
+
+    Returns:
+        Driver and settings.
+    """
+    key = "torque" if kind == "gravity" else kind
+    section: DeviceSection = getattr(robot_file, key)
+    identity: dict[str, object] = {"driver": section.driver, **_lasting(section.settings)}
+    if section.bus is not None:
+        bus = robot_file.buses[section.bus]
+        identity["bus"] = {"driver": bus.driver, **_lasting(bus.settings)}
+    return identity
+
+
+def first_difference(
+    expected: Mapping[str, object], actual: Mapping[str, object], at: str = ""
+) -> str | None:
+    """Describe the first setting in which two identities differ.
+
+    Args:
+        expected: identity in the calibration.
+        actual: identity of the robot.
+        at: prefix of the keys.
+
+    Returns:
+        Key and both values, or None.
+    """
+    for key in (*expected, *(key for key in actual if key not in expected)):
+        before, now = expected.get(key), actual.get(key)
+        if isinstance(before, Mapping) and isinstance(now, Mapping):
+            if inner := first_difference(before, now, f"{at}{key}."):
+                return inner
+        elif before != now:
+            return f"{at}{key} was {before!r:.60} and is {now!r:.60}"
+    return None
+
+
+def urdf_sha256(robot_file: RobotFile) -> str:
+    """Hash the robot's URDF.
+
+    Args:
+        robot_file: the robot.
+
+    Returns:
+        Hexadecimal SHA-256.
+
+    Raises:
+        InputError: the URDF cannot be read.
+    """
+    try:
+        return hashlib.sha256(robot_file.urdf_path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{robot_file.urdf_path}: cannot be read ({error.strerror})") from error
+
+
+def _lasting(settings: Mapping[str, object]) -> dict[str, object]:
+    return {key: value for key, value in settings.items() if key not in _PASSING}
+
+
+_ZERO_SHARE = 0.5  # largest zero, as a share of the force limit
+_SLOPE_SHARE = 0.5  # least slope up to the force limit, as a share of the scale
+_OFFSET_SHARE = 0.2  # largest offset, as a share of the torque limit
+_LARGE_ZERO_RAD = 0.2
+
+
+def implausible(calibration: Calibration, limits: Limits) -> str | None:
+    """Describe why a calibration cannot belong to this arm.
+
+    Args:
+        calibration: to check.
+        limits: of the arm.
+
+    Returns:
+        The reason, or None.
+    """
+    if isinstance(calibration, ForceCalibration):
+        return _force(calibration, limits.force_n)
+    if isinstance(calibration, TorqueCalibration):
+        return _torque(calibration, limits)
+    return None
+
+
+def doubtful(calibration: Calibration) -> str | None:
+    """Describe what a person must check before this calibration is used; it is not refused.
+
+    Any zero is possible. But a wrong one sends the arm to unexpected places, and a large offset mostly means
+    that the pose or the stop was a different one.
+
+    Args:
+        calibration: to check.
+
+    Returns:
+        The question, or None.
+    """
+    if not isinstance(calibration, EncoderCalibration):
+        return None
+    offsets = enumerate(calibration.values.offset.value, 1)
+    far = [
+        f"joint {joint} by {offset:+.3g} rad" for joint, offset in offsets if abs(offset) > _LARGE_ZERO_RAD
+    ]
+    if not far:
+        return None
+    return (
+        f"the zero of {', '.join(far)}: that is far. Was the arm really where it was said to be? "
+        "With a wrong zero it moves to other places than its limits say"
+    )
+
+
+def _force(calibration: ForceCalibration, limit_n: float) -> str | None:
+    values = calibration.values
+    scale = values.scale.value
+    zero_n, most_n = abs(values.zero.value) * scale, _ZERO_SHARE * limit_n
+    if zero_n > most_n:
+        return f"has a zero of {zero_n:.3g} N; under a force limit of {limit_n:g} N at most {most_n:.3g} N"
+    # At this reading even the flattest curve that is allowed is beyond the limit; if it bends back, then only
+    # beyond three times as much.
+    furthest = 2.0 * limit_n / (scale * (1.0 + _SLOPE_SHARE))
+    curvature = values.curvature.value if values.curvature else 0.0
+    most = (1.0 - _SLOPE_SHARE) * scale / (2.0 * furthest)
+    if abs(curvature) > most:
+        return (
+            f"has a curvature of {curvature:.3g} N/N^2, which hides forces from the guard; "
+            f"under a force limit of {limit_n:g} N at most {most:.3g} N/N^2"
+        )
+    return None
+
+
+def _torque(calibration: TorqueCalibration, limits: Limits) -> str | None:
+    for name in ("offset", "command_offset"):
+        offsets_nm = getattr(calibration.values, name).value
+        for joint, (offset_nm, limit_nm) in enumerate(zip(offsets_nm, limits.torque_nm, strict=True), 1):
+            most_nm = _OFFSET_SHARE * limit_nm
+            if abs(offset_nm) > most_nm:
+                return (
+                    f"has a {name} of {offset_nm:.3g} N m for joint {joint}; under a torque limit of "
+                    f"{limit_nm:g} N m at most {most_nm:.3g} N m"
+                )
+    return None
+
 
 GRAVITY_M_S2 = 9.81
 _CLOCK_MAY_DIFFER = timedelta(days=1)
@@ -28,7 +186,7 @@ _CLOCK_MAY_DIFFER = timedelta(days=1)
 
 @dataclass(frozen=True)
 class Calibrations:
-    """What is applied to one robot; None where a device is taken as it is."""
+    """Calibrations of one robot; None where a device is used uncalibrated."""
 
     force: ForceCalibration | None = None  # of the force sensor
     encoder: EncoderCalibration | None = None  # of the joints' zeros
@@ -38,7 +196,7 @@ class Calibrations:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Those that there are."""
+        """Kinds of the calibrations that are present."""
         return tuple(kind for kind in CALIBRATION_KINDS if getattr(self, kind) is not None)
 
     @property
@@ -55,7 +213,15 @@ NO_CALIBRATIONS = Calibrations()
 
 
 def gravity_base_m_s2(pitch_rad: float, roll_rad: float) -> tuple[float, float, float]:
-    """Fall acceleration in the axes of a base that is tilted; see `GravityValues` [m/s^2]."""
+    """Compute the fall acceleration in the axes of a tilted base; see `GravityValues`.
+
+    Args:
+        pitch_rad: about the base's y axis [rad].
+        roll_rad: about the base's x axis [rad].
+
+    Returns:
+        Shape (3,) [m/s^2].
+    """
     across = GRAVITY_M_S2 * cos(pitch_rad)
     return (GRAVITY_M_S2 * sin(pitch_rad), -across * sin(roll_rad), -across * cos(roll_rad))
 
@@ -67,56 +233,66 @@ def load_calibrations(
     *,
     emulated: bool = False,
 ) -> Calibrations:
-    """Those that the robot file names, each checked: it is of this robot and device, and has not expired.
+    """Load the calibrations that a robot file names, each checked against robot, device and date.
 
-    File names in its section `calibration` start from its folder. The date to hold them against is `now_utc`;
-    None asks the machine's clock. Kinds to do without are left out, such as the one that is being calibrated.
-    Where the devices are not emulated ones, a calibration of such says nothing of this robot.
+    File names in its section `calibration` are relative to its folder.
 
-    InputError: a file is not valid, foreign, expired, of emulated devices, or cannot be true of this arm.
+    Args:
+        robot_file: names the files.
+        now_utc: date for the check; None for the machine's clock.
+        leave_out: kinds that are not loaded, such as the one that is being calibrated.
+        emulated: whether the devices are emulated; if not, a calibration of emulated devices is refused.
+
+    Returns:
+        The calibrations.
+
+    Raises:
+        InputError: a file is invalid, foreign, expired, of emulated devices, or implausible for this arm.
     """
     now_utc = now_utc or datetime.now(UTC)
-    found: dict[str, Calibration] = {}
+    calibrations: dict[str, Calibration] = {}
     texts: list[str] = []
     for kind in CALIBRATION_KINDS:
         name = getattr(robot_file.calibration, kind)
         if name is None or kind in leave_out:
             continue
-        document = _load(robot_file, kind, name)
+        try:
+            document = load_yaml(robot_file.resolve(name), MAX_BYTES)
+        except InputError as error:
+            raise input_error(robot_file.document, ("calibration", kind), str(error)) from error
         calibration = calibration_from(document)
-        if problem := _objection(calibration, kind, robot_file, now_utc, emulated=emulated):
+        if problem := _reject_reason(calibration, kind, robot_file, now_utc, emulated=emulated):
             raise input_error(robot_file.document, ("calibration", kind), f"'{name}' {problem}")
-        found[kind] = calibration
-        texts.append(_under(kind, document.text))
-    return Calibrations(**found, text="".join(texts))  # type: ignore[arg-type]
-
-
-def _load(robot_file: RobotFile, kind: str, name: str) -> YamlDocument:
-    try:
-        return load_yaml(robot_file.resolve(name), MAX_BYTES)
-    except InputError as error:
-        raise input_error(robot_file.document, ("calibration", kind), str(error)) from error
+        calibrations[kind] = calibration
+        texts.append(f"{kind}:\n" + "".join(f"  {line}\n" for line in document.text.splitlines()))
+    return Calibrations(**calibrations, text="".join(texts))  # type: ignore[arg-type]
 
 
 def parse_calibrations(text: str, origin: str = "calibration") -> Calibrations:
-    """Those that a session was made with, from `Calibrations.text`; neither robot nor date are checked.
+    """Read the calibrations of a session from `Calibrations.text`; robot and date are not checked.
 
-    InputError: the text is not valid.
+    Args:
+        text: YAML.
+        origin: name of the text in errors.
+
+    Returns:
+        The calibrations.
+
+    Raises:
+        InputError: the text is invalid.
     """
     document = parse_yaml(text, origin, len(CALIBRATION_KINDS) * MAX_BYTES * 2)
-    strangers = [key for key in document.data if key not in CALIBRATION_KINDS]
-    if strangers:
-        raise InputError(
-            f"{origin}: '{strangers[0]}' is no calibration. Valid: {', '.join(CALIBRATION_KINDS)}"
-        )
-    found = {kind: calibration_from(document, kind) for kind in document.data}
-    return Calibrations(**found, text=text)  # type: ignore[arg-type]
+    unknown = [key for key in document.data if key not in CALIBRATION_KINDS]
+    if unknown:
+        raise InputError(f"{origin}: '{unknown[0]}' is no calibration. Valid: {', '.join(CALIBRATION_KINDS)}")
+    calibrations = {kind: calibration_from(document, kind) for kind in document.data}
+    return Calibrations(**calibrations, text=text)  # type: ignore[arg-type]
 
 
-def _objection(
+def _reject_reason(
     calibration: Calibration, kind: str, robot_file: RobotFile, now_utc: datetime, *, emulated: bool
 ) -> str | None:
-    """Why this calibration must not be used, in words, or None."""
+    """Describe why this calibration must not be used, or return None."""
     if calibration.kind != kind:
         return f"is a calibration of kind '{calibration.kind}'"
     return (
@@ -137,13 +313,15 @@ def _foreign(calibration: Calibration, robot_file: RobotFile) -> str | None:
     if calibration.urdf_sha256 not in (None, urdf_sha256(robot_file)):
         return f"was made with another URDF than '{robot_file.urdf}' is now; {_again(calibration)}"
     if isinstance(calibration, ForceCalibration) and calibration.reading_unit != "N":
-        said = f"is for readings in {calibration.reading_unit}, and the robot's driver gives N"
-        return f"{said}; {_again(calibration)}, on the robot"
+        unit = calibration.reading_unit
+        return (
+            f"is for readings in {unit}, and the robot's driver gives N; {_again(calibration)}, on the robot"
+        )
     return None
 
 
 def _not_of_real_devices(calibration: Calibration) -> str | None:
-    """A simulated robot's devices are told apart by their drivers, emulated ones by nothing but this."""
+    """Describe a calibration of emulated devices; simulated devices have drivers of their own."""
     if calibration.source == "emulated":
         return f"was made with emulated devices (--wire), not with the robot's own; {_again(calibration)}"
     if calibration.source is None:
@@ -161,8 +339,3 @@ def _out_of_date(calibration: Calibration, now_utc: datetime) -> str | None:
 
 def _again(calibration: Calibration) -> str:
     return f"make a new one: palpate calibrate {calibration.kind}"
-
-
-def _under(kind: str, text: str) -> str:
-    """A file's text as the value of a key."""
-    return f"{kind}:\n" + "".join(f"  {line}\n" for line in text.splitlines())

@@ -1,7 +1,7 @@
 """Calibrated devices: each wraps a driver and corrects its readings and commands.
 
-The only place where a calibration touches a number on its way between driver and `Measurement` or `Command`.
-Samples keep their time and status; what is not a number stays none.
+Only here a calibration changes a number between driver and `Measurement` or `Command`. Samples keep their
+time and status; NaN stays NaN.
 """
 
 from typing import Generic, TypeVar
@@ -18,7 +18,7 @@ Driver = TypeVar("Driver", bound=Component)
 
 
 class _Calibrated(Component, Examinable, Generic[Driver]):
-    """Passes on to the driver the lifecycle, and the question what is connected."""
+    """Forwards lifecycle and examination to the driver."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -36,7 +36,7 @@ class _Calibrated(Component, Examinable, Generic[Driver]):
         self._driver.close()
 
     def examine(self) -> tuple[Finding, ...]:
-        """See `Examinable.examine`; a driver that cannot say is silent."""
+        """See `Examinable.examine`; empty for a driver without examination."""
         return self._driver.examine() if isinstance(self._driver, Examinable) else ()
 
     def tick_wire_s(self) -> float | None:
@@ -44,7 +44,7 @@ class _Calibrated(Component, Examinable, Generic[Driver]):
 
 
 class CalibratedForceSensor(_Calibrated[ForceSensor], ForceSensor):
-    """force = scale (reading - zero) + curvature (reading - zero)^2."""
+    """Force sensor with force = scale (reading - zero) + curvature (reading - zero)^2."""
 
     def __init__(self, driver: ForceSensor, calibration: ForceCalibration) -> None:
         super().__init__(driver)
@@ -59,7 +59,7 @@ class CalibratedForceSensor(_Calibrated[ForceSensor], ForceSensor):
 
 
 class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
-    """position = reading + offset; the velocity has no zero."""
+    """Encoder with position = reading + offset; the velocity is unchanged."""
 
     def __init__(self, driver: JointEncoder, calibration: EncoderCalibration) -> None:
         super().__init__(driver)
@@ -78,10 +78,15 @@ class CalibratedEncoder(_Calibrated[JointEncoder], JointEncoder):
 
 
 class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
-    """torque = gain reading + offset; the drive is told (torque - command offset) / gain.
+    """Drive with torque = gain reading + offset; its command is (torque - command offset) / gain.
 
-    A drive is never told more than `limit_nm`, shape (n,) [N m], whatever the calibration makes of a torque
-    within it. Where no torque is wanted, it is told what gives none by the calibration.
+    A command never exceeds the limit, whatever the calibration makes of a torque within it. A zero torque is
+    commanded as what the calibration says gives zero.
+
+    Args:
+        driver: of the drives.
+        calibration: of the torques.
+        limit_nm: largest command, shape (n,) [N m].
     """
 
     def __init__(self, driver: JointTorque, calibration: TorqueCalibration, limit_nm: ArrayLike) -> None:
@@ -101,10 +106,10 @@ class CalibratedTorque(_Calibrated[JointTorque], JointTorque):
         return reading._replace(value=self._gain * reading.value + self._offset_nm)
 
     def stage_torque(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`; what is returned is true torque, as what is wanted."""
-        wanted = (torque_nm - self._command_offset_nm) / self._gain
-        told = self._driver.stage_torque(np.clip(wanted, -self._limit_nm, self._limit_nm))
-        return np.asarray(self._gain * told + self._command_offset_nm)
+        """See `JointTorque.stage_torque`; argument and return value are true torques."""
+        command_nm = (torque_nm - self._command_offset_nm) / self._gain
+        staged_nm = self._driver.stage_torque(np.clip(command_nm, -self._limit_nm, self._limit_nm))
+        return np.asarray(self._gain * staged_nm + self._command_offset_nm)
 
 
 def _values(quantities: Quantities) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The calibration file: one YAML file for each kind, with values, uncertainties and where they come from.
+"""Calibration file: one YAML file for each kind, with values, uncertainties and their origin.
 
 Everything under `values` is applied; `findings` are for people and are never applied.
 """
@@ -34,7 +34,7 @@ _Unit = Annotated[
 
 
 def _date_as_text(value: object) -> object:
-    """Only text can be a date: a number would be read as seconds since 1970."""
+    """Refuse numbers as dates: they would be read as seconds since 1970."""
     if isinstance(value, int | float):
         raise PydanticCustomError("not_a_date", "expected a date such as 2026-11-20T08:00:00+00:00")
     return value
@@ -70,14 +70,14 @@ Findings = Annotated[dict[str, Quantity | Quantities], Field(max_length=40)]
 
 
 class RawData(FileModel):
-    """What a calibration was worked out from."""
+    """Data that a calibration was computed from."""
 
     file: _Text  # name of the session or data file, without its folder
     sha256: _Sha256  # of its bytes
 
 
 class Calibration(FileModel):
-    """What every calibration says about itself."""
+    """Common part of every calibration."""
 
     units: ClassVar[Mapping[str, str]] = {}
 
@@ -85,25 +85,25 @@ class Calibration(FileModel):
     kind: str  # which of the four
     robot: _Text  # name of the robot in its robot file
     device: dict[str, object]  # driver and settings of what was calibrated, see `device_identity`
-    # What was read: real devices, a simulated robot's, or emulated ones behind real drivers. None: it is not
-    # said, and no robot may use the calibration.
+    # Devices that were read: real ones, a simulated robot's, or emulated ones behind real drivers. With None
+    # (not stated) no robot may use the calibration.
     source: Literal["measured", "simulated", "emulated"] | None = None
     urdf_sha256: _Sha256 | None = None  # of the URDF whose masses were taken as known; None where none were
     made_utc: _Date  # when
     valid_until_utc: _Date  # refused from then on
     software_version: _Text  # version of palpate
-    raw_data: RawData  # what it was worked out from
+    raw_data: RawData  # that it was computed from
     # Other calibrations that were applied meanwhile.
     made_with: Annotated[tuple[_Text, ...], Field(max_length=8)] = ()
-    findings: Findings = Field(default_factory=dict)  # what else was found; not applied
+    findings: Findings = Field(default_factory=dict)  # further results; not applied
 
     @property
     def joint_count(self) -> int | None:
-        """How many joints it is for; None where that does not matter."""
+        """Number of joints it is for; None if that does not matter."""
         return None
 
     def to_yaml(self) -> str:
-        """The file, as `parse_calibration` reads it."""
+        """Write the file, as `parse_calibration` reads it."""
         data = self.model_dump(mode="json", exclude_none=True)
         data["findings"] = data.pop("findings")  # last: what is applied comes first
         text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
@@ -138,10 +138,10 @@ class ForceValues(FileModel):
 
 
 class ForceCalibration(Calibration):
-    """Of the force sensor.
+    """Calibration of the force sensor.
 
-    A scale that turns the sign round is refused, and for readings in N one that is off by more than a factor
-    of two: the sensor's own setting is wrong then.
+    A negative scale is refused, and for readings in N a scale that is off by more than a factor of two: the
+    sensor's own setting is wrong then.
     """
 
     kind: Literal["force"]
@@ -175,7 +175,7 @@ class EncoderValues(FileModel):
 
 
 class EncoderCalibration(Calibration):
-    """Of the joints' zeros."""
+    """Calibration of the joints' zeros."""
 
     kind: Literal["encoder"]
     values: EncoderValues  # see `EncoderValues`
@@ -200,7 +200,7 @@ class TorqueValues(FileModel):
 
 
 class TorqueCalibration(Calibration):
-    """Of the drives' torques."""
+    """Calibration of the drives' torques."""
 
     kind: Literal["torque"]
     urdf_sha256: _Sha256
@@ -221,14 +221,14 @@ class TorqueCalibration(Calibration):
 
 
 class GravityValues(FileModel):
-    """How the base stands: turned by pitch about its y axis (x dipping), after roll about its x axis."""
+    """Tilt of the base: pitch about its y axis (x dipping), after roll about its x axis."""
 
     pitch: Quantity | None = None
     roll: Quantity | None = None
 
 
 class GravityCalibration(Calibration):
-    """Of the base's tilt."""
+    """Calibration of the base's tilt."""
 
     kind: Literal["gravity"]
     urdf_sha256: _Sha256
@@ -257,20 +257,46 @@ CALIBRATION_KINDS = tuple(_MODELS)
 def load_calibration(path: str | Path) -> Calibration:
     """Read and check a calibration file.
 
-    InputError: the first thing that is wrong, with file, line, key and the valid choices.
+    Args:
+        path: of the file.
+
+    Returns:
+        The calibration.
+
+    Raises:
+        InputError: the first problem, with file, line, key and valid values.
     """
     return calibration_from(load_yaml(path, MAX_BYTES))
 
 
 def parse_calibration(text: str, origin: str) -> Calibration:
-    """Read a calibration from its text; `origin` names it in errors. InputError: as `load_calibration`."""
+    """Read a calibration from its text.
+
+    Args:
+        text: YAML.
+        origin: name of the text in errors.
+
+    Returns:
+        The calibration.
+
+    Raises:
+        InputError: as `load_calibration`.
+    """
     return calibration_from(parse_yaml(text, origin, MAX_BYTES))
 
 
 def calibration_from(document: YamlDocument, kind: str | None = None) -> Calibration:
-    """The calibration that is all of `document`, or that stands under the key `kind`.
+    """Read the calibration in a document, or under one of its keys.
 
-    InputError: as `load_calibration`.
+    Args:
+        document: YAML.
+        kind: key of the calibration; None for the whole document.
+
+    Returns:
+        The calibration.
+
+    Raises:
+        InputError: as `load_calibration`.
     """
     at = () if kind is None else (kind,)
     data = document.data if kind is None else document.data.get(kind)

@@ -1,1 +1,1 @@
-"""Files that users write: bounded text, safe YAML, and models that say what is wrong with them."""
+"""Files that users write: bounded text, safe YAML, and models with precise errors."""

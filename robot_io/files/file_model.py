@@ -1,4 +1,4 @@
-"""Validates what a user's file says, with errors that name file, line, key, value and the valid choices."""
+"""Validation of user files, with errors that name file, line, key, value and valid values."""
 
 import re
 from collections.abc import Mapping
@@ -36,7 +36,15 @@ NotNegative = Annotated[Number, Field(ge=0)]
 
 
 def matching(pattern: str, words: str) -> AfterValidator:
-    """What a text must match as a whole, and how a person is told so: "give " and the words."""
+    """Make a validator for text that must match a pattern as a whole.
+
+    Args:
+        pattern: regular expression.
+        words: description of valid text, after "give ".
+
+    Returns:
+        The validator.
+    """
     compiled = re.compile(pattern)
 
     def check(text: str) -> str:
@@ -48,7 +56,16 @@ def matching(pattern: str, words: str) -> AfterValidator:
 
 
 def between(low: float, high: float, unit: str) -> AfterValidator:
-    """What a number must lie between, and how a person is told so."""
+    """Make a validator for a number within bounds.
+
+    Args:
+        low: lower bound.
+        high: upper bound.
+        unit: of the number.
+
+    Returns:
+        The validator.
+    """
 
     def check(value: float) -> float:
         if not low <= value <= high:
@@ -68,12 +85,20 @@ TorqueConstant = Annotated[Number, between(1e-3, 100.0, "N m/A")]
 
 
 def problem_at(key: str, text: str) -> PydanticCustomError:
-    """What a model finds wrong with a key below it, such as `values.scale`, whose line the error names."""
+    """Make an error of a model about a key below it, whose line the message then names.
+
+    Args:
+        key: such as `values.scale`.
+        text: the problem.
+
+    Returns:
+        The error, to be raised in a validator.
+    """
     return PydanticCustomError("problem_at", "{text}", {"text": text, "key": key})
 
 
 class FileModel(BaseModel):
-    """Base of everything that is read from a file: frozen, and an unknown key is an error with a hint."""
+    """Base of everything that is read from a file: frozen; an unknown key is an error with a hint."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -102,11 +127,19 @@ def _unknown_key(key: str, valid: list[str]) -> PydanticCustomError:
 def validate(
     model: type[Model], data: object, document: YamlDocument | None = None, at: KeyPath = ()
 ) -> Model:
-    """Make a `model` from `data`, which stands in the document under the path `at`.
+    """Make a model from data.
 
-    Errors name file and line; there is no document of data that a program has made.
+    Args:
+        model: class of the model.
+        data: to validate.
+        document: YAML that holds the data; None for data made by a program.
+        at: path of the data in the document.
 
-    InputError: the first thing that is wrong, and how many more there are.
+    Returns:
+        The model.
+
+    Raises:
+        InputError: the first problem with file and line, and the number of further ones.
     """
     try:
         return model.model_validate(data)
@@ -117,9 +150,18 @@ def validate(
 
 
 def member(value: object, registry: Registry[Model], key: str) -> Model:
-    """Make a registry's member from `{key: its name, parameter: ...}`; one that is made is returned as it is.
+    """Make a registry's member from `{key: its name, parameter: ...}`; return a finished member as it is.
 
-    InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.
+    Args:
+        value: mapping, or member.
+        registry: of the members.
+        key: that holds the name.
+
+    Returns:
+        The member.
+
+    Raises:
+        InputError: no such member, no name given, or a parameter is unknown, missing or outside its range.
     """
     if isinstance(value, registry.base):
         return value
@@ -132,9 +174,18 @@ def member(value: object, registry: Registry[Model], key: str) -> Model:
 def input_error(
     document: YamlDocument | None, key_path: KeyPath, problem: str, value: object = None
 ) -> InputError:
-    """The error for what stands at `key_path`: file, line, key, problem, and the value if there is one.
+    """Make the error for a place in a document: file, line, key, problem and value.
 
-    What concerns the whole file, or a key that it does not have, stands in no line.
+    Problems of the whole file, or of a key that is missing, have no line.
+
+    Args:
+        document: YAML, or None.
+        key_path: path of the key.
+        problem: description.
+        value: that is wrong, if any.
+
+    Returns:
+        The error, to be raised.
     """
     places = [_place(document, key_path)] if document else []
     places += [_key_text(key_path)] if key_path else []
@@ -148,7 +199,7 @@ def _place(document: YamlDocument, key_path: KeyPath) -> str:
 
 
 def _key_text(key_path: KeyPath) -> str:
-    """Such as `limits.torque_nm entry 3`; quotes around a key that is not a plain word."""
+    """Write a path such as `limits.torque_nm entry 3`; a key that is not a plain word is quoted."""
     text = ""
     for key in key_path:
         if isinstance(key, int):

@@ -1,8 +1,8 @@
-"""Reads a YAML file that somebody else wrote: bounded, without surprises, and with the line of every key.
+"""Reading of foreign YAML files: bounded, strict, and with the line of every key.
 
-A strict and small YAML: mappings, lists and plain values as in YAML 1.2 (only `true` and `false` are
-booleans, `1e3` is a number, dates stay text). Duplicate keys, anchors, aliases and tags are refused, so that
-a file says what it seems to say and cannot grow when it is read.
+A small subset of YAML: mappings, lists and plain values as in YAML 1.2 (only `true` and `false` are booleans,
+`1e3` is a number, dates stay text). Duplicate keys, anchors, aliases and tags are refused, so that a file is
+unambiguous and cannot grow when it is read.
 """
 
 import errno
@@ -24,7 +24,7 @@ KeyPath = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class YamlDocument:
-    """One YAML file."""
+    """One parsed YAML file."""
 
     origin: str  # name of the file, for errors
     text: str  # the file as it was written
@@ -33,17 +33,32 @@ class YamlDocument:
     lines: Mapping[KeyPath, int]
 
     def line_of(self, key_path: KeyPath) -> int:
-        """Line of `key_path`, or of the nearest part of the file that holds it."""
+        """Find the line of a key, or of the nearest existing part of its path.
+
+        Args:
+            key_path: path of the key.
+
+        Returns:
+            Line from 1.
+        """
         while key_path and key_path not in self.lines:
             key_path = key_path[:-1]
         return self.lines.get(key_path, 1)
 
 
 def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
-    """Read the YAML file at `path`.
+    """Read a YAML file.
 
-    InputError: it cannot be read, is larger than `max_bytes`, is not UTF-8, or is not the strict YAML of this
-    module.
+    Args:
+        path: of the file.
+        max_bytes: largest size.
+
+    Returns:
+        The document.
+
+    Raises:
+        InputError: the file cannot be read, is too large, is not UTF-8, or is not the strict YAML of this
+            module.
     """
     try:
         text = read_text(Path(path), max_bytes)
@@ -55,9 +70,18 @@ def load_yaml(path: str | Path, max_bytes: int = MAX_BYTES) -> YamlDocument:
 
 
 def parse_yaml(text: str, origin: str, max_bytes: int = MAX_BYTES) -> YamlDocument:
-    """Read YAML from `text`; `origin` names it in errors.
+    """Read YAML from text.
 
-    InputError: it is larger than `max_bytes` or not the strict YAML of this module.
+    Args:
+        text: YAML.
+        origin: name of the text in errors.
+        max_bytes: largest size.
+
+    Returns:
+        The document.
+
+    Raises:
+        InputError: the text is too large, or not the strict YAML of this module.
     """
     if len(text) > max_bytes:
         raise InputError(f"{origin}: larger than {max_bytes} bytes, which no such file needs to be")
@@ -148,7 +172,14 @@ def _scalar(node: yaml.ScalarNode) -> object:
 
 
 def one_line(text: object) -> str:
-    """Text from a stranger's file for a message: one line, nothing that a terminal would obey."""
+    """Write foreign text for a message: one line, without control characters.
+
+    Args:
+        text: anything.
+
+    Returns:
+        Printable text.
+    """
     return "".join(char if char.isprintable() else "?" for char in " ".join(str(text).split()))
 
 
@@ -156,10 +187,18 @@ MOST_BYTES = 16 * 1024 * 1024
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """The text of a file.
+    """Read a text file.
 
-    OSError: it cannot be read; ValueError: it is a device or a pipe, is larger than `most_bytes`, or is no
-    UTF-8 text.
+    Args:
+        path: of the file.
+        most_bytes: largest size.
+
+    Returns:
+        The text.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is a device or a pipe, is too large, or is not UTF-8.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "no file has such a name")

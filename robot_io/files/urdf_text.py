@@ -1,4 +1,4 @@
-"""The border that every URDF crosses, a stranger's too: bounded, a tree, numbers that are finite."""
+"""Parsing of foreign URDFs: bounded, a tree, finite numbers."""
 
 import math
 from collections.abc import Iterator
@@ -19,13 +19,20 @@ _NUMBERS = {  # of an element: its attributes, and how many numbers each holds
     "axis": (("xyz",), 3),
     "limit": (("lower", "upper", "effort", "velocity"), 1),
 }
-_ROUNDING = 1e-4  # of the largest moment: what published tensors, cut to a few digits, are off
+_ROUNDING = 1e-4  # rounding of published tensors, as a share of the largest moment
 
 
 def parse_urdf(text: str) -> Element:
-    """The XML of a URDF whose links are a tree, whose numbers are finite and whose masses can be.
+    """Parse a URDF; its links must be a tree, its numbers finite and its masses possible.
 
-    ValueError: it is not, or is larger than any arm needs.
+    Args:
+        text: XML.
+
+    Returns:
+        The root element.
+
+    Raises:
+        ValueError: it is no such URDF, or larger than any arm needs.
     """
     if len(text) > MOST_BYTES:
         raise ValueError(f"larger than {MOST_BYTES} characters")
@@ -45,7 +52,14 @@ def parse_urdf(text: str) -> Element:
 
 
 def last_link(robot: Element) -> str:
-    """The link at the end of the longest chain of joints; of several, that which is named last."""
+    """Find the link at the end of the longest chain of joints; of several, the one named last.
+
+    Args:
+        robot: root of the URDF.
+
+    Returns:
+        Name of the link.
+    """
     parents = {_linked(joint, "child"): _linked(joint, "parent") for joint in robot.findall("joint")}
     names = [link.get("name", "") for link in robot.findall("link")]
     return max(reversed(names), key=lambda name: _depth(name, parents), default="")
@@ -59,7 +73,14 @@ def _depth(link: str, parents: dict[str, str]) -> int:
 
 
 def without_files(robot: Element) -> Element:
-    """The same arm without meshes and textures: whoever draws it then opens no file and asks no server."""
+    """Remove meshes and textures, so that drawing opens no file and asks no server.
+
+    Args:
+        robot: root of the URDF; it is changed.
+
+    Returns:
+        The same element.
+    """
     for link in robot.iter("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             if shape.find(".//mesh") is not None:
@@ -71,7 +92,7 @@ def without_files(robot: Element) -> Element:
 
 
 class _Bounded(ElementTree.TreeBuilder):
-    """Refuses what is deeper or longer than a URDF, before it takes memory."""
+    """Refuses documents that are deeper or longer than a URDF, before they take memory."""
 
     _depth = _count = 0
 
@@ -117,7 +138,7 @@ def _linked(joint: Element, role: str) -> str:
 
 
 def _check_inertial(inertial: Element, link: str | None) -> None:
-    """Refuse what no body has: with it, a mass matrix need not be positive, and torques are anything."""
+    """Refuse impossible masses and inertias: with them, a mass matrix need not be positive."""
     for mass in inertial.iter("mass"):
         if not 0.0 <= _number(mass.get("value", "")) < math.inf:
             raise ValueError(f"mass of link '{link}' is {mass.get('value')} kg")

@@ -1,4 +1,4 @@
-"""Stands between the controller and the drives: limits, plausibility checks, and the safe stop."""
+"""The guard between controller and drives: limits, plausibility checks, and the safe stop."""
 
 from robot_io.guard.guard import Guard
 from robot_io.guard.limits import Limits, SafeState

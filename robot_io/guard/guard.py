@@ -1,4 +1,4 @@
-"""Stands between the controller and the drives: trips are latched, and end in torque off."""
+"""The guard between controller and drives: trips are latched, and end in torque off."""
 
 from dataclasses import dataclass
 from math import inf, nan
@@ -7,15 +7,13 @@ import numpy as np
 
 from robot_io.clip import clip
 from robot_io.errors import InputError, SafetyTripError
-from robot_io.guard.deaf_drive import DeafDrives
-from robot_io.guard.limit_checks import LimitChecks
-from robot_io.guard.limits import Limits, Problem, SafeState
+from robot_io.guard.limits import LimitChecks, Limits, Problem, SafeState
 from robot_io.guard.safe_stop import GravityModel, SafeStop
-from robot_io.guard.stuck_encoder import StuckEncoders
-from robot_io.guard.stuck_force import StuckForce
+from robot_io.guard.stuck_sensors import StuckEncoders, StuckForce
+from robot_io.guard.unresponsive_drive import UnresponsiveDrives
 from robot_io.types import Command, FloatArray, Measurement
 
-# Longer between two commands: the arm was let go, and the torque sent before says nothing any more.
+# Longer between two commands, the arm was let go: the rate limit then starts from the measured torque.
 PAUSE_S = 0.1
 
 _STUCK_ENCODER = (
@@ -26,7 +24,7 @@ _STUCK_ENCODER = (
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """Why the guard took over."""
+    """Cause and time of a trip."""
 
     cause: str  # one sentence
     # Time of the measurement at which it happened, on the robot's clock [s]; NaN before the first.
@@ -36,22 +34,27 @@ class Trip:
 
 
 class Guard:
-    """Watches every measurement and has the last word on every command.
+    """Checks every measurement and limits or replaces every command.
 
     A trip stays until `rearm`. The arm is braked for `safe_state.stop_time_s`, with its weight held up if
     `gravity_nm` is given; then it is lowered for `safe_state.lower_time_s`; then the torque goes off. Without
     `gravity_nm` it goes off after braking, and an arm without brakes falls. Where position and velocity
     cannot be trusted there is nothing to brake against: the torque is zero.
 
-    `gravity_nm` gives the torques that hold the arm still at joint positions, both (n,); it is asked while
-    stopping only.
+    Args:
+        limits: of the arm.
+        safe_state: how a tripped arm comes to rest.
+        joint_count: number of joints n.
+        gravity_nm: gives the torques that hold the arm still at joint positions, both shape (n,); called
+            while stopping only.
 
     Attributes:
         torque_clips: commands that were reduced to the torque limit.
         rate_clips: commands that were reduced to the torque-rate limit.
-        longest_hold_up_s: later than this after its measurement a command means nothing any more [s].
+        longest_hold_up_s: longest time after its measurement for which a command is valid [s].
 
-    InputError: the limits are for another number of joints.
+    Raises:
+        InputError: the limits are for another number of joints.
     """
 
     def __init__(
@@ -65,7 +68,7 @@ class Guard:
         self._checks = LimitChecks(limits)
         self.longest_hold_up_s = max(PAUSE_S, limits.encoder_age_s)
         self._stuck_encoders = StuckEncoders(limits)
-        self._deaf_drives = DeafDrives(limits)
+        self._unresponsive_drives = UnresponsiveDrives(limits)
         self._stuck_force = StuckForce(limits.stuck_force_s)
         self._torque_limits = tuple(zip(limits.torque_nm, limits.torque_rate_nm_s, strict=True))
         self._safe_stop = SafeStop(limits, safe_state, gravity_nm)
@@ -82,23 +85,34 @@ class Guard:
 
     @property
     def tripped(self) -> Trip | None:
-        """The trip that is latched, or None."""
+        """The latched trip, or None."""
         return self._trip
 
     @property
     def finished(self) -> bool:
-        """Whether a trip has come to its end: the torque is off."""
+        """Whether the stop has ended: the torque is off."""
         return self._finished
 
     def too_old(self, measurement: Measurement) -> tuple[str, ...]:
-        """A line for each device without a sample that is young enough; trips on nothing."""
+        """Describe each device without a young enough sample; never trips.
+
+        Args:
+            measurement: to check.
+
+        Returns:
+            One line a device.
+        """
         return self._checks.too_old(measurement)
 
     def watch(self, measurement: Measurement, reference_position_rad: FloatArray | None = None) -> None:
-        """Look at one tick's measurement; trips on whatever is wrong with it.
+        """Check one tick's measurement, and trip on a problem.
 
-        The same measurement can be watched again, for instance once its reference is known: where the joints
-        should be, shape (n,) [rad], shows as well whether they follow it, and whether their encoders do.
+        The same measurement can be checked again, for instance once its reference is known.
+
+        Args:
+            measurement: to check.
+            reference_position_rad: where the joints should be, shape (n,) [rad]; None to skip the tracking
+                checks.
         """
         problem = self._time_problem(measurement)
         if measurement is not self._watched:
@@ -107,17 +121,34 @@ class Guard:
         if self._trip is not None:
             return
         problem = problem or self._checks.violation(measurement)
-        # What samples that look sound say against each other.
-        problem = problem or self._deaf_drives.problem(measurement) or self._stuck_force.problem(measurement)
+        # Contradictions between samples that are each plausible.
+        problem = (
+            problem
+            or self._unresponsive_drives.problem(measurement)
+            or self._stuck_force.problem(measurement)
+        )
         if problem is None and reference_position_rad is not None:
-            problem = self._following_problem(measurement, reference_position_rad)
+            encoders = self._stuck_encoders
+            encoders.update(measurement, reference_position_rad)
+            problem = (
+                Problem(encoders.suspicion or "", _STUCK_ENCODER)
+                if encoders.is_proven
+                else self._checks.tracking_problem(measurement, reference_position_rad)
+            )
         if problem is not None:
             self.trip(problem.text, problem.remedy)
 
     def trip(self, cause: str, remedy: str = "") -> Trip:
-        """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays as it is.
+        """Latch a trip from outside, such as Ctrl-C or an exception; an earlier one stays.
 
         An encoder that is suspect at this time is named as well.
+
+        Args:
+            cause: one sentence.
+            remedy: what the user can do.
+
+        Returns:
+            The latched trip.
         """
         if self._trip is None:
             suspicion = self._stuck_encoders.suspicion
@@ -128,10 +159,17 @@ class Guard:
         return self._trip
 
     def limit(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
-        """What may be sent: the command within torque and rate limits, or the safe state's once tripped.
+        """Limit a command, or replace it by the safe state once tripped.
 
-        Trips on a command that is not finite. A measurement that was not watched yet is watched first. `dt_s`
-        is the time since the previous tick [s].
+        Trips on a command that is not finite. A measurement that was not checked yet is checked first.
+
+        Args:
+            command: of the controller.
+            measurement: of this tick.
+            dt_s: time since the previous tick [s].
+
+        Returns:
+            The command that may be sent.
         """
         if measurement is not self._watched:
             self.watch(measurement)
@@ -143,11 +181,13 @@ class Guard:
         return self._stop(measurement, dt_s)
 
     def rearm(self, measurement: Measurement) -> None:
-        """Let commands through again, starting from the measured state.
+        """Let commands through again, starting from the measured state and torque.
 
-        The rate limit starts from the measured torque.
+        Args:
+            measurement: of this tick.
 
-        SafetyTripError: the stop is not over, or something is still wrong; the trip stays.
+        Raises:
+            SafetyTripError: the stop is not over, or a problem persists; the trip stays.
         """
         if self._trip is not None and not self._finished and self._clock_says_stopping(measurement):
             raise SafetyTripError(f"not re-armed: the arm is still being stopped ({self._trip.cause})")
@@ -157,20 +197,11 @@ class Guard:
         self._trip = None
         self._finished = False
         self._stuck_encoders.restart()
-        self._deaf_drives.restart()
+        self._unresponsive_drives.restart()
         self._stuck_force.restart()
         self._stopping_s = 0.0
         self._watched = measurement
         self._previous_s = -inf
-
-    def _following_problem(
-        self, measurement: Measurement, reference_position_rad: FloatArray
-    ) -> Problem | None:
-        encoders = self._stuck_encoders
-        encoders.look(measurement, reference_position_rad)
-        if encoders.is_proven:
-            return Problem(encoders.suspicion or "", _STUCK_ENCODER)
-        return self._checks.tracking_problem(measurement, reference_position_rad)
 
     def _time_problem(self, measurement: Measurement) -> Problem | None:
         last_s = self._watched.time_s if self._watched else -inf
@@ -190,32 +221,26 @@ class Guard:
         return None
 
     def _clip(self, command: Command, measurement: Measurement, dt_s: float) -> Command:
-        wanted_nm = command.joint_torque_nm.tolist()
+        command_nm = command.joint_torque_nm.tolist()
         previous_nm = self._previous_nm
         if measurement.time_s - self._previous_s > PAUSE_S:
-            previous_nm = self._measured_within_limits(measurement)
+            measured_nm = zip(measurement.joint_torque_nm.tolist(), self._torque_limits, strict=True)
+            previous_nm = [clip(torque, -largest, largest) for torque, (largest, _) in measured_nm]
         sent_nm: list[float] = []
         torque_clipped = rate_clipped = False
-        for wanted, previous, (largest, rate) in zip(
-            wanted_nm, previous_nm, self._torque_limits, strict=True
+        for torque, previous, (largest, rate) in zip(
+            command_nm, previous_nm, self._torque_limits, strict=True
         ):
-            allowed = clip(wanted, -largest, largest)
-            torque_clipped |= allowed != wanted
+            allowed = clip(torque, -largest, largest)
+            torque_clipped |= allowed != torque
             sent = clip(allowed, previous - rate * dt_s, previous + rate * dt_s)
             rate_clipped |= sent != allowed
             sent_nm.append(sent)
         self.torque_clips += torque_clipped
         self.rate_clips += rate_clipped
         self._previous_nm, self._previous_s = sent_nm, measurement.time_s
-        self._deaf_drives.sent(measurement.time_s, sent_nm)
+        self._unresponsive_drives.sent(measurement.time_s, sent_nm)
         return _command(sent_nm)
-
-    def _measured_within_limits(self, measurement: Measurement) -> list[float]:
-        measured_nm = measurement.joint_torque_nm.tolist()
-        return [
-            clip(torque, -largest, largest)
-            for torque, (largest, _) in zip(measured_nm, self._torque_limits, strict=True)
-        ]
 
     def _stop(self, measurement: Measurement, dt_s: float) -> Command:
         self._stopping_s += dt_s if dt_s > 0 else inf

@@ -1,4 +1,4 @@
-"""Brings a tripped arm to rest: brakes it with its weight held up, then lets it sink slowly."""
+"""Stop of a tripped arm: braking with its weight held up, then lowering at a limited speed."""
 
 from collections.abc import Callable, Sequence
 from math import inf, isfinite, sqrt
@@ -14,17 +14,25 @@ _FADE_SHARE, _LAST_SHARE = 0.5, 0.25  # of the lowering time
 
 
 class SafeStop:
-    """The torques of a stop: damping, and support of the arm's weight while it is braked and lowered.
+    """Torques of a stop: damping, and support of the arm's weight while it is braked and lowered.
 
         tau = s g(q) - D v
 
     s is 1 while braking. Then it falls at a rate of (1 - u / u_set) / T, where u = -g.v / |g| is how fast the
-    arm sinks: in the air the arm sinks at u_set, and on something that carries it the support fades in T,
-    half of the lowering time. In the last quarter of that time what is left fades, wherever the arm is.
-    Without a gravity model, or from a value on that is none, s is 0.
+    arm sinks: in the air the arm sinks at u_set, and on a support the torque fades in T, half of the lowering
+    time. In the last quarter of that time the rest fades, wherever the arm is. Without a gravity model, or
+    after an invalid value of it, s is 0.
 
     Braking is at most as strong as at the velocity limit, so that a wrong velocity cannot kick, and it is not
-    rate-limited, so that a bad torque ends at once. After `duration_s` the torque is to go off [s].
+    rate-limited, so that a bad torque ends at once.
+
+    Args:
+        limits: of the arm.
+        safe_state: damping and times.
+        gravity_nm: gravity model, or None.
+
+    Attributes:
+        duration_s: time from the trip until the torque is to go off [s].
     """
 
     def __init__(self, limits: Limits, safe_state: SafeState, gravity_nm: GravityModel | None) -> None:
@@ -39,20 +47,24 @@ class SafeStop:
         self.duration_s = safe_state.stop_time_s + (safe_state.lower_time_s if gravity_nm else 0.0)
 
     def restart(self) -> None:
-        """Before each stop, the first included."""
+        """Begin a stop; to be called before each stop, the first included."""
         self._gravity_nm = self._model
         self._support = 1.0
 
     def torque_nm(
         self, measurement: Measurement, trusted: Sequence[bool], stopping_s: float, dt_s: float
     ) -> list[float]:
-        """Torques (n) [N m], within the limits.
+        """Compute the torques of one tick.
 
         Args:
             measurement: its joint positions and velocities are used, and must be known.
-            trusted: for each joint whether its velocity can be braked against; else it counts as zero (n).
+            trusted: for each joint whether its velocity can be braked against; else it counts as zero, shape
+                (n,).
             stopping_s: time since the trip [s].
             dt_s: time since the last tick [s].
+
+        Returns:
+            Shape (n,), within the limits [N m].
         """
         velocities = [
             velocity if known else 0.0
@@ -70,7 +82,7 @@ class SafeStop:
         ]
 
     def _weights_nm(self, position_rad: FloatArray) -> list[float]:
-        """What holds the arm still; zeros where nobody knows."""
+        """Compute the torques that hold the arm still; zeros without a valid gravity model."""
         if self._gravity_nm is not None:
             try:
                 weights_nm: list[float] = self._gravity_nm(position_rad).tolist()
@@ -84,7 +96,7 @@ class SafeStop:
     def _lowered(
         self, weights_nm: list[float], velocities_rad_s: list[float], stopping_s: float, dt_s: float
     ) -> float:
-        """The support from now on."""
+        """Compute the support s for this tick."""
         size_nm = sqrt(sum(weight * weight for weight in weights_nm))
         power_w = sum(weight * speed for weight, speed in zip(weights_nm, velocities_rad_s, strict=True))
         sinking_rad_s = -power_w / (size_nm or inf)

@@ -1,24 +1,23 @@
-"""Messages between two machines: what they hold, how they are framed, and the line that carries them."""
+"""Messages between two machines: content, frames, and the line that carries them."""
 
-from robot_io.link.frame import Frame, FrameError, Heard, decode, encode
-from robot_io.link.impairment import Impairment
-from robot_io.link.line import Line, LineSettings
+from robot_io.link.frame import Frame, FrameError, Heard, decode, encode, load_seal
+from robot_io.link.line import Impairment, Line, LineSettings
 from robot_io.link.messages import (
     ContactModel,
+    EstimatedParameter,
     Intent,
     Message,
     ObjectEstimate,
-    Parameter,
     Report,
     Target,
     TargetState,
     short_number,
     target_number,
 )
-from robot_io.link.seal import load_seal
 
 __all__ = [
     "ContactModel",
+    "EstimatedParameter",
     "Frame",
     "FrameError",
     "Heard",
@@ -28,7 +27,6 @@ __all__ = [
     "LineSettings",
     "Message",
     "ObjectEstimate",
-    "Parameter",
     "Report",
     "Target",
     "TargetState",

@@ -1,19 +1,113 @@
-"""What is put around every message: version, sender, sequence, the stamps of both clocks, and a seal.
+"""Frame around every message: a seal, version, sender, sequence, and the stamps of both clocks.
 
-A frame is its seal (see `seal`) and a protobuf message of eight fields of eight bytes each and the message's
-bytes. Their length is a varint padded to three bytes, so that everything has its place, and one call reads it
-all.
+A frame is its seal and a protobuf message of eight fields of eight bytes each and the message's bytes. Their
+length is a varint padded to three bytes, so that everything has a fixed place, and one call reads it all.
+
+The seal is a checksum, or with a key that both sides share a message authentication code. A checksum (CRC-32)
+detects damage, and does not stop an attacker. The code (first 16 bytes of HMAC-SHA-256, RFC 2104) can only be
+made with the key. It does not encrypt; TLS does.
 """
 
+import hmac
+import os
+import stat
 import struct
+import zlib
+from collections.abc import Callable
+from functools import partial
 from hmac import compare_digest
 from math import nan
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from robot_io.errors import ProtocolError
+from robot_io.errors import InputError, ProtocolError
 from robot_io.link.messages import Intent, Message, ObjectEstimate, Report
-from robot_io.link.seal import CHECKSUM, Seal
 from robot_io.link.wire import WireType
+
+_LEAST_BYTES, _MOST_BYTES = 16, 4096  # of a key
+
+
+class Seal(NamedTuple):
+    """How frames are marked and verified."""
+
+    size: int  # of the mark [bytes]
+    of: Callable[[bytes | memoryview], bytes]  # the mark of a frame
+    broken: str  # what is said of a frame whose mark is another
+
+
+def _checksum(frame: bytes | memoryview) -> bytes:
+    return zlib.crc32(frame).to_bytes(4, "little")
+
+
+def _mark(key: bytes, frame: bytes | memoryview) -> bytes:
+    return hmac.digest(key, frame, "sha256")[:16]
+
+
+CHECKSUM = Seal(4, _checksum, "its checksum does not fit: it was damaged, or made with a key")
+
+
+def key_seal(key: bytes) -> Seal:
+    """Make the seal of a key.
+
+    Args:
+        key: the secret.
+
+    Returns:
+        The seal.
+    """
+    return Seal(16, partial(_mark, key), "it was not made with this side's key")
+
+
+def load_seal(path: Path, topic: str) -> Seal:
+    """Make the seal of a key file for the messages on one topic.
+
+    Each topic has its own derived key: a frame of another pair, or of the other direction, is not valid.
+
+    Args:
+        path: file whose bytes are the secret.
+        topic: name of the topic.
+
+    Returns:
+        The seal.
+
+    Raises:
+        InputError: the file cannot be read, other users can read it, or it is too short or too long.
+    """
+    check_secret(path, "key")
+    try:
+        with path.open("rb") as file:
+            key = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"key {path}: {error.strerror}") from error
+    if not _LEAST_BYTES <= len(key) <= _MOST_BYTES:
+        size = f"{len(key)} bytes" if len(key) <= _MOST_BYTES else "too many bytes"
+        raise InputError(
+            f"key {path}: {size}; {_LEAST_BYTES} to {_MOST_BYTES} are needed, and nobody may guess them; "
+            "'head -c 32 /dev/urandom' makes some"
+        )
+    return key_seal(hmac.digest(key, topic.encode(), "sha256"))
+
+
+def check_secret(path: Path, what: str) -> None:
+    """Refuse a file with a secret that other users can read.
+
+    Args:
+        path: the file.
+        what: its name in the error.
+
+    Raises:
+        InputError: other users can read it, or it does not exist.
+    """
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise InputError(f"{what} {path}: {error.strerror}") from error
+    if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise InputError(
+            f"{what} {path}: others can read it (mode {mode:o}): chmod 600, or make another if somebody may "
+            "have read it"
+        )
+
 
 VERSION = 3
 MOST_BYTES = 32 * 1024
@@ -30,7 +124,7 @@ class FrameError(ProtocolError):
 
 
 class Heard(NamedTuple):
-    """The newest frame that a side has of its peer."""
+    """The newest frame that a side has received from its peer."""
 
     sender: int = 0  # of that frame; 0 before the first
     sent_s: float = nan  # on the peer's clock [s]; NaN before the first
@@ -38,7 +132,7 @@ class Heard(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One message with where and when it comes from."""
+    """One message with its origin and times."""
 
     version: int
     sender: int  # random number of the sending program, another each time it is started
@@ -52,7 +146,11 @@ class Frame(NamedTuple):
 
     @property
     def message(self) -> Message:
-        """The message, checked. FrameError: it is none of its kind."""
+        """The decoded message.
+
+        Raises:
+            FrameError: the content is not valid for its kind.
+        """
         if not 0 <= self.kind < len(_WIRE):
             raise FrameError(f"no message has the number {self.kind}")
         try:
@@ -62,10 +160,22 @@ class Frame(NamedTuple):
         return message
 
 
-def encode(  # noqa: PLR0917 (what a frame is made of)
+def encode(  # noqa: PLR0917
     sender: int, sequence: int, sent_s: float, heard: Heard, message: Message, seal: Seal = CHECKSUM
 ) -> bytes:
-    """A message in its frame."""
+    """Put a message into a frame.
+
+    Args:
+        sender: random number of this program.
+        sequence: number of the frame.
+        sent_s: this side's clock [s].
+        heard: newest frame of the peer.
+        message: the content.
+        seal: of this side.
+
+    Returns:
+        The bytes to send.
+    """
     kind = _KINDS[type(message)]
     content = _WIRE[kind].encode(message)
     t1, t2, t3, t4, t5, t6, t7, t8, t9 = _TAGS
@@ -82,9 +192,17 @@ def encode(  # noqa: PLR0917 (what a frame is made of)
 
 
 def decode(data: bytes, seal: Seal = CHECKSUM) -> Frame:
-    """The frame; its message is decoded when it is asked for.
+    """Read a frame; its message is decoded on access.
 
-    FrameError: the bytes are too many, of another version, damaged, or not of whoever has the key.
+    Args:
+        data: received bytes.
+        seal: of the other side.
+
+    Returns:
+        The frame.
+
+    Raises:
+        FrameError: the bytes are too many, of another version, damaged, or made without the key.
     """
     begin = seal.size + _HEADER.size
     if not begin <= len(data) <= MOST_BYTES:

@@ -1,9 +1,11 @@
-"""The line between leader and follower: eclipse-zenoh, peers on this machine unless a file says otherwise.
+"""Line between leader and follower: eclipse-zenoh, peers on this machine unless a file says otherwise.
 
-Frames are sent as they are, never repeated by the program: each message says the whole state of its sender.
-A callback of zenoh's own thread only puts bytes aside; whoever calls `receive` decodes them.
+Frames are sent once, never repeated by the program: each message holds the whole state of its sender. A
+callback of zenoh's own thread only stores bytes; `receive` decodes them. For trials frames can be delayed,
+jittered and lost on their way out, by a fixed seed.
 """
 
+import heapq
 import json
 import re
 import secrets
@@ -11,34 +13,103 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from ipaddress import ip_address
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import numpy as np
+
 from robot_io.clock import Clock
 from robot_io.errors import InputError
-from robot_io.link.frame import MOST_BYTES, Frame, FrameError, Heard, decode, encode
-from robot_io.link.impairment import BadNetwork, Impairment
+from robot_io.link.frame import (
+    CHECKSUM,
+    MOST_BYTES,
+    Frame,
+    FrameError,
+    Heard,
+    check_secret,
+    decode,
+    encode,
+    load_seal,
+)
 from robot_io.link.messages import Message
-from robot_io.link.seal import CHECKSUM, check_secret, load_seal
+
+
+@dataclass(frozen=True)
+class Impairment:
+    """Impairment of the network in one direction."""
+
+    delay_s: float = 0.0  # mean [s]
+    jitter_s: float = 0.0  # standard deviation of the delay, which is never below 0 [s]
+    loss: float = 0.0  # share of frames that are lost
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.delay_s <= 60.0 and 0.0 <= self.jitter_s <= 60.0):
+            raise InputError(f"delay {self.delay_s} s, jitter {self.jitter_s} s: each 0 to 60 s")
+        if not 0.0 <= self.loss < 1.0:
+            raise InputError(f"loss {self.loss}: at least 0 and below 1")
+        if not 0 <= self.seed < 2**63:
+            raise InputError(f"seed {self.seed}: at least 0 and below 2^63")
+
+
+class BadNetwork:
+    """Delays and loses frames; frames may overtake each other.
+
+    Args:
+        impairment: delay, jitter, loss and seed.
+    """
+
+    def __init__(self, impairment: Impairment) -> None:
+        self._is, self._rng = impairment, np.random.default_rng(impairment.seed)
+        self._held: list[tuple[float, int, bytes]] = []
+        self._count = 0
+
+    def put(self, data: bytes, now_s: float) -> None:
+        """Take a frame that is sent now.
+
+        Args:
+            data: the frame.
+            now_s: time [s].
+        """
+        self._count += 1
+        if self._rng.random() >= self._is.loss:
+            delay_s = max(0.0, self._rng.normal(self._is.delay_s, self._is.jitter_s))
+            heapq.heappush(self._held, (now_s + delay_s, self._count, data))
+
+    def due(self, now_s: float) -> list[bytes]:
+        """Return frames that have arrived, in the order of their arrival.
+
+        Args:
+            now_s: time [s].
+
+        Returns:
+            The frames.
+        """
+        arrived = []
+        while self._held and self._held[0][0] <= now_s:
+            arrived.append(heapq.heappop(self._held)[2])
+        return arrived
+
 
 Role = Literal["leader", "follower"]
 _TLS, _LISTEN, _MULTICAST = "transport/link/tls", "listen/endpoints", "scouting/multicast/enabled"
 _OTHER: dict[Role, Role] = {"leader": "follower", "follower": "leader"}
-_WAITING = 512  # frames that nobody has asked for yet; what comes beyond drives the oldest out
+_WAITING = 512  # received frames that are kept until `receive`; then the oldest are dropped
 _LOOPBACK = "tcp/127.0.0.1"
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
 _PLACE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 _MESSAGE = re.compile(r'Message \{ msg: "(.*)", location: .*?line: (\d+), column: (\d+)')
 _SYNTAX = re.compile(r"--> (\d+):(\d+) .*= (.*)")
-_MOST_SAID = 200  # characters of what zenoh says
+_MOST_SAID = 200  # characters of a message of zenoh
 
 
 @dataclass(frozen=True)
 class LineSettings:
-    """How the two find each other.
+    """How the two sides find each other.
 
-    Without a file both are peers on this machine's loopback, the follower listening; with one it is
-    zenoh's own configuration (JSON5) that says everything: endpoints, router, certificates, access.
+    Without a file both are peers on this machine's loopback, the follower listening. A file is zenoh's own
+    configuration (JSON5), which decides everything: endpoints, router, certificates, access.
     """
 
     name: str = "arm"  # of the pair: both sides must give the same
@@ -57,21 +128,26 @@ class LineSettings:
 class Line:
     """One end of the line; sends and receives frames.
 
+    Args:
+        role: of this side.
+        settings: name, port, configuration and key.
+        clock: of this side.
+
     Attributes:
         role: of this side.
         sender: random number in every frame of this end.
-        malformed: frames that were no frames, or of another version or key.
-        refused: why the newest of these was none; empty before the first.
+        malformed: number of received frames that were invalid, or of another version or key.
+        refused: why the newest of these was refused; empty before the first.
         is_open_here: whether any program of this machine may say where to probe, with neither key nor
             certificates.
 
     Raises:
-        InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is none; or a
-            follower with neither key nor certificates would be reached from other machines.
+        InputError: zenoh refuses the configuration, the endpoint cannot be opened, or the key is invalid; or
+            other machines could reach a follower with neither key nor certificates.
     """
 
     def __init__(self, role: Role, settings: LineSettings, clock: Clock) -> None:
-        import zenoh  # noqa: PLC0415, nobody else should wait for it
+        import zenoh  # noqa: PLC0415, slow to import
 
         self.sender = secrets.randbits(62)
         self.malformed, self.refused = 0, ""
@@ -86,7 +162,9 @@ class Line:
         self._over_udp = any("udp/" in config.get_json(f"{way}/endpoints") for way in ("listen", "connect"))
         said, heard = (f"palpate/{settings.name}/{side}" for side in (role, _OTHER[role]))
         secret = settings.key
-        self._mine, self._theirs = (load_seal(secret, one) if secret else CHECKSUM for one in (said, heard))
+        self._mine, self._theirs = (
+            load_seal(secret, topic) if secret else CHECKSUM for topic in (said, heard)
+        )
         try:
             self._session = zenoh.open(config)
             self._subscribed = heard
@@ -101,7 +179,11 @@ class Line:
         self._put: Callable[[bytes], object] = self._publisher.put
 
     def send(self, message: Message) -> None:
-        """Send one message with everything a frame says; does not wait for the other side."""
+        """Send one message without waiting for the other side.
+
+        Args:
+            message: the content.
+        """
         now_s = self._clock.now_s()
         data = encode(self.sender, self._sequence, now_s, self._heard, message, self._mine)
         self._sequence += 1
@@ -112,10 +194,10 @@ class Line:
         self._pump()
 
     def receive(self) -> list[tuple[float, Frame]]:
-        """Frames that have arrived since the last call, each with its time of arrival [s]."""
+        """Return frames that have arrived since the last call, each with its time of arrival [s]."""
         self._pump()
         arrived = []
-        for _ in range(len(self._waiting)):  # not those that come meanwhile: a flood would hold this for good
+        for _ in range(len(self._waiting)):  # not those that come meanwhile: a flood would never end
             at_s, data = self._waiting.popleft()
             try:
                 arrived.append((at_s, decode(data, self._theirs)))
@@ -124,17 +206,21 @@ class Line:
         return arrived
 
     def resubscribe(self) -> None:
-        """Tell the other side again that this one listens: zenoh says it once, which over UDP may be lost."""
+        """Declare the subscription again: zenoh announces it once, which over UDP may be lost."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._subscriber = self._session.declare_subscriber(self._subscribed, self._arrived)
 
     def refuse(self, why: str) -> None:
-        """Count what came and is no frame, or no message."""
+        """Count received bytes that are no valid frame or message.
+
+        Args:
+            why: reason.
+        """
         self.malformed, self.refused = self.malformed + 1, why
 
     @property
     def advice(self) -> str:
-        """What to look at where the other side is not heard."""
+        """What to check if the other side is not heard."""
         same = "--port" if self._settings.config is None else "a --link that meets this one"
         words = f"does a {_OTHER[self.role]} run with the same --name and --key, and {same}?"
         if not self._over_udp:
@@ -145,7 +231,12 @@ class Line:
         )
 
     def heard(self, frame: Frame, at_s: float) -> None:
-        """Take a frame that arrived at `at_s` [s] as the newest of the peer; the next one sent says so."""
+        """Record the newest frame of the peer; the next frame sent refers to it.
+
+        Args:
+            frame: that arrived.
+            at_s: when, on this side's clock [s].
+        """
         self._heard = Heard(frame.sender, frame.sent_s, at_s)
 
     def close(self) -> None:
@@ -159,7 +250,7 @@ class Line:
         self.close()
 
     def _arrived(self, sample: Any) -> None:  # noqa: ANN401, zenoh's own
-        if len(sample.payload) > MOST_BYTES:  # no frame, and not to be kept in memory until someone asks
+        if len(sample.payload) > MOST_BYTES:  # no frame; not stored
             self.refuse(f"more than {MOST_BYTES} bytes")
             return
         self._waiting.append((self._clock.now_s(), sample.payload.to_bytes()))
@@ -191,7 +282,7 @@ def _config(zenoh: Any, role: Role, settings: LineSettings) -> Any:  # noqa: ANN
 
 
 def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
-    """Of certificates and keys; zenoh says nothing of those that it cannot connect with."""
+    """Check that certificates and keys exist; zenoh does not report missing ones."""
     tls = json.loads(config.get_json(_TLS))
     for name, file in tls.items():
         if name.endswith(("_certificate", "_private_key")) and file:
@@ -203,10 +294,10 @@ def _check_files(config: Any, path: Path) -> None:  # noqa: ANN401, zenoh's own
 
 
 def _certified(config: Any) -> bool:  # noqa: ANN401, zenoh's own
-    """Whether nobody is heard without a certificate."""
+    """Whether both sides need a certificate."""
     endpoints = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
     mutual = json.loads(config.get_json(_TLS))["enable_mtls"]
-    return bool(mutual) and all(one.startswith(("tls/", "quic/")) for one in endpoints)
+    return bool(mutual) and all(endpoint.startswith(("tls/", "quic/")) for endpoint in endpoints)
 
 
 def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> None:  # noqa: ANN401
@@ -216,7 +307,8 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
     """
     if config.get_json(_LISTEN) == zenoh.Config().get_json(_LISTEN):
         config.insert_json5(_LISTEN, json.dumps([f"{_LOOPBACK}:{settings.port}"]))
-    open_to = [one for way in ("listen", "connect") for one in _endpoints(config, way) if not _is_local(one)]
+    used = [*_endpoints(config, "listen"), *_endpoints(config, "connect")]
+    open_to = [endpoint for endpoint in used if not _is_local(endpoint)]
     if json.loads(config.get_json(_MULTICAST)):
         open_to.append(_MULTICAST.replace("/", "."))
     config.insert_json5(_MULTICAST, "false")
@@ -228,10 +320,10 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
 
 
 def _endpoints(config: Any, way: str) -> list[str]:  # noqa: ANN401, zenoh's own
-    found = json.loads(config.get_json(f"{way}/endpoints"))
-    if isinstance(found, dict):  # by the mode of this side
-        found = [one for each in found.values() for one in each]
-    return [str(one) for one in found]
+    endpoints = json.loads(config.get_json(f"{way}/endpoints"))
+    if isinstance(endpoints, dict):  # by the mode of this side
+        endpoints = chain.from_iterable(endpoints.values())
+    return list(map(str, endpoints))
 
 
 def _is_local(endpoint: str) -> bool:
@@ -245,12 +337,19 @@ def _is_local(endpoint: str) -> bool:
 
 
 def cause(error: Exception) -> str:
-    """The cause of a `zenoh.ZError`, for a person."""
+    """Extract the cause of a `zenoh.ZError` for the user.
+
+    Args:
+        error: of zenoh.
+
+    Returns:
+        One line.
+    """
     text = _PLACE.sub("", " ".join(str(error).split()))
-    if found := _MESSAGE.search(text):
-        what, line, column = found.groups()
-    elif found := _SYNTAX.search(text):
-        line, column, what = found.groups()
+    if match := _MESSAGE.search(text):
+        what, line, column = match.groups()
+    elif match := _SYNTAX.search(text):
+        line, column, what = match.groups()
     else:
         return text[:_MOST_SAID]
     return f"line {line}, column {column}: {what}"[:_MOST_SAID]

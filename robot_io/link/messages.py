@@ -1,6 +1,6 @@
-"""What leader and follower say to each other; each field's type is its protobuf type as well (see `wire`).
+"""Messages between leader and follower; each field's type is its protobuf type as well (see `wire`).
 
-Every message says the whole state of its sender, so one that is lost is made good by the next one.
+Every message holds the whole state of its sender, so the next one replaces a lost one.
 """
 
 import math
@@ -19,10 +19,17 @@ _MOST_COUNT = _LEADERS * _NUMBERS  # a double holds all of them
 
 
 def target_number(leader: int, count: int) -> int:
-    """The number of a leader's target, which no other leader gives.
+    """Make a target's number, which no other leader uses.
 
-    It is made of the random number of the leading program, of which 31 bits count, and of how many targets it
-    has given so far. InputError: there are too many of them.
+    Args:
+        leader: random number of the leading program, of which 31 bits count.
+        count: number of targets that it has given so far.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: there are too many targets.
     """
     if not 0 <= count < _NUMBERS:
         raise InputError(f"target {count}: a leader may choose {_NUMBERS}")
@@ -30,12 +37,19 @@ def target_number(leader: int, count: int) -> int:
 
 
 def short_number(number: int) -> int:
-    """Which of its leader's targets a number stands for, for people."""
+    """Return the number of a target within its leader, for people.
+
+    Args:
+        number: of the target.
+
+    Returns:
+        Count of the leader's targets.
+    """
     return number % _NUMBERS
 
 
 class TargetState(IntEnum):
-    """What became of a target. The numbers travel: add new ones at the end."""
+    """State of a target. The numbers are transmitted: add new ones at the end."""
 
     QUEUED = 0
     PROBING = 1
@@ -50,7 +64,7 @@ _STATES = frozenset(TargetState)
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A place to probe. How fast and how hard is for the follower's own plan to say, not for the network."""
+    """A place to probe. Speed and force are the follower's own plan, not the network's."""
 
     number: int  # given by the leader, see `target_number`; never used twice, by another leader neither
     position_world_m: tuple[float, ...]  # shape (3,), a point near the surface [m]
@@ -66,7 +80,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What the operator wants; leader to follower."""
+    """The operator's intent; leader to follower."""
 
     targets: tuple[Target, ...]  # in the order in which they are to be probed
     cancelled: tuple[int, ...]  # numbers of targets that are not wanted any more
@@ -84,7 +98,7 @@ class Intent:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What the follower does and feels at this moment; follower to leader."""
+    """Present state of the follower; follower to leader."""
 
     phase: int  # number of `control.loop.task.Phase`
     target: int  # number of the target that is being probed, -1 for none
@@ -109,8 +123,8 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """One parameter with its 95 % interval; bounds that are not known are NaN."""
+class EstimatedParameter:
+    """One parameter with its 95 % interval; unknown bounds are NaN."""
 
     name: str  # such as "stiffness.k"
     unit: str
@@ -147,14 +161,14 @@ class ContactModel:
 
 @dataclass(frozen=True, slots=True)
 class ObjectEstimate:
-    """What the object is like at one target, as the follower's measurements say; follower to leader."""
+    """Estimated model of the object at one target; follower to leader."""
 
     revision: int  # counts up with every estimate
     target: int  # number of the target
     surface_world_m: tuple[float, ...]  # shape (3,), where the undeformed surface is [m]
     direction_world: tuple[float, ...]  # shape (3,), unit vector into the object
     model: tuple[ContactModel, ...]  # the contact law, then established effects
-    parameters: tuple[Parameter, ...]  # with intervals, for people
+    parameters: tuple[EstimatedParameter, ...]  # with intervals, for people
     verdict: str  # of the diagnosis; empty before there is one
     words: str  # what the verdict rests on, one line
     rmse_n: float  # of the model on the measured runs [N]

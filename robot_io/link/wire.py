@@ -1,4 +1,4 @@
-"""Frozen dataclasses as protobuf messages: the type is built from the fields at run time, no generated code.
+"""Frozen dataclasses as protobuf messages; the type is built from the fields at run time.
 
 float is a double, int an sfixed64, bool a bool, str a string, bytes are bytes, another dataclass is a message
 of its own; a tuple of any of these is a repeated field. Fields are numbered from 1 in the order of the class.
@@ -27,21 +27,39 @@ T = TypeVar("T")
 
 
 class WireType(Generic[T]):
-    """Encodes and decodes one dataclass or named tuple; its own checks are made on whatever is decoded."""
+    """Encodes and decodes one dataclass or named tuple; its own checks run on every decoded value.
+
+    Args:
+        kind: the class.
+    """
 
     def __init__(self, kind: type[T]) -> None:
         self._codec = _Codec(kind, descriptor_of(_describe(kind)))
         self._name = kind.__name__
 
     def encode(self, value: T) -> bytes:
-        """The value as a protobuf message."""
+        """Encode a value.
+
+        Args:
+            value: of the class.
+
+        Returns:
+            A protobuf message.
+        """
         data: bytes = self._codec.build(value).SerializeToString()
         return data
 
     def decode(self, data: bytes) -> T:
-        """Read back what `encode` made.
+        """Decode what `encode` made.
 
-        ProtocolError: the bytes are no such message, or a value is not valid.
+        Args:
+            data: a protobuf message.
+
+        Returns:
+            The value.
+
+        Raises:
+            ProtocolError: the bytes are no such message, or a value is invalid.
         """
         try:
             value: T = self._codec.read(self._codec.message.FromString(data))
@@ -82,12 +100,12 @@ class _Codec:
         return self._kind(*values)
 
 
-def _each(convert: Callable[[Any], Any], ones: Iterable[Any]) -> tuple[Any, ...]:
-    return tuple([convert(one) for one in ones])  # faster than of a generator
+def _each(convert: Callable[[Any], Any], values: Iterable[Any]) -> tuple[Any, ...]:
+    return tuple([convert(value) for value in values])  # faster than of a generator
 
 
-def _as_tuple(ones: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(ones[:])  # twice as fast as one by one
+def _as_tuple(values: Sequence[Any]) -> tuple[Any, ...]:
+    return tuple(values[:])  # twice as fast as one by one
 
 
 class _Member(NamedTuple):

@@ -1,1 +1,1 @@
-"""Devices in the operator's hand: where the hand is, and the force that it feels."""
+"""Devices in the operator's hand: they read its position and render forces."""

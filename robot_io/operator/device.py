@@ -1,21 +1,28 @@
-"""What an operator's device does: tells where the hand is, and pushes it. All in world axes, SI units.
+"""Interface of an operator's device: it reads the hand, and pushes it. All in world axes, SI units.
 
-A device is read and commanded once a step of the haptic loop and blocks it no longer than the device itself
-takes to answer. Devices without motors (keyboard, gamepad) push a modelled hand (`modelled_hand`).
+A device is read and commanded once a step of the haptic loop, and blocks it no longer than the device itself
+takes to answer. Devices without motors (keyboard, gamepad) push a modelled hand that follows a goal and
+yields to forces:
+
+    m a = K (x_goal - x) + B (v_goal - v) + force
+
+So a key or a stick presses with a bounded force, and the depth depends on the object.
 """
 
 from abc import abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from robot_io.clock import Clock
 from robot_io.errors import LifecycleError
-from robot_io.files.file_model import FileModel
-from robot_io.lifecycle import Opened
+from robot_io.files.file_model import FileModel, NotNegative, Positive
+from robot_io.interfaces import Opened
 from robot_io.types import FloatArray, frozen_array
 
 
-class Hand(NamedTuple):
-    """The device's tip at one time."""
+class HandState(NamedTuple):
+    """State of the device's tip at one time."""
 
     position_world_m: FloatArray  # shape (3,) [m]
     velocity_world_m_s: FloatArray  # shape (3,) [m/s]
@@ -27,7 +34,10 @@ class OperatorDevice(Opened):
     """A device of an operator, found by its `name`. As a context manager it opens on entry, closes on exit.
 
     A new device implements `_open` and the four methods after it; lifecycle and checks are the same for all.
-    Its settings are of its own `Settings`.
+
+    Args:
+        settings: of the class's own `Settings`.
+        clock: of this side.
     """
 
     name: ClassVar[str]  # how files and options call it
@@ -41,7 +51,8 @@ class OperatorDevice(Opened):
     def configure(self) -> None:
         """Open the device; positions can be read, and no force is rendered.
 
-        DeviceError: it is absent or is another one.
+        Raises:
+            DeviceError: it is absent or is another one.
         """
         if self._is_open:
             raise LifecycleError(f"{self.name}: configured already")
@@ -53,21 +64,34 @@ class OperatorDevice(Opened):
         self._is_open = True
 
     def activate(self) -> None:
-        """Make ready for forces. DeviceError: the device refused; LifecycleError: not configured."""
+        """Prepare for forces.
+
+        Raises:
+            DeviceError: the device refused.
+            LifecycleError: not configured.
+        """
         self._expect(self._is_open, "activate", "configured")
         self._power(on=True)
         self._is_active = True
 
-    def read(self) -> Hand:
-        """Where the tip is now. LifecycleError: not configured; DeviceError: the device is gone."""
+    def read(self) -> HandState:
+        """Read the state of the tip.
+
+        Raises:
+            LifecycleError: not configured.
+            DeviceError: the device is gone.
+        """
         self._expect(self._is_open, "read", "configured")
         return self._hand()
 
     def set_force(self, force_world_n: FloatArray) -> FloatArray:
-        """Push the hand with this force, shape (3,) [N], until the next call.
+        """Push the hand with a force until the next call.
+
+        Args:
+            force_world_n: shape (3,) [N].
 
         Returns:
-            What is really rendered, within the device's range; shape (3,) [N].
+            The rendered force, within the device's range; shape (3,) [N].
 
         Raises:
             InputError: not three finite values; the last force holds.
@@ -78,13 +102,13 @@ class OperatorDevice(Opened):
         return self._push(frozen_array(force_world_n, (3,), what=f"{self.name}: force"))
 
     def deactivate(self) -> None:
-        """Force off. Works in every state, and can be called again."""
+        """Switch the force off. Works in every state, and can be called again."""
         if self._is_active:
             self._is_active = False
             self._power(on=False)
 
     def close(self) -> None:
-        """Force off, then release the device. Can be called again."""
+        """Switch the force off and release the device; can be called again."""
         try:
             self.deactivate()
         finally:
@@ -101,7 +125,7 @@ class OperatorDevice(Opened):
         """Find and open the device."""
 
     @abstractmethod
-    def _hand(self) -> Hand:
+    def _hand(self) -> HandState:
         """Read it."""
 
     @abstractmethod
@@ -115,3 +139,61 @@ class OperatorDevice(Opened):
     @abstractmethod
     def _release(self) -> None:
         """Close what `_open` opened, all or half of it."""
+
+
+_STEP_S = 1e-3  # of the integration, at most
+
+
+class HandSettings(FileModel):
+    """Mass, stiffness and damping of the modelled hand."""
+
+    mass_kg: Positive = 0.15  # of the device and what of the hand moves with it
+    stiffness_n_m: Positive = 600.0
+    damping_n_s_m: NotNegative = 15.0
+
+
+class ModelledHand(OperatorDevice):
+    """A device that gives the operator's goal; the hand is modelled."""
+
+    settings: HandSettings
+
+    def __init__(self, settings: HandSettings, clock: Clock) -> None:
+        super().__init__(settings, clock)
+        self._force = np.zeros(3)
+        self._position: FloatArray | None = None  # (3,) [m], from the first reading on
+
+    @abstractmethod
+    def _goal(self, now_s: float) -> tuple[FloatArray, FloatArray, bool]:
+        """Goal (3,) [m], its velocity (3,) [m/s], and whether the button is held; called in order of time."""
+
+    def _hand(self) -> HandState:
+        now_s = self.clock.now_s()
+        if self._position is None:
+            self._position, self._velocity, self._time_s = self._goal(now_s)[0].copy(), np.zeros(3), now_s
+        steps = max(1, int(np.ceil((now_s - self._time_s) / _STEP_S - 1e-6)))
+        dt_s = (now_s - self._time_s) / steps
+        for _ in range(steps):
+            self._time_s += dt_s
+            goal, velocity, select = self._goal(self._time_s)
+            self._position = self._advance(self._position, goal, velocity, dt_s)
+        return HandState(self._position.copy(), self._velocity.copy(), now_s, select)
+
+    def _advance(
+        self, position: FloatArray, goal: FloatArray, velocity: FloatArray, dt_s: float
+    ) -> FloatArray:
+        """Implicit Euler: stable for any hand. The new position (3,) [m]."""
+        hand = self.settings
+        push = hand.stiffness_n_m * (goal - position) + hand.damping_n_s_m * velocity + self._force
+        inertia_kg = hand.mass_kg + dt_s * (hand.damping_n_s_m + dt_s * hand.stiffness_n_m)
+        self._velocity = (hand.mass_kg * self._velocity + dt_s * push) / inertia_kg
+        return position + dt_s * self._velocity
+
+    def _power(self, *, on: bool) -> None:
+        self._force = np.zeros(3)
+
+    def _push(self, force_world_n: FloatArray) -> FloatArray:
+        self._force = force_world_n
+        return force_world_n
+
+    def _release(self) -> None:
+        self._position = None

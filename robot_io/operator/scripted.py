@@ -1,4 +1,4 @@
-"""An operator by script: a hand that follows a plan."""
+"""An operator by script: a hand that follows waypoints."""
 
 from itertools import pairwise
 from math import inf
@@ -9,12 +9,12 @@ from pydantic import Field, model_validator
 
 from robot_io.clock import Clock
 from robot_io.files.file_model import FileModel, NotNegative, Number, problem_at
-from robot_io.operator.modelled_hand import HandSettings, ModelledHand
+from robot_io.operator.device import HandSettings, ModelledHand
 from robot_io.types import FloatArray
 
 
 class Waypoint(FileModel):
-    """Where the hand wants to be at a time, and whether it holds the button down from there on."""
+    """Goal of the hand at a time, and whether it holds the button from there on."""
 
     time_s: NotNegative  # since the device was activated [s]
     position_world_m: tuple[Number, Number, Number]
@@ -22,7 +22,7 @@ class Waypoint(FileModel):
 
 
 class ScriptedSettings(HandSettings):
-    """The plan."""
+    """Waypoints of the script."""
 
     path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=10_000)]
 

@@ -15,7 +15,7 @@ from pydantic import Field
 from robot_io.clock import Clock
 from robot_io.errors import DeviceError
 from robot_io.files.file_model import FileModel, Number, Positive
-from robot_io.operator.device import Hand, OperatorDevice
+from robot_io.operator.device import HandState, OperatorDevice
 from robot_io.types import FloatArray
 
 _BUTTONS, _POSITION, _VELOCITY = 0x2000, 0x2050, 0x2051
@@ -39,7 +39,7 @@ class _ErrorInfo(ctypes.Structure):
 
 
 class TouchSettings(FileModel):
-    """Which device, and where its work space lies in the world."""
+    """The device, and the place of its work space in the world."""
 
     device: str | None = None  # its name in the vendor's setup program; None: the default one
     library: str = "libHD.so"
@@ -50,7 +50,7 @@ class TouchSettings(FileModel):
     select_button: Annotated[int, Field(ge=1, le=4)] = 1
 
 
-class Touch(OperatorDevice):
+class TouchDevice(OperatorDevice):
     """A haptic stylus."""
 
     name = "touch"
@@ -63,7 +63,7 @@ class Touch(OperatorDevice):
         self._library: ctypes.CDLL | None = None
         self._handle, self._servo = _INVALID_DEVICE, 0
         self._callback = _Callback(self._servo_step)  # kept: the library holds only its address
-        self._state: Hand | None = None  # replaced as a whole, so the threads need no lock
+        self._state: HandState | None = None  # replaced as a whole, so the threads need no lock
         # In device axes (3,) [N], and when it was set [s].
         self._force: tuple[FloatArray, float] | None = None
         self._problem = ""
@@ -89,7 +89,7 @@ class Touch(OperatorDevice):
         if not self._first.wait(_WAIT_S):
             raise DeviceError(f"touch: no sample within {_WAIT_S:g} s{self._because()}")
 
-    def _hand(self) -> Hand:
+    def _hand(self) -> HandState:
         state, oldest_s = self._state, self.settings.oldest_s
         if state is None or self._problem or self.clock.now_s() - state.sampled_at_s > oldest_s:
             raise DeviceError(f"touch: no sample for {oldest_s:g} s, the device is gone{self._because()}")
@@ -117,7 +117,7 @@ class Touch(OperatorDevice):
         self._handle, self._servo = _INVALID_DEVICE, 0
 
     def _servo_step(self, _data: object) -> int:
-        """What the library calls 1000 times a second, in its own thread; nothing may be raised from here."""
+        """Callback of the library, 1000 times a second in its own thread; must not raise."""
         try:
             self._exchange()
         except Exception as error:  # `read` reports it
@@ -135,14 +135,14 @@ class Touch(OperatorDevice):
         library.hdGetDoublev(_VELOCITY, velocity)
         library.hdGetIntegerv(_BUTTONS, ctypes.byref(buttons))
         now_s = self.clock.now_s()
-        wanted = self._force
-        if wanted is not None and now_s - wanted[1] <= self.settings.watchdog_s:
-            force[:] = wanted[0].tolist()
+        newest = self._force
+        if newest is not None and now_s - newest[1] <= self.settings.watchdog_s:
+            force[:] = newest[0].tolist()
         library.hdSetDoublev(_FORCE, force)
         library.hdEndFrame(self._handle)
         self._check("the servo loop failed")
         scale = self.settings.scale * _M_OF_MM
-        self._state = Hand(
+        self._state = HandState(
             self._origin + scale * (_WORLD_OF_DEVICE @ np.array(position)),
             scale * (_WORLD_OF_DEVICE @ np.array(velocity)),
             now_s,

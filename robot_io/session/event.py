@@ -1,16 +1,82 @@
-"""Something that happened once: a trip, a re-arm, a mark by the operator."""
+"""Metadata and events of a session."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError, Message
 
-from robot_io.errors import SessionError
+from robot_io.errors import InputError, SessionError
 from robot_io.session.wire import descriptor_of, file_descriptor_set
+
+
+@dataclass(frozen=True)
+class SessionMetadata:
+    """Origin of a session. Texts are whole files, not paths; missing ones are empty.
+
+    Raises:
+        InputError: a value of the wrong type, or an invalid date.
+    """
+
+    robot_file: str = ""  # text of the robot file
+    urdf: str = ""  # text of the arm's URDF
+    calibration: str = ""  # text of the calibration that was applied
+    scenario: str = ""  # text of the simulated scenario
+    software_version: str = ""  # version of palpate
+    seed: int | None = None  # of every random number in the run; None if nothing was drawn
+    created_utc: str = ""  # start of the session on the wall clock, ISO 8601
+    command_line: str = ""  # how the program was started
+    extra: Mapping[str, str] = field(default_factory=dict)  # further texts
+
+    def __post_init__(self) -> None:
+        texts = {name: getattr(self, name) for name in _TEXTS} | dict(self.extra)
+        for name, value in texts.items():
+            if not isinstance(name, str) or not isinstance(value, str):
+                raise InputError(f"session metadata '{name}': {value!r} is not text")
+        if self.seed is not None and not isinstance(self.seed, int):
+            raise InputError(f"session metadata 'seed': {self.seed!r} is not a whole number")
+        try:
+            if self.created_utc:
+                datetime.fromisoformat(self.created_utc)
+        except ValueError as error:
+            raise InputError(
+                f"session metadata 'created_utc': {self.created_utc!r} is not ISO 8601"
+            ) from error
+
+    def to_strings(self) -> dict[str, str]:
+        """Convert everything but `extra` to text, as the file's header keeps it."""
+        return {name: getattr(self, name) for name in _TEXTS} | {
+            "seed": "" if self.seed is None else str(self.seed)
+        }
+
+    @classmethod
+    def from_strings(cls, strings: Mapping[str, str], extra: Mapping[str, str]) -> "SessionMetadata":
+        """Convert the header's text back.
+
+        Args:
+            strings: made by `to_strings`.
+            extra: the other texts.
+
+        Returns:
+            The metadata.
+
+        Raises:
+            SessionError: a value is invalid.
+        """
+        seed = strings.get("seed", "")
+        try:
+            texts = {name: strings.get(name, "") for name in _TEXTS}
+            return cls(**texts, seed=int(seed) if seed else None, extra=dict(extra))
+        except ValueError as error:
+            raise SessionError(f"the session's metadata is not valid: {error}") from error
+
+
+_TEXTS = tuple(f.name for f in fields(SessionMetadata) if f.name not in {"seed", "extra"})
+
 
 EVENT_STREAM = "events"
 MAX_EVENT_BYTES = 4000
@@ -22,7 +88,7 @@ _LOG, _UNCLOSED = "log", "the program ended without closing the session"
 
 @dataclass(frozen=True)
 class Event:
-    """One event of a session."""
+    """One event of a session, such as a trip or a mark of the operator."""
 
     time_s: float  # when, on the clock of the session's streams [s]
     kind: str  # a short word to filter by, such as "trip"
@@ -32,12 +98,26 @@ class Event:
 
 
 def unclosed(time_s: float) -> Event:
-    """The last event of a session whose program was killed [s]."""
+    """Make the last event of a session whose program was killed.
+
+    Args:
+        time_s: on the session's clock [s].
+
+    Returns:
+        The event.
+    """
     return Event(time_s, _LOG, _UNCLOSED)
 
 
 def says_unclosed(event: Event) -> bool:
-    """Whether it is that event."""
+    """Whether an event is that of `unclosed`.
+
+    Args:
+        event: of a session.
+
+    Returns:
+        True if it is.
+    """
     return (event.kind, event.text) == (_LOG, _UNCLOSED)
 
 
@@ -53,14 +133,20 @@ _EventMessage: type[Message] = message_factory.GetMessageClass(descriptor_of(_ev
 
 
 def event_descriptor_set() -> bytes:
-    """The events' message type as a serialised FileDescriptorSet."""
+    """Serialise the events' message type as a FileDescriptorSet."""
     return file_descriptor_set(_event_type())
 
 
 def encode_event(event: Event) -> bytes:
-    """The event as a protobuf message of at most `MAX_EVENT_BYTES`; what is too long is cut and says so.
+    """Encode an event as a protobuf message of at most `MAX_EVENT_BYTES`; longer text is cut and marked.
 
-    Numpy's numbers and arrays are kept as numbers and lists; what else JSON does not know, as its text.
+    Numpy's numbers and arrays are kept as numbers and lists; other values that JSON does not know, as text.
+
+    Args:
+        event: to encode.
+
+    Returns:
+        The message.
     """
     keyed = {str(key): value for key, value in (event.data or {}).items()}
     data_json = "" if event.data is None else json.dumps(keyed, default=_plain)
@@ -83,7 +169,17 @@ def _plain(value: object) -> object:
 
 
 def decode_event(data: bytes) -> Event:
-    """Read back what `encode_event` made. SessionError: the bytes are no event."""
+    """Decode what `encode_event` made.
+
+    Args:
+        data: a message.
+
+    Returns:
+        The event.
+
+    Raises:
+        SessionError: the bytes are no event.
+    """
     try:
         message = _EventMessage.FromString(data)
         values = json.loads(message.data_json) if message.data_json else None

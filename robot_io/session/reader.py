@@ -1,4 +1,4 @@
-"""Reads a session file, whole or cut off by a crash, into arrays."""
+"""Reading of a session file, whole or cut off by a crash, into arrays."""
 
 import os
 from collections import deque
@@ -7,13 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session.event import EVENT_STREAM, Event, decode_event, says_unclosed
-from robot_io.session.mcap_file import END_RECORD, EXTRA_RECORD, FORMAT_VERSIONS, HEADER_RECORD
-from robot_io.session.metadata import SessionMetadata
-from robot_io.session.samples import Samples
-from robot_io.session.scan import Growing, Scan, scan
+from robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, says_unclosed
+from robot_io.session.mcap_file import (
+    END_RECORD,
+    EXTRA_RECORD,
+    FORMAT_VERSIONS,
+    HEADER_RECORD,
+    Growing,
+    Scan,
+    scan,
+)
 from robot_io.session.shared_log import check_streams
-from robot_io.session.stream import Stream, streams_from_json
+from robot_io.session.stream import Samples, Stream, streams_from_json
 from robot_io.session.wire import WireFormat
 
 MAX_FILE_BYTES = 4 * 1024**3
@@ -21,7 +26,7 @@ MAX_FILE_BYTES = 4 * 1024**3
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What happened in one session."""
+    """Content of one session file."""
 
     path: Path  # the session file
     metadata: SessionMetadata  # where the session comes from
@@ -34,14 +39,21 @@ class Session:
 
     @property
     def unclosed(self) -> bool:
-        """Whether its program ended without closing it: all is here that was logged until then."""
+        """Whether its program ended without closing it; everything logged until then is here."""
         return any(map(says_unclosed, self.events))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Session":
         """Read a session file.
 
-        SessionError: the file cannot be read, is no session, or was damaged after it was finished.
+        Args:
+            path: of the file.
+
+        Returns:
+            The session.
+
+        Raises:
+            SessionError: the file cannot be read, is no session, or was damaged after it was finished.
         """
         place = Path(path)
         try:
@@ -50,31 +62,46 @@ class Session:
             raise SessionError(f"{place}: {error}") from error
 
     @classmethod
-    def _from_scan(cls, path: Path, found: Scan) -> "Session":
-        header = found.metadata.get(HEADER_RECORD)
+    def _from_scan(cls, path: Path, content: Scan) -> "Session":
+        header = content.metadata.get(HEADER_RECORD)
         if header is None:
             raise SessionError("no session of palpate, or cut off at its very beginning")
         if header.get("format_version") not in FORMAT_VERSIONS:
             version = header.get("format_version", "")[:20]
             raise SessionError(f"format version '{version}'; this palpate reads {', '.join(FORMAT_VERSIONS)}")
-        samples = {one.name: _samples(one, found.messages.get(one.name, [])) for one in _streams(header)}
-        dropped = sum(_dropped(found, name, len(one), one.stream.batch) for name, one in samples.items())
+        samples = {
+            stream.name: _samples(stream, content.messages.get(stream.name, []))
+            for stream in _streams(header)
+        }
+        dropped = sum(
+            _dropped(content, name, len(sample), sample.stream.batch) for name, sample in samples.items()
+        )
         return cls(
             path=path,
-            metadata=SessionMetadata.from_strings(header, found.metadata.get(EXTRA_RECORD, {})),
-            events=tuple(decode_event(message) for message in found.messages.get(EVENT_STREAM, [])),
-            truncated=not found.complete,
-            dropped=dropped + _dropped(found, EVENT_STREAM, len(found.messages.get(EVENT_STREAM, []))),
+            metadata=SessionMetadata.from_strings(header, content.metadata.get(EXTRA_RECORD, {})),
+            events=tuple(decode_event(message) for message in content.messages.get(EVENT_STREAM, [])),
+            truncated=not content.complete,
+            dropped=dropped + _dropped(content, EVENT_STREAM, len(content.messages.get(EVENT_STREAM, []))),
             _samples=samples,
         )
 
     @property
     def stream_names(self) -> tuple[str, ...]:
-        """Names of the streams, also of those without samples."""
+        """Names of the streams, including those without samples."""
         return tuple(self._samples)
 
     def samples(self, stream_name: str) -> Samples:
-        """One stream's samples. InputError: the session has no such stream."""
+        """Return one stream's samples.
+
+        Args:
+            stream_name: name of the stream.
+
+        Returns:
+            The samples.
+
+        Raises:
+            InputError: the session has no such stream.
+        """
         if stream_name not in self._samples:
             valid = ", ".join(self._samples) or "none"
             raise UnknownNameError(f"{self.path} has no stream '{stream_name}'. Valid: {valid}")
@@ -82,14 +109,21 @@ class Session:
 
     @property
     def derived_dir(self) -> Path:
-        """Folder beside the session, of the same name, for what is derived from it; it may not exist yet."""
+        """Folder beside the session, of the same name, for derived files; it may not exist yet."""
         return self.path.with_suffix("") if self.path.suffix else self.path.with_suffix(".derived")
 
 
 class Follower:
-    """One stream of a session that is still being written; each time only what came new is read.
+    """Reads one stream of a session that is still being written; each call reads only what is new.
 
-    The `last` records are kept, so that a long session does not fill the memory.
+    Args:
+        path: of the session file.
+        stream_name: name of the stream.
+        last: number of records that are kept, so that a long session does not fill the memory.
+
+    Attributes:
+        count: number of records that were read.
+        complete: whether the file was finished.
     """
 
     def __init__(self, path: Path, stream_name: str, last: int) -> None:
@@ -97,26 +131,27 @@ class Follower:
         self._file = Growing()
         self._wire: WireFormat | None = None
         self._records: deque[bytes] = deque(maxlen=last)
-        self.count = 0  # of records that were read
-        self.complete = False  # whether the file was finished
+        self.count = 0
+        self.complete = False
 
     def read(self) -> Samples | None:
-        """The stream's last samples; None as long as there are none.
+        """Return the stream's last samples; None before the first.
 
-        SessionError: the file cannot be read, or is damaged.
+        Raises:
+            SessionError: the file cannot be read, or is damaged.
         """
         try:
             with self._path.open("rb") as file:
                 file.seek(self._file.read_bytes)
-                found = self._file.more(file.read(MAX_FILE_BYTES))
+                content = self._file.more(file.read(MAX_FILE_BYTES))
         except OSError as error:
             raise SessionError(f"{self._path}: cannot be read: {error.strerror}") from error
-        new = found.messages.get(self._name, [])
+        new = content.messages.get(self._name, [])
         self._records.extend(new)
         self.count += len(new)
-        self.complete = found.complete
-        if self._wire is None and HEADER_RECORD in found.metadata:
-            streams = {one.name: one for one in _streams(found.metadata[HEADER_RECORD])}
+        self.complete = content.complete
+        if self._wire is None and HEADER_RECORD in content.metadata:
+            streams = {stream.name: stream for stream in _streams(content.metadata[HEADER_RECORD])}
             self._wire = WireFormat(streams[self._name]) if self._name in streams else None
         if self._wire is None or not self._records:
             return None
@@ -148,12 +183,12 @@ def _samples(stream: Stream, messages: list[bytes]) -> Samples:
     return Samples.of(stream, WireFormat(stream).decode(b"".join(messages)))
 
 
-def _dropped(found: Scan, stream_name: str, count: int, batch: int = 1) -> int:
+def _dropped(content: Scan, stream_name: str, count: int, batch: int = 1) -> int:
     """Sequence numbers without a record: in the gaps, and after the last one if the file knows its end."""
-    numbers = found.sequence[stream_name]
+    numbers = content.sequence[stream_name]
     in_last = count - (len(numbers) - 1) * batch
     offered = numbers[-1] + in_last if count else 0
-    stated = found.metadata.get(END_RECORD, {}).get(stream_name, "")
+    stated = content.metadata.get(END_RECORD, {}).get(stream_name, "")
     if len(stated) < 20 and stated.isdecimal():
         offered = max(offered, int(stated))
     return max(0, offered - count)

@@ -6,24 +6,133 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
 from robot_io.errors import InputError, SessionError
 from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
-from robot_io.session.ring import RingBuffer
-from robot_io.session.stream import Stream
+from robot_io.session.stream import Record, RecordArray, Stream
+
+_LINE = 64  # bytes of a cache line; each counter has its own, so that the two sides do not slow each other
+_HEAD, _TAIL, _DROPPED = range(3)
+_HEADER = 3 * _LINE
+
+
+class RingBuffer:
+    """Ring of records in shared memory between two processes, of which neither waits for the other.
+
+    Two counters that only grow describe the content: the producer alone moves the head, after the record is
+    in place, and the consumer alone moves the tail, after it has copied. A record that meets a full ring is
+    counted, and uses up a sequence number: a gap in the numbers shows where records are missing.
+
+    Each side has an object of its own on the same memory, and uses it from one thread at a time.
+
+    Args:
+        memory: shared, of `size_bytes(dtype, slots)`, zero at first.
+        dtype: of a record.
+        slots: number of records.
+    """
+
+    def __init__(self, memory: memoryview, dtype: np.dtype[np.void], slots: int) -> None:
+        self._counters = memory[:_HEADER].cast("Q")[:: _LINE // 8]
+        records_end = _HEADER + slots * dtype.itemsize
+        self._records: RecordArray = np.frombuffer(memory[_HEADER:records_end], dtype)
+        self._sequence: np.ndarray[Any, np.dtype[np.uint64]] = np.frombuffer(
+            memory[_aligned(records_end) : _aligned(records_end) + 8 * slots], np.uint64
+        )
+        self._slots = slots
+        self._barrier = threading.Lock()
+        self._barrier.acquire()
+
+    @staticmethod
+    def size_bytes(dtype: np.dtype[np.void], slots: int) -> int:
+        """Compute the memory that a ring needs.
+
+        Args:
+            dtype: of a record.
+            slots: number of records.
+
+        Returns:
+            A whole number of cache lines [bytes].
+        """
+        return _aligned(_aligned(_HEADER + slots * dtype.itemsize) + 8 * slots)
+
+    @property
+    def full(self) -> bool:
+        """Whether the next record would be dropped."""
+        return self._counters[_HEAD] - self._counters[_TAIL] >= self._slots
+
+    @property
+    def dropped(self) -> int:
+        """Number of records that met a full ring."""
+        return self._counters[_DROPPED]
+
+    @property
+    def taken(self) -> int:
+        """Number of records that the consumer has taken out."""
+        return self._counters[_TAIL]
+
+    @property
+    def offered(self) -> int:
+        """Number of records that the producer has offered, dropped ones included."""
+        return self._counters[_HEAD] + self._counters[_DROPPED]
+
+    def push(self, record: Record) -> None:
+        """Producer: store one record, or count it as dropped.
+
+        Args:
+            record: tuple or np.void.
+        """
+        head, dropped = self._counters[_HEAD], self._counters[_DROPPED]
+        if head - self._counters[_TAIL] >= self._slots:
+            self._counters[_DROPPED] = dropped + 1
+            return
+        slot = head % self._slots
+        self._records[slot] = record
+        self._sequence[slot] = head + dropped
+        self._fence()
+        self._counters[_HEAD] = head + 1
+
+    def pop(self, at_most: int) -> tuple[np.ndarray[Any, np.dtype[np.uint64]], RecordArray]:
+        """Consumer: take out the oldest records.
+
+        Args:
+            at_most: largest number of records.
+
+        Returns:
+            Copies of the sequence numbers, shape (n,), and of the records, shape (n,).
+        """
+        tail = self._counters[_TAIL]
+        available = self._counters[_HEAD] - tail
+        self._fence()
+        slot = tail % self._slots
+        end = slot + min(available, at_most, self._slots - slot)
+        sequence, records = self._sequence[slot:end].copy(), self._records[slot:end].copy()
+        self._fence()
+        self._counters[_TAIL] = tail + end - slot
+        return sequence, records
+
+    def _fence(self) -> None:
+        """Order the writes before it and those after it, also on CPUs that would exchange them (ARM)."""
+        self._barrier.release()
+        self._barrier.acquire()
+
+
+def _aligned(size: int) -> int:
+    return -(-size // _LINE) * _LINE
+
 
 EVENT_SLOTS = 512
 EVENT_DTYPE = np.dtype([("time_s", "<f8"), ("size", "<u4"), ("message", f"V{MAX_EVENT_BYTES}")])
 
 STARTING, READY, FINISHED, FAILED = range(4)
 
-_WORDS = 64  # bytes: state of the writer, wish of the program, length of the failure's text, its errno
+_WORDS = 64  # bytes: state of the writer, stop request, length of the failure's text, its errno
 _STATE, _STOP, _FAILURE_LENGTH, _ERRNO = range(4)
 _FAILURE_BYTES = 960
 _BLOCK = _WORDS + _FAILURE_BYTES
@@ -32,7 +141,10 @@ _BLOCK = _WORDS + _FAILURE_BYTES
 class SharedLog:
     """Rings and state at the same places for both sides, which know the streams and the number of slots.
 
-    The memory is a file descriptor of `open_memory`.
+    Args:
+        memory: file descriptor of `open_memory`.
+        streams: of the session.
+        ring_slots: records of each ring.
     """
 
     def __init__(self, memory: int, streams: Sequence[Stream], ring_slots: int) -> None:
@@ -62,7 +174,7 @@ class SharedLog:
         return bool(self._words[_STOP])
 
     def request_stop(self) -> None:
-        """Program: have the rings emptied and the file finished."""
+        """Program: request that the rings are emptied and the file is finished."""
         self._words[_STOP] = 1
 
     @property
@@ -74,12 +186,17 @@ class SharedLog:
 
     @property
     def system_error(self) -> OSError | None:
-        """The system's error behind the failure; None if there is none."""
+        """System error behind the failure; None if there is none."""
         number = self._words[_ERRNO]
         return OSError(number, os.strerror(number)) if number else None
 
     def fail(self, text: str, errno: int | None) -> None:
-        """Writer process: give up, and say why; with the system's error number if it is one."""
+        """Writer process: stop with a failure.
+
+        Args:
+            text: reason.
+            errno: the system's error number, if any.
+        """
         self._words[_ERRNO] = errno or 0
         data = text.encode()[:_FAILURE_BYTES]
         self._failure[: len(data)] = data
@@ -88,9 +205,17 @@ class SharedLog:
 
 
 def open_memory(streams: Sequence[Stream], ring_slots: int) -> int:
-    """File descriptor of anonymous memory for a `SharedLog`: it is gone with the last process that uses it.
+    """Allocate anonymous memory for a `SharedLog`; it is freed with the last process that uses it.
 
-    SessionError: the system does not give so much.
+    Args:
+        streams: of the session.
+        ring_slots: records of each ring.
+
+    Returns:
+        File descriptor.
+
+    Raises:
+        SessionError: there is not enough memory.
     """
     size = _size_bytes(_layout(streams, ring_slots))
     memory = os.memfd_create("palpate-log") if hasattr(os, "memfd_create") else _unlinked_file()
@@ -114,9 +239,13 @@ def _unlinked_file() -> int:
 
 
 def check_streams(streams: Sequence[Stream]) -> None:
-    """Refuse streams that cannot live in one session.
+    """Check that streams can be in one session.
 
-    InputError: a name is there twice, or is the one of the events.
+    Args:
+        streams: to check.
+
+    Raises:
+        InputError: a name appears twice, or is that of the events.
     """
     names = [stream.name for stream in streams]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -150,7 +279,7 @@ class Job:
     extra: dict[str, str]  # the metadata's extra part
 
     def start(self) -> subprocess.Popen[str]:
-        """Start the writer process: a fresh interpreter, out of reach of the terminal's Ctrl-C."""
+        """Start the writer process: a new interpreter, out of reach of the terminal's Ctrl-C."""
         search_path = os.pathsep.join(filter(None, sys.path))
         process = subprocess.Popen(  # noqa: S603 - nothing in it comes from outside
             [sys.executable, "-P", "-m", MODULE],
@@ -168,5 +297,12 @@ class Job:
 
     @classmethod
     def receive(cls, pipe: IO[str]) -> "Job":
-        """Read the job at the other end."""
+        """Read the job in the writer process.
+
+        Args:
+            pipe: its standard input.
+
+        Returns:
+            The job.
+        """
         return cls(**json.loads(pipe.readline()))

@@ -1,16 +1,18 @@
-"""What one stream of a session holds: named columns with units. The rest of its form follows from this."""
+"""Streams of a session: named columns with units, and their samples as arrays."""
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from robot_io.errors import InputError, SessionError
+from robot_io.errors import InputError, SessionError, UnknownNameError
 
 Record = tuple[object, ...] | np.void
 RecordArray = NDArray[np.void]
@@ -63,7 +65,8 @@ class Column:
 class Stream:
     """A named sequence of records that all have the same columns.
 
-    InputError: a name twice, no time, or a message of more than `MAX_RECORD_BYTES`.
+    Raises:
+        InputError: a name appears twice, there is no time, or a message exceeds `MAX_RECORD_BYTES`.
     """
 
     name: str  # letters, digits and underscores
@@ -96,11 +99,16 @@ class Stream:
         return np.dtype([(c.name, c.scalar_dtype, c.shape) for c in self.columns])
 
     def records(self, columns: Mapping[str, ArrayLike]) -> RecordArray:
-        """Put whole columns together into records: a structured array of `dtype`, shape (n,).
+        """Combine columns into records.
 
-        Each column is an array of shape (n,) or (n, width), all of the same length n.
+        Args:
+            columns: arrays of shape (n,) or (n, width), all of the same length n.
 
-        InputError: a column is missing, unknown, of another length or shape, or not a number.
+        Returns:
+            Structured array of `dtype`, shape (n,).
+
+        Raises:
+            InputError: a column is missing, unknown, of another length or shape, or not a number.
         """
         arrays = self.arrays(columns)
         records = np.zeros(len(arrays[TIME_COLUMN]), self.dtype)
@@ -109,7 +117,17 @@ class Stream:
         return records
 
     def arrays(self, columns: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
-        """Whole columns as arrays that fit the stream; see `records`."""
+        """Convert columns to arrays that fit the stream.
+
+        Args:
+            columns: as for `records`.
+
+        Returns:
+            The arrays.
+
+        Raises:
+            InputError: as `records`.
+        """
         names = {column.name for column in self.columns}
         if names != set(columns):
             raise InputError(
@@ -133,12 +151,29 @@ class Stream:
 
 
 def streams_to_json(streams: tuple[Stream, ...]) -> str:
-    """Describe streams as JSON text, as a session's header keeps them."""
+    """Describe streams as JSON text, as a session's header keeps them.
+
+    Args:
+        streams: to describe.
+
+    Returns:
+        JSON.
+    """
     return json.dumps([asdict(stream) for stream in streams])
 
 
 def streams_from_json(text: str) -> tuple[Stream, ...]:
-    """Read back what `streams_to_json` wrote. SessionError: the text describes no valid streams."""
+    """Read what `streams_to_json` wrote.
+
+    Args:
+        text: JSON.
+
+    Returns:
+        The streams.
+
+    Raises:
+        SessionError: the text describes no valid streams.
+    """
     try:
         return tuple(
             Stream(
@@ -148,3 +183,91 @@ def streams_from_json(text: str) -> tuple[Stream, ...]:
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise SessionError(f"the description of the streams is not valid: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The records of one stream as columns; all arrays are read-only."""
+
+    stream: Stream  # name, units and meaning of the columns
+    columns: Mapping[str, NDArray[Any]]  # each column, shape (n,) for a scalar or (n, width), in its unit
+
+    @classmethod
+    def of(cls, stream: Stream, columns: dict[str, NDArray[Any]]) -> "Samples":
+        """Make samples of columns that nobody else changes.
+
+        Args:
+            stream: of the columns.
+            columns: arrays of shape (n,) or (n, width).
+
+        Returns:
+            The samples.
+        """
+        return cls(stream, _read_only(columns))
+
+    @classmethod
+    def from_records(cls, stream: Stream, records: RecordArray) -> "Samples":
+        """Split records into columns.
+
+        Args:
+            stream: of the records.
+            records: shape (n,).
+
+        Returns:
+            The samples.
+        """
+        return cls.of(stream, {c.name: records[c.name].astype(c.dtype) for c in stream.columns})
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        try:
+            return self.columns[name]
+        except KeyError:
+            close = get_close_matches(name, self.columns, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise UnknownNameError(
+                f"stream '{self.stream.name}' has no column '{name}'{hint} Valid: {', '.join(self.columns)}"
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column."""
+        return {column.name: column.unit for column in self.stream.columns}
+
+    def vector(self, name: str) -> NDArray[Any]:
+        """Return a column as shape (n, width), even if the width is 1, as with an arm of one joint.
+
+        Args:
+            name: of the column.
+
+        Returns:
+            The array.
+        """
+        array = self[name]
+        return array[:, np.newaxis] if array.ndim == 1 else array
+
+    def select(self, chosen: ArrayLike) -> "Samples":
+        """Select some of the samples.
+
+        Args:
+            chosen: mask of shape (n,), or indices.
+
+        Returns:
+            The selected samples.
+        """
+        index = np.asarray(chosen)
+        return Samples(self.stream, _read_only({name: array[index] for name, array in self.columns.items()}))
+
+
+def _read_only(columns: dict[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
+    for array in columns.values():
+        array.setflags(write=False)
+    return MappingProxyType(columns)

@@ -37,14 +37,18 @@ _WIRE_TYPE = {8: _FIXED64, 4: _FIXED32, 1: _VARINT}  # by size; a bool is a vari
 
 
 class WireFormat:
-    """Encodes and decodes the records of one stream."""
+    """Encodes and decodes the records of one stream.
+
+    Args:
+        stream: of the records.
+    """
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
 
     @cached_property
     def dtype(self) -> np.dtype[np.void]:
-        """The columns at their places in a message, (batch,) or (batch, width), with gaps for the tags."""
+        """Columns at their places in a message, (batch,) or (batch, width), with gaps for the tags."""
         offsets, end = [], 0
         for column, tag in zip(self.stream.columns, self._tags, strict=True):
             offsets.append(end + len(tag))
@@ -89,7 +93,14 @@ class WireFormat:
         return np.concatenate(parts)
 
     def encode(self, records: RecordArray) -> list[bytes]:
-        """Messages of records of the stream's dtype, shape (n,); only the last may hold less than a batch."""
+        """Encode records.
+
+        Args:
+            records: of the stream's dtype, shape (n,).
+
+        Returns:
+            Messages; only the last may hold less than a batch.
+        """
         size, whole = self.dtype.itemsize, len(records) // self.stream.batch
         messages = np.tile(self._template, whole).view(self.dtype)
         for column in self.stream.columns:
@@ -100,15 +111,22 @@ class WireFormat:
         return [data[start : start + size] for start in range(0, len(data), size)] + last
 
     def decode(self, messages: bytes) -> dict[str, NDArray[Any]]:
-        """The columns, each (n,) or (n, width), of messages one after the other.
+        """Decode messages one after the other.
 
-        SessionError: the bytes are not messages of this form.
+        Args:
+            messages: made by `encode`.
+
+        Returns:
+            Columns of shape (n,) or (n, width).
+
+        Raises:
+            SessionError: the bytes are not messages of this form.
         """
         whole = len(messages) // self.dtype.itemsize * self.dtype.itemsize
         parts = [self._view(memoryview(messages)[:whole])]
         if rest := memoryview(messages)[whole:]:
             shorter = map(self._of, range(1, self.stream.batch))
-            last = next((one for one in shorter if one.dtype.itemsize == len(rest)), None)
+            last = next((form for form in shorter if form.dtype.itemsize == len(rest)), None)
             if last is None:
                 raise SessionError(
                     f"stream '{self.stream.name}': a message is not {self.dtype.itemsize} bytes long"
@@ -133,7 +151,7 @@ class WireFormat:
         return raw.reshape(-1).view(self.dtype)
 
     def descriptor_set(self) -> bytes:
-        """The message type as a serialised FileDescriptorSet, as MCAP wants it for protobuf."""
+        """Serialise the message type as a FileDescriptorSet, as MCAP needs it for protobuf."""
         message = descriptor_pb2.DescriptorProto(name=self.stream.name)
         for number, column in enumerate(self.stream.columns, start=1):
             message.field.add(
@@ -147,13 +165,27 @@ class WireFormat:
 
 
 def file_descriptor_set(message: descriptor_pb2.DescriptorProto) -> bytes:
-    """Wrap one message type into a serialised proto3 FileDescriptorSet."""
+    """Wrap one message type into a serialised proto3 FileDescriptorSet.
+
+    Args:
+        message: type of the message.
+
+    Returns:
+        The serialised set.
+    """
     data: bytes = descriptor_pb2.FileDescriptorSet(file=[_file(message)]).SerializeToString()
     return data
 
 
 def descriptor_of(message: descriptor_pb2.DescriptorProto) -> Any:  # noqa: ANN401, built at run time
-    """One message type, in a pool of its own, for the classes that protobuf makes of it."""
+    """Register one message type in a pool of its own, from which protobuf makes classes.
+
+    Args:
+        message: type of the message.
+
+    Returns:
+        Its descriptor.
+    """
     pool = descriptor_pool.DescriptorPool()
     pool.Add(_file(message))
     return pool.FindMessageTypeByName(f"{PACKAGE}.{message.name}")

@@ -15,12 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
 from robot_io.files.whole_file import whole_file
-from robot_io.session.event import EVENT_STREAM, Event, encode_event
+from robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, encode_event
 from robot_io.session.lock import is_locked
 from robot_io.session.mcap_file import McapFile
-from robot_io.session.metadata import SessionMetadata
-from robot_io.session.ring import RingBuffer
-from robot_io.session.shared_log import FINISHED, STARTING, Job, SharedLog, check_streams, open_memory
+from robot_io.session.shared_log import (
+    FINISHED,
+    STARTING,
+    Job,
+    RingBuffer,
+    SharedLog,
+    check_streams,
+    open_memory,
+)
 from robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
 
 START_LIMIT_S = 60.0

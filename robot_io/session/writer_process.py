@@ -13,10 +13,9 @@ from typing import BinaryIO
 
 from robot_io.errors import SessionError
 from robot_io.files.whole_file import held_name
-from robot_io.session.event import EVENT_STREAM, encode_event, unclosed
+from robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
 from robot_io.session.lock import lock
 from robot_io.session.mcap_file import McapFile
-from robot_io.session.metadata import SessionMetadata
 from robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
 from robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 

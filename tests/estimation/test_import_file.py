@@ -15,7 +15,7 @@ from estimation.data.import_options import ImportOptions, parse_pairs
 from estimation.data.session_streams import import_streams
 from estimation.study.source import open_source
 from robot_io.errors import InputError
-from robot_io.files import unpacked
+from robot_io.files import whole_file
 from robot_io.session import SessionMetadata, write_session
 
 T = np.arange(50) * 0.01
@@ -300,7 +300,7 @@ def test_what_would_fill_the_memory_is_refused(tmp_path, monkeypatch, contact, n
 
 
 def test_what_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(unpacked, "_ALWAYS", 100_000)
+    monkeypatch.setattr(whole_file, "_ALWAYS", 100_000)
     file = tmp_path / "x.parquet"
     same = pa.DictionaryArray.from_arrays(np.zeros(2000, np.int32), pa.array(["x" * 1000]))
     pyarrow.parquet.write_table(pa.table({"a": same}), file, store_schema=False)

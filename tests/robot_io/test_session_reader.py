@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.files import unpacked
+from robot_io.files import whole_file
 from robot_io.session import (
     Column,
     Event,
@@ -21,13 +21,12 @@ from robot_io.session import (
     Session,
     SessionMetadata,
     Stream,
-    scan,
+    mcap_file,
     write_session,
     writer,
 )
 from robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
-from robot_io.session.samples import Samples
-from robot_io.session.stream import streams_to_json
+from robot_io.session.stream import Samples, streams_to_json
 from robot_io.session.wire import WireFormat
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
 
@@ -116,8 +115,8 @@ def test_a_long_session_has_many_records_in_a_message_and_is_read_back(tmp_path,
     again = write_session(
         tmp_path / "short.mcap", [(session.samples("slow").stream, session.samples("slow").columns)], METADATA
     )
-    assert scan.scan(path.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "2"
-    assert scan.scan(again.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "1"
+    assert mcap_file.scan(path.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "2"
+    assert mcap_file.scan(again.read_bytes()).metadata[HEADER_RECORD]["format_version"] == "1"
 
 
 def test_a_session_that_is_not_long_has_a_record_in_each_message(tmp_path, in_batches):
@@ -333,14 +332,14 @@ def test_a_file_that_is_not_as_it_should_be_is_refused_in_one_line(tmp_path, arg
 
 def test_more_data_than_there_is_memory_for_is_refused(tmp_path, monkeypatch):
     path = written(tmp_path / "s.mcap")
-    monkeypatch.setattr(scan, "MAX_DATA_BYTES", 100_000)
+    monkeypatch.setattr(mcap_file, "MAX_DATA_BYTES", 100_000)
     with pytest.raises(SessionError, match="far more data than a session of its size"):
         Session.open(path)
 
 
 def test_a_session_that_is_small_only_while_it_is_packed_is_refused(tmp_path, monkeypatch):
     path = foreign(tmp_path / "s.mcap", {}, [("events", bytes(4_000_000))] * 10)
-    monkeypatch.setattr(unpacked, "_ALWAYS", 1_000_000)
+    monkeypatch.setattr(whole_file, "_ALWAYS", 1_000_000)
     with pytest.raises(SessionError, match="far more data"):
         Session.open(path)
 

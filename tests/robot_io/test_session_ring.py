@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.session.ring import RingBuffer
+from robot_io.session.shared_log import RingBuffer
 
 DTYPE = np.dtype([("a", "<i8"), ("b", "<f8", (30,))])
 

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from palpate.files import whole_file
 from palpate.render import palette
-from robot_io.files.utf8 import as_utf8
+from robot_io.files.whole_file import as_utf8
 from robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines

@@ -12,19 +12,19 @@ from robot_io.clock import SimulatedClock
 from robot_io.errors import InputError
 from robot_io.link import (
     ContactModel,
+    EstimatedParameter,
     Frame,
     FrameError,
     Heard,
     Intent,
     Message,
     ObjectEstimate,
-    Parameter,
     Report,
     Target,
     decode,
     encode,
 )
-from robot_io.link.seal import CHECKSUM, Seal
+from robot_io.link.frame import CHECKSUM, Seal
 from sim_backend.scenario import Scenario
 
 DOWN = (0.0, 0.0, -1.0)
@@ -39,7 +39,7 @@ ESTIMATE = ObjectEstimate(
     surface_world_m=(0.4, 0.0, 0.05),
     direction_world=DOWN,
     model=(MODEL,),
-    parameters=(Parameter("stiffness.k", "N/m", 500.0, 499.0, 501.0),),
+    parameters=(EstimatedParameter("stiffness.k", "N/m", 500.0, 499.0, 501.0),),
     verdict="adequate",
     words="nothing is missing",
     rmse_n=0.02,

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from robot_io.calibration.identity import device_identity
+from robot_io.calibration.applied import device_identity
 from robot_io.drivers.dynamixel.settings import DynamixelSettings
 from robot_io.drivers.feetech.settings import FeetechSettings
 from robot_io.errors import DeviceError, InputError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robot_io.guard import Guard, Limits, SafeState
-from robot_io.guard.deaf_drive import DeafDrives
+from robot_io.guard.unresponsive_drive import UnresponsiveDrives
 from robot_io.types import Command, Measurement, Status
 
 DT = 1e-3
@@ -107,7 +107,7 @@ WEAR = {
 @pytest.mark.parametrize("wear", WEAR)
 def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     drive = Sound(seed, **WEAR[wear])
-    assert ticks_until_named(DeafDrives(LIMITS), drive.show, every=every) is None
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, every=every) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -118,7 +118,7 @@ def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
 )
 def test_what_a_reading_is_always_off_is_known_before_it_is_held_against_a_large_torque(wear, side):
     drive = Sound(noise=0.01, **wear)
-    assert ticks_until_named(DeafDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
 
 
 SMALL_NM = 4.0  # limit of a small drive
@@ -143,7 +143,7 @@ def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
         return levels[k // 400] + (levels[k // 400 + 1] - levels[k // 400]) * reached
 
     drive = Sound(seed, noise=0.005, **SMALL_WEAR[wear])
-    assert ticks_until_named(DeafDrives(limits), drive.show, sent, count=8000) is None
+    assert ticks_until_named(UnresponsiveDrives(limits), drive.show, sent, count=8000) is None
 
 
 EDGES = [  # torque limit; what is sent and shown in turn, then what; whether that is missed
@@ -168,7 +168,7 @@ EDGES = [  # torque limit; what is sent and shown in turn, then what; whether th
 )
 def test_how_much_may_be_missing_is_as_it_says(limit_nm, sent, shown, then_sent, then_shown, missed, side):
     """Each in numbers that floats hold exactly: 1 N m up and down is a mean jump of 1 N m."""
-    check = DeafDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
+    check = UnresponsiveDrives(LIMITS.model_copy(update={"torque_nm": (limit_nm, limit_nm)}))
     named = ticks_until_named(
         check,
         lambda k, _: side * (shown if k <= 500 else then_shown)[k % 2],
@@ -185,7 +185,7 @@ def test_a_drive_that_restarts_is_named_in_time(wear, at, side):
     drive = Sound(**WEAR[wear])
     off = Sound(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
     tick, said = ticks_until_named(
-        DeafDrives(LIMITS),
+        UnresponsiveDrives(LIMITS),
         lambda k, sent: side * (drive.show(k, side * sent) if k < at else off.show(k, 0.0)),
         lambda k: side * gravity(k),
     )
@@ -223,7 +223,7 @@ NAMED = {  # changed limits, what is shown, what is sent, ticks a sample; the fi
 @pytest.mark.parametrize("case", NAMED)
 def test_a_drive_that_obeys_no_more_is_named_as_soon_as_it_is_sure(case):
     changes, shows, sent, every, (first, last) = NAMED[case]
-    check = DeafDrives(LIMITS.model_copy(update=changes))
+    check = UnresponsiveDrives(LIMITS.model_copy(update=changes))
     tick, _ = ticks_until_named(check, shows(), sent, every=every)
     assert first <= tick <= last
 
@@ -231,7 +231,7 @@ def test_a_drive_that_obeys_no_more_is_named_as_soon_as_it_is_sure(case):
 @pytest.mark.parametrize("sent_nm", [-4.5, 0.95])
 def test_it_says_what_was_sent_and_what_is_exerted(sent_nm):
     waves = lambda k: sent_nm * (1.1 if k % 90 < 45 else 1.0)  # noqa: E731
-    _, said = ticks_until_named(DeafDrives(LIMITS), deaf(300, noise=1e-4), waves)
+    _, said = ticks_until_named(UnresponsiveDrives(LIMITS), deaf(300, noise=1e-4), waves)
     assert f"0.00 N m where {sent_nm:.2f} N m was sent" in said
 
 
@@ -245,12 +245,14 @@ def test_it_says_what_was_sent_and_what_is_exerted(sent_nm):
 )
 def test_times_are_kept_to_the_tick(deaf_from, sent_from, named_at):
     sent = lambda k: 4.0 if k >= sent_from else 0.1  # noqa: E731
-    tick, _ = ticks_until_named(DeafDrives(LIMITS), deaf(deaf_from - 1), sent, first=min(sent_from, 0))
+    tick, _ = ticks_until_named(
+        UnresponsiveDrives(LIMITS), deaf(deaf_from - 1), sent, first=min(sent_from, 0)
+    )
     assert tick == named_at
 
 
 def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
-    check, shows = DeafDrives(LIMITS), deaf(0)
+    check, shows = UnresponsiveDrives(LIMITS), deaf(0)
     assert ticks_until_named(check, shows, lambda k: 4.0, first=-300, count=301) is None
     tick, _ = ticks_until_named(check, shows, lambda k: 4.0, first=100)
     assert tick == 104  # the fifth sample
@@ -261,7 +263,7 @@ def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(sid
     drive = Sound(noise=0.01)
     shows = lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0)  # noqa: E731
     turns = lambda k: 2.0 if k % 1000 < 500 else -2.0  # noqa: E731
-    assert ticks_until_named(DeafDrives(LIMITS), shows, turns) is None
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), shows, turns) is None
 
 
 @pytest.mark.parametrize("phase", range(0, 100, 20))
@@ -269,17 +271,17 @@ def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(sid
 def test_a_reading_may_be_late_when_the_command_jumps(phase, side):
     drive = Sound(late=90, noise=0.01)
     sent = lambda k: side * (1.0 if k < 300 + phase else 6.0)  # noqa: E731
-    assert ticks_until_named(DeafDrives(LIMITS), drive.show, sent, count=600) is None
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=600) is None
 
 
 def test_single_bad_samples_do_not_add_up():
     drive = Sound(noise=0.01)
     two = lambda k, sent: drive.show(k, 0.0 if k % 240 in range(100, 116) else sent)  # noqa: E731
-    assert ticks_until_named(DeafDrives(LIMITS), two, lambda k: 3.0, every=8) is None
+    assert ticks_until_named(UnresponsiveDrives(LIMITS), two, lambda k: 3.0, every=8) is None
 
 
 def test_the_same_old_sample_proves_nothing():
-    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    check, drive = UnresponsiveDrives(LIMITS), Sound(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
         assert check.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
@@ -287,7 +289,7 @@ def test_the_same_old_sample_proves_nothing():
 
 
 def test_a_drive_at_the_end_of_its_range_is_not_accused():
-    check, drive = DeafDrives(LIMITS), Sound(noise=0.01)
+    check, drive = UnresponsiveDrives(LIMITS), Sound(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
         shown = measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED)
@@ -297,13 +299,13 @@ def test_a_drive_at_the_end_of_its_range_is_not_accused():
 
 def test_after_a_pause_it_begins_anew():
     """The drive's own watchdog has let go meanwhile, and it takes some time to come back."""
-    check, shows = DeafDrives(LIMITS), deaf(500, until=531)
+    check, shows = UnresponsiveDrives(LIMITS), deaf(500, until=531)
     assert ticks_until_named(check, shows, lambda k: 3.0, count=300) is None
     assert ticks_until_named(check, shows, lambda k: 3.0, first=500, count=600) is None
 
 
 def test_without_commands_nothing_is_expected():
-    check = DeafDrives(LIMITS)
+    check = UnresponsiveDrives(LIMITS)
     for k in range(500):
         assert check.problem(measured(k * DT, [0.01 * (k % 3), 0.0])) is None
 

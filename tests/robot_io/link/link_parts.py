@@ -1,6 +1,6 @@
 """Messages for tests of the line."""
 
-from robot_io.link import ContactModel, Intent, ObjectEstimate, Parameter, Report, Target
+from robot_io.link import ContactModel, EstimatedParameter, Intent, ObjectEstimate, Report, Target
 
 DOWN = (0.0, 0.0, -1.0)
 
@@ -32,7 +32,7 @@ def estimate(**changes) -> ObjectEstimate:
         "surface_world_m": (0.4, 0.0, 0.05),
         "direction_world": DOWN,
         "model": (ContactModel("kelvin_voigt", ("stiffness_n_m", "damping_n_s_m"), (500.0, 20.0)),),
-        "parameters": (Parameter("stiffness.k", "N/m", 500.0, 499.0, 501.0),),
+        "parameters": (EstimatedParameter("stiffness.k", "N/m", 500.0, 499.0, 501.0),),
         "verdict": "adequate",
         "words": "nothing is missing",
         "rmse_n": 0.02,

@@ -7,8 +7,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from robot_io.errors import InputError
 from robot_io.link import ContactModel, FrameError, Heard, Target, decode, encode, load_seal, target_number
-from robot_io.link.frame import MOST_BYTES
-from robot_io.link.seal import CHECKSUM, Seal, key_seal
+from robot_io.link.frame import CHECKSUM, MOST_BYTES, Seal, key_seal
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]

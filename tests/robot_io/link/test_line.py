@@ -12,9 +12,8 @@ import pytest
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
 from robot_io.link import Impairment, Line, LineSettings
-from robot_io.link.frame import MOST_BYTES
-from robot_io.link.impairment import BadNetwork
-from robot_io.link.seal import load_seal
+from robot_io.link.frame import MOST_BYTES, load_seal
+from robot_io.link.line import BadNetwork
 from tests.free_port import free_port
 from tests.robot_io.link.link_parts import intent, report, target
 

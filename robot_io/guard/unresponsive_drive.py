@@ -1,14 +1,13 @@
-"""Finds a drive that does not obey: it goes on answering, but exerts no torque, or the opposite.
+"""Detection of a drive that does not obey: it still answers, but exerts no torque, or the opposite one.
 
-A drive that has restarted may say so in none of its frames. What gives it away is its own measured torque. It
-is held against everything that was sent in the time after which a sound drive shows it, so that delays, lags
-and fast changes of the command excuse themselves; and a torque near zero tells nothing.
+A drive that has restarted may report it in none of its frames; its own measured torque shows it. The torque
+is compared with everything that was sent within the time after which a sound drive shows it, so that delays,
+lags and fast changes of the command are allowed for; a torque near zero is not judged.
 
 Not every sound drive shows what it was sent: constants are off by tens of percent, zeros drift, amplifiers
-saturate, small torques are swallowed, and some readings are mostly noise or rounding. So half of the torque
-may always be missing; a reading may be off by what it has usually been off; what is no more than its own
-jumps from one sample to the next is not held against it; and a small torque is not missed of a drive that
-has never shown so small a torque on that side.
+saturate, small torques are lost, and some readings are mostly noise or rounding. So half of the torque may
+always be missing; a reading may be off by its usual error; a difference within the reading's own jumps is
+ignored; and a small torque is not expected of a drive that has never shown so small a torque on that side.
 """
 
 from math import copysign, inf, nan
@@ -52,7 +51,7 @@ class _Drive:
         self.sent_nm = self.before_nm = (inf, -inf)
         self.low_nm, self.high_nm = inf, -inf
         self.measured_nm = nan
-        self.jump_nm = inf  # nobody knows how coarse a reading is that has not changed yet
+        self.jump_nm = inf  # resolution unknown until the reading changes
         # Smallest torques that were clearly shown, by their sign.
         self.clear_nm = dict.fromkeys((1.0, -1.0), _LARGE_SHARE * limit_nm / _SMALLER)
         self.usually_off_nm = self.obeyed_at_s = 0.0
@@ -100,10 +99,11 @@ class _Drive:
         self.usually_off_nm += (off_nm - self.usually_off_nm) * share
 
 
-class DeafDrives:
-    """Remembers for each drive what was sent to it, and since when it shows something else.
+class UnresponsiveDrives:
+    """Tracks for each drive what was sent to it, and since when it shows something else.
 
-    `limits.deaf_drive_s` is the time, shares of the arm's torques are thresholds.
+    Args:
+        limits: `deaf_drive_s` is the time; shares of the arm's torques are thresholds.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -117,7 +117,12 @@ class DeafDrives:
         self._drives = tuple(map(_Drive, self._torques_nm))
 
     def sent(self, time_s: float, torque_nm: list[float]) -> None:
-        """Remember a command (n) [N m] that goes out now."""
+        """Remember a command that is sent now.
+
+        Args:
+            time_s: now, on the robot's clock [s].
+            torque_nm: shape (n,) [N m].
+        """
         if time_s - self._sent_at_s > _PAUSE_S:
             self.restart()
             self._begun_s = self._stretch_s = time_s
@@ -129,7 +134,14 @@ class DeafDrives:
             drive.widen(torque, is_next=is_next)
 
     def problem(self, measurement: Measurement) -> Problem | None:
-        """The first drive that has not obeyed for so long, or None; a sample seen before says nothing."""
+        """Judge one tick; a repeated sample is ignored.
+
+        Args:
+            measurement: of this tick.
+
+        Returns:
+            The problem of the first drive that has not obeyed for `deaf_drive_s`, or None.
+        """
         sampled_at_s = measurement.torque_at_s
         if not (sampled_at_s > self._sampled_at_s and sampled_at_s - self._sent_at_s <= _PAUSE_S):
             return None
