@@ -23,6 +23,7 @@ _MOST_KINDS = 6  # that are compared in all combinations
 _MOST_NAMED = 4  # in the smallest set
 _CLOSE = 0.05  # of what can be explained, by which the smallest set may miss the best
 _CLOSE_TO_LEFT = 0.03  # of what is left by the best
+_THOROUGH = 1.1  # times the least mean squared error
 _STANDS_IN = 0.75  # of what a kind takes beside the others, from which another may replace it
 _DRAWS = 200  # of runs, for intervals
 
@@ -51,6 +52,7 @@ class ErrorBudget:
     left: float  # share that these kinds leave
     flexible: float  # share that all kinds together leave
     alternatives: tuple[Kinds, ...] = ()  # further sets of as few kinds that explain about as much
+    thorough: Kinds = frozenset()  # the smallest set that leaves about as little as all kinds do
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -73,8 +75,10 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
     if base <= 0.0:
         return ErrorBudget(0.0, (), 1.0, 1.0)
     every = frozenset(error.kinds)
-    sets = _Sets(error, _relevant(error, every) if only is None else only & every)
-    smallest = sets.smallest() if only is None else [only & every]
+    known = frozenset[Kind]() if only is None else only & every
+    sets = _Sets(error, _relevant(error, every) | known)
+    smallest = sets.smallest(sets.limit) if only is None else [only & every]
+    thorough = sets.smallest(_THOROUGH * sets.least(sets.relevant))[0]
     chosen = smallest[0]
     values = _shapley(sets, chosen, error.counts[:, None])[0]
     weights = rng.multinomial(error.runs, np.full(error.runs, 1.0 / error.runs), size=_DRAWS).T.astype(
@@ -98,7 +102,8 @@ def error_budget(error: SquaredErrors, rng: np.random.Generator, only: Kinds | N
         )
     entries.sort(key=lambda entry: -entry.share)
     left = sets.least(chosen) / base
-    return ErrorBudget(float(np.sqrt(base)), tuple(entries), left, everything / base, tuple(smallest[1:]))
+    further = tuple(smallest[1:])
+    return ErrorBudget(float(np.sqrt(base)), tuple(entries), left, everything / base, further, thorough)
 
 
 def _ordered(kinds: Kinds) -> list[Kind]:
@@ -140,11 +145,15 @@ class _Sets:
         """Mean squared error of the best set within these kinds."""
         return float(self.by_run(kinds).sum() / self.error.counts.sum())
 
-    def smallest(self) -> list[Kinds]:
-        """The smallest sets that explain about as much as all kinds do, the best first."""
+    @property
+    def limit(self) -> float:
+        """Mean squared error up to which a set explains about as much as all kinds do."""
         base, best = self.error.mean_square(), self.least(self.relevant)
-        limit = best + _CLOSE * (base - best) + _CLOSE_TO_LEFT * best
-        if base <= limit:
+        return best + _CLOSE * (base - best) + _CLOSE_TO_LEFT * best
+
+    def smallest(self, limit: float) -> list[Kinds]:
+        """The smallest sets that leave no larger mean squared error than this, the best first."""
+        if self.error.mean_square() <= limit:
             return [frozenset()]
         most = min(_MOST_NAMED, len(self.relevant))
         for size in range(1, most + 1):

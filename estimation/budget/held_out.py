@@ -102,7 +102,7 @@ class HeldOutError(SquaredErrors):
         signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
-        self._half: IntArray = _alternating_pieces(self._run)
+        self._half: IntArray = _alternating_pieces(self._run, self._target)
         fold = self.blocked.fold[rows]
         self._folds = [np.flatnonzero(fold == number) for number in np.unique(fold)]
         self._grams = np.stack([self._columns[part].T @ self._columns[part] for part in self._folds])
@@ -163,7 +163,7 @@ def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> Floa
     Returns:
         What is left, shape (n,); the signal itself in runs too short to be fitted.
     """
-    half, left = _alternating_pieces(run), signal.copy()
+    half, left = _alternating_pieces(run, signal), signal.copy()
     for number in range(int(run.max()) + 1):
         for side in (0, 1):
             there = np.flatnonzero((run == number) & (half != side))
@@ -174,13 +174,19 @@ def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> Floa
     return left
 
 
-def _alternating_pieces(run: IntArray) -> IntArray:
-    """Number the pieces of each run 0, 1, 0, 1 ..., shape (n,)."""
-    count = np.bincount(run)
-    order = np.argsort(run, kind="stable")
-    place = np.empty(len(run), dtype=np.int64)
-    place[order] = np.arange(len(run)) - np.repeat(np.cumsum(count) - count, count)
-    return np.asarray((place * _PIECES // count[run]) % 2)
+def _alternating_pieces(run: IntArray, signal: FloatArray) -> IntArray:
+    """Number the pieces of each run 0, 1, 0, 1 ..., shape (n,).
+
+    A piece holds as much of the signal's square, and of the time, as any other of the run: where a signal is
+    large for a moment only, both halves see that moment.
+    """
+    side = np.empty(len(run), dtype=np.int64)
+    for number in range(int(run.max()) + 1):
+        rows = np.flatnonzero(run == number)
+        energy = signal[rows] ** 2
+        weight = np.cumsum(energy / (energy.mean() or 1.0) + 1.0)
+        side[rows] = np.minimum(weight * _PIECES / weight[-1], _PIECES - 1).astype(np.int64) % 2
+    return side
 
 
 def _adjusted_to_runs(

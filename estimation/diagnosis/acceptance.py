@@ -5,13 +5,14 @@ where each takes most of what a flexible law of its kind takes, beside flexible 
 (`estimation.diagnosis.forms`).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
 
+from estimation.budget import BudgetEntry
 from estimation.data.derivatives import grid_step
 from estimation.diagnosis.bootstrap import SMALL, improvement_test
 from estimation.diagnosis.candidates import Candidate, parameter_count
@@ -102,14 +103,14 @@ def accept_forms(
             test.effect: search.without(end, test.effect).held_out_mean_square - end.held_out_mean_square
             for test in tests
         }
-        shares = partial.shares_beside(frozenset(test.kind for test in tests))
+        entries = partial.entries_beside(frozenset(test.kind for test in tests))
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         least = max(SMALL * search.start.held_out_mean_square, rest)
         failed = [
             test.effect
             for test in tests
             if not test.is_known
-            or shares.get(test.kind, 1.0) < _LEAST_OF_KIND
+            or not _accounts_for_error(search, partial, end, test, entries)
             or taken[test.effect] < least
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
@@ -118,6 +119,28 @@ def accept_forms(
             return end, tests
         end = search.without(end, min(failed, key=lambda name: taken[name]))
     return search.start, []
+
+
+def _accounts_for_error(
+    search: Search,
+    partial: PartiallyLinear,
+    end: FitResult,
+    test: FormTest,
+    entries: Mapping[Kind, BudgetEntry],
+) -> bool:
+    """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
+
+    A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
+    than the laws of all kinds together.
+    """
+    if test.kind not in entries:
+        return True
+    entry, start = entries[test.kind], search.start
+    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and not entry.replaceable_by):
+        return True
+    (effect,) = (one for one in end.solution.model.effects if one.name == test.effect)
+    alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
+    return bool(alone.held_out_mean_square < partial.budget.flexible * start.held_out_mean_square)
 
 
 def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from estimation.budget.budget import ErrorBudget, error_budget
+from estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
 from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
 from estimation.budget.laws import Law, flexible_laws
 from estimation.diagnosis.bootstrap import SMALL
@@ -92,13 +92,10 @@ class PartiallyLinear:
         """Kinds that account for the error."""
         return frozenset(self.budget.kinds)
 
-    def shares_beside(self, kinds: Kinds) -> dict[Kind, float]:
-        """Return the share of the error of each of these kinds and of those that account for it.
-
-        A kind whose share is small may be necessary beside the others: then that counts.
-        """
+    def entries_beside(self, kinds: Kinds) -> dict[Kind, BudgetEntry]:
+        """Divide the error among these kinds and those that account for it."""
         budget = error_budget(self.error, np.random.default_rng(0), self.kinds | kinds)
-        return {entry.kind: max(entry.share, entry.necessary) for entry in budget.entries}
+        return {entry.kind: entry for entry in budget.entries}
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
         """Project a problem on what laws of the kinds other than an effect's own cannot explain."""
@@ -165,7 +162,10 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
         for entry in partial.budget.entries
         for other in entry.replaceable_by
     ]
-    sets = list(dict.fromkeys((partial.kinds, *partial.budget.alternatives, *exchanged)))[:_MOST_SETS]
+    budget = partial.budget
+    sets = list(dict.fromkeys((partial.kinds, budget.thorough, *budget.alternatives, *exchanged)))[
+        :_MOST_SETS
+    ]
     return min((_forms_of(partial, kinds) for kinds in sets), key=lambda fit: fit.solution.held_out)
 
 
