@@ -107,6 +107,13 @@ class Row:
         """For the name of its test."""
         return f"{self.family}, {self.name}"
 
+    def later(self, by_s: float) -> "Row":
+        """The same fault, at another time."""
+        at_s, fault = self.at_s + by_s, self.fault
+        if isinstance(fault, Fault):
+            fault = fault.model_copy(update={"from_s": at_s})
+        return replace(self, at_s=at_s, fault=fault)
+
     @property
     def limit_ms(self) -> int:
         """What its limit is; 0 where somebody says at once what is wrong [ms]."""
@@ -141,7 +148,10 @@ HOLDS = (
     "these servos have no watchdog: they hold the last goal, so that the arm stands still and holds on until "
     "its supply is switched off"
 )
-LAST_SEEN = "these servos hold where they were last seen while the brake lasts, and then let go"
+LAST_SEEN = (
+    "these servos hold where they were last seen while the brake lasts, and then let go: 296 ms after the "
+    "tick of the trip, 2.4 ms in which the last read waits for an answer, and 0.6 ms for the frame"
+)
 _SLOWLY = "the arm moves slowly: its reference needs so long to leave the steps and the tracking error behind"
 _WAITS = "the whole program stands still: these servos hold their last goal until it goes on, and then let go"
 _IDLE = (
@@ -151,6 +161,19 @@ _IDLE = (
 _DEAF, _FROZEN_ENCODER, _FROZEN_FORCE = "deaf_drive_s", "stuck_encoder_s", "stuck_force_s"
 BRAKED = 310.0  # [ms]: the safe state brakes for 300
 OLD, OLD_OFF = 6, 8  # an age limit of 5 ms, and the tick in which it is seen
+
+
+def _feetech_off_ms(ticks: int) -> float:
+    """Until Feetech servos let go, whatever the phase of the fault [ms].
+
+    These ticks of 4 ms, and the brake's 300 ms, of which the first tick is the one of the trip. In the last
+    tick the read waits for 0.6 of a tick for a servo that is silent, and the frame that lets go takes 0.6 ms.
+    """
+    return 4 * ticks + (300 - 4) + 0.6 * 4 + 0.6
+
+
+# The fault begins after an answer at the earliest: three ticks later that is 12 ms old, and the limit is 13.
+_FEETECH_OLD = (4, _feetech_off_ms(4))
 
 # name, kind, details, then ticks, off [ms], reads (and because), for each family.
 _MOTORS: tuple[tuple[str, FaultKind, dict[str, float]], ...] = (
@@ -226,14 +249,14 @@ _MOTOR_ROWS = {
     "robstride": _mit_mode("8", _LEFT, "over temperature"),
     "moteus": _mit_mode("24", _LEFT, "over temperature", "moteus"),
     "feetech": (
-        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
-        (4, BRAKED + 2, "did not answer in time", LAST_SEEN),
-        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
+        (*_FEETECH_OLD, "did not answer in time", LAST_SEEN),
+        (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
         GOES_ON,
         GOES_ON,
-        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
         (2, BRAKED + 2, "servo 4 (joint 3): error: overload"),
-        (4, BRAKED + 2, "servo 4 did not answer in time", LAST_SEEN),
+        (*_FEETECH_OLD, "servo 4 did not answer in time", LAST_SEEN),
         (2, BRAKED, "servo 4: torque limit is 1000 in place of 999: it has restarted"),
         (2, None, "the port has failed", HOLDS),
         (103, BRAKED + 400, "encoder of joint 1: stuck at", _SLOWLY, _FROZEN_ENCODER),
@@ -246,7 +269,10 @@ _DUTY = (
     "what these servos show is a duty cycle, no torque: a motor that makes something else of it is betrayed "
     "by the arm, which does not follow"
 )
-_OLD_GOAL = "an answer may hold any of the last 32 goals: they are of 0.13 s"
+_OLD_GOAL = (
+    "an answer may hold any of the last 32 goals; a goal is sent for up to 10 ticks, as it moves by a count "
+    "in 5 and may come back by one; then the samples grow old in 4"
+)
 _PAIR_ROWS = {
     "dynamixel_pair": (
         (4, "second servo silent", K.DROP, MOVING_S, (OLD, OLD_OFF, "servo 4 did not answer in time")),
@@ -258,7 +284,7 @@ _PAIR_ROWS = {
         (4, "second servo fights", K.REVERSED, FAST_S, (12, BRAKED + 12, _PULL, "", _DEAF)),
     ),
     "feetech_pair": (
-        (7, "second servo silent", K.DROP, MOVING_S, (4, BRAKED + 2, "servo 7 did not answer", LAST_SEEN)),
+        (7, "second servo silent", K.DROP, MOVING_S, (*_FEETECH_OLD, "servo 7 did not answer", LAST_SEEN)),
         (
             7,
             "second servo overloaded",
@@ -269,7 +295,13 @@ _PAIR_ROWS = {
         (2, "first servo's horn slips", K.SLIPPED, MOVING_S, (2, BRAKED + 2, _APART, LAST_SEEN)),
         (7, "second servo's horn slips", K.SLIPPED, MOVING_S, (2, BRAKED + 2, _APART, LAST_SEEN)),
         (7, "second servo's encoder stuck", K.STUCK, FAST_S, (86, 640, _APART[:-1], _TURNS, _TOLERANCE)),
-        (7, "second servo heeds no goals", K.DEAF, FAST_S, (37, 450, "servo 7: goal position is", _OLD_GOAL)),
+        (
+            7,
+            "second servo heeds no goals",
+            K.DEAF,
+            FAST_S,
+            (32 + 10 + 4, _feetech_off_ms(32 + 10 + 4), "servo 7: goal position is", _OLD_GOAL),
+        ),
         (7, "second servo exerts nothing", K.LIMP, MOVING_S, GOES_ON),
         (7, "second servo fights", K.REVERSED, MOVING_S, (49, 490, "joint 1 is 0.15", _DUTY, "0.15 rad")),
     ),
@@ -387,10 +419,7 @@ _WATCHDOG_ROWS["feetech"] = ((None, None, "", HOLDS), (127, 510, "the program wa
 def rows() -> Iterator[Row]:
     """All rows, family by family."""
     for row in _rows():
-        at_s, fault = row.at_s + FAMILIES[row.family].late_s, row.fault
-        if isinstance(fault, Fault):
-            fault = fault.model_copy(update={"from_s": at_s})
-        yield replace(row, at_s=at_s, fault=fault)
+        yield row.later(FAMILIES[row.family].late_s)
 
 
 def _rows() -> Iterator[Row]:

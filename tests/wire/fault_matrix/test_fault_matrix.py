@@ -33,14 +33,25 @@ SOON = {  # each way in which a driver of each kind can be told; `make test-all`
     *("lorenz, unplugged", "lorenz, saturated", "lines, saturated"),
 }
 
+PHASES_MS = (0, 5, 10, 15)  # of a tick of 4 ms, and of a goal that moves by a count in 20 ms
+PHASED = {"feetech_pair, second servo silent", "feetech_pair, second servo heeds no goals"}
+
 
 def test_what_runs_soon_is_in_the_matrix():
-    assert {row.label for row in ROWS} >= SOON
+    assert {row.label for row in ROWS} >= SOON | PHASED
 
 
 @pytest.mark.parametrize(
     "row",
-    [pytest.param(row, id=row.label, marks=() if row.label in SOON else pytest.mark.slow) for row in ROWS],
+    [
+        pytest.param(
+            row.later(1e-3 * phase_ms),
+            id=f"{row.label}, {phase_ms} ms later" if phase_ms else row.label,
+            marks=() if row.label in SOON else pytest.mark.slow,
+        )
+        for row in ROWS
+        for phase_ms in (PHASES_MS if row.label in PHASED else (0,))
+    ],
 )
 def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
     if row.fault is Program.DISK_FULL and not sys.platform.startswith("linux"):
