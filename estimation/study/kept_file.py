@@ -1,6 +1,12 @@
-"""Reads back what palpate wrote as JSON, and anybody may have changed since."""
+"""Reads back what palpate wrote as JSON, and anybody may have changed since.
 
+A checksum shows that a number was changed by hand or by a fault. It is no signature: whoever wants to deceive
+writes another checksum, so that a study also holds the numbers that it can compute against its own fits.
+"""
+
+import json
 from collections.abc import Iterator, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -8,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 MOST_BYTES = 16_000_000
 MOST_TEXT = 4000  # characters
+_CHECKSUM = "sha256"  # key of the SHA-256 of all else in the file
 Kept = TypeVar("Kept", bound=BaseModel)
 
 
@@ -22,7 +29,11 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
             raise ValueError("it is no regular file")
         if file.stat().st_size > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
-        kept = model.model_validate_json(file.read_bytes(), strict=True)
+        content = json.loads(file.read_bytes())
+        told = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
+        kept = model.model_validate_json(json.dumps(content), strict=True)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
     except OSError as error:
         raise ValueError(f"it cannot be read ({error.strerror})") from error
     except ValidationError as error:
@@ -34,7 +45,21 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
             raise ValueError(f"a text has {len(text)} characters, at most {MOST_TEXT}")
         if text != clean_text(text):
             raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
+    if told is None:
+        raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
+    if told != _checksum(content):
+        raise ValueError(f"{_CHECKSUM}: is not that of the content, which was changed after palpate wrote it")
     return kept
+
+
+def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content, cleaned, as `read_kept` takes it."""
+    cleaned = clean(content)
+    return {**cleaned, _CHECKSUM: _checksum(cleaned)}
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold

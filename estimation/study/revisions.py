@@ -1,5 +1,6 @@
 """Stages of models, kept so that one can go back to any of them: in files, or in memory."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +12,7 @@ from estimation.data.numbers import LARGEST
 from estimation.diagnosis.result import ParameterValue
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from estimation.study.kept_file import clean, read_kept
+from estimation.study.kept_file import read_kept, with_checksum
 from robot_io.errors import InputError
 from robot_io.files.whole_file import whole_file
 
@@ -108,7 +109,8 @@ class Revisions:
                 made = make(number)
                 try:
                     with whole_file(self._folder / _name(number), replace=False) as unfinished:
-                        text = Revision(**clean(made.model_dump())).model_dump_json(indent=2)
+                        content = with_checksum(made.model_dump(mode="json"))
+                        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                         unfinished.write_text(text + "\n", encoding="utf-8")
                 except FileExistsError:  # another program was quicker
                     number += 1

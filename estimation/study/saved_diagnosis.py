@@ -1,6 +1,7 @@
 """A diagnosis in its file: read again only for the very data and base models that it is about."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,11 @@ from pydantic import BaseModel
 
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.study.channels import StudyChannel
-from estimation.study.kept_file import clean, read_kept
+from estimation.study.kept_file import read_kept, with_checksum
 from robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
+_SAME = 1e-3  # share of a value, or of its standard error, that two fits of the same data may differ by
 _ABOUT = "judged"  # key under which the file says what data and base models it is about
 
 
@@ -31,8 +33,7 @@ class _KeptDiagnosis(Diagnosis):
 def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> dict[str, Any]:
     """A diagnosis as plain data; the keys are stable."""
     about = {one.name: {"model": one.model.name, "data_sha256": one.sha256} for one in channels}
-    content: dict[str, Any] = clean(diagnosis.model_dump(mode="json") | {_ABOUT: about})
-    return content
+    return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
 
 
 def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:
@@ -53,3 +54,9 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
     except (ValueError, KeyError) as error:
         why = error if isinstance(error, ValueError) else f"judged.{error}: is missing"
         raise InputError(f"{file}: is damaged ({why}); delete it, or run palpate diagnose again") from error
+
+
+def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
+    """Whether a saved number is not that of the same fit, made again."""
+    slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
+    return not abs(saved - fitted) <= _SAME * slack

@@ -17,6 +17,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data_quality import quality_warnings, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import effect_library
+from estimation.diagnosis.result import ParameterValue
 from estimation.display import DisplayTable, TableDisplay
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
@@ -43,7 +44,7 @@ from estimation.study.estimates import USUAL, ChannelEstimates, choose_estimator
 from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
-from estimation.study.saved_diagnosis import diagnosis_data, read_diagnosis
+from estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
 from estimation.study.source import NO_OPTIONS, limit_length, open_source
 from robot_io.errors import InputError
 
@@ -388,9 +389,48 @@ class Study(TableDisplay):
         """Return the diagnosis of this data and base model, made now or saved earlier; None without one.
 
         Raises:
-            InputError: the file in the folder is damaged.
+            InputError: the file in the folder is damaged, or says other numbers than this study's fits.
         """
-        return self._diagnoses.get(channel.key) or read_diagnosis(self.folder).get(channel.key)
+        made = self._diagnoses.get(channel.key)
+        saved = None if made else read_diagnosis(self.folder).get(channel.key)
+        if saved is None or saved.baseline is None or channel.held_out:  # see `reconcile`
+            return made or saved
+        with self._lock:
+            noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
+            if saved.noise_floor is not None and is_other(saved.noise_floor, noise):
+                why = f"its noise is {saved.noise_floor:.4g}, and this data give {noise:.4g}"
+            else:
+                why = self._other_numbers(channel, [], saved.baseline.rmse, saved.baseline.parameters)
+            if not why and saved.final is not None:
+                why = self._other_numbers(channel, names, saved.final.rmse, saved.final.parameters)
+        if why:
+            raise InputError(
+                f"{self.folder}/{RESULT}: channel {channel.name}: {why}: it was changed, or made by another "
+                "version; delete it, or run palpate diagnose again"
+            )
+        return saved
+
+    def _other_numbers(
+        self,
+        channel: StudyChannel,
+        effects: Sequence[str],
+        rmse: float,
+        parameters: Mapping[str, ParameterValue],
+    ) -> str:
+        """Say which saved number of a model is not that of its fit, in a few words; empty if none.
+
+        Nothing can be said of a model with an effect of the user's own whose code was not named.
+        """
+        if not set(effects) <= set(self._library):
+            return ""
+        fit = self.fit(channel, effects)
+        if is_other(rmse, fit.rmse):
+            return f"its error is {rmse:.4g}, and this data give {fit.rmse:.4g}"
+        for name, saved in parameters.items():
+            fitted = fit.parameters.get(name)
+            if fitted is not None and is_other(saved.value, fitted.value, fitted.std_err):
+                return f"its {name} is {saved.value:.4g}, and this data give {fitted.value:.4g}"
+        return ""
 
     # Estimates
 
@@ -550,16 +590,22 @@ class Study(TableDisplay):
         return self.with_model(revision.channel, revision.model)
 
     def check(self, revision: Revision) -> None:
-        """Reject a revision of other data.
+        """Reject a revision of other data, or with other numbers than this study's fit.
 
         Raises:
-            InputError: it is of other data, or its channel is not there.
+            InputError: it is such a one, or its channel is not there.
         """
-        if self.channel_of(revision).sha256 != revision.data_sha256:
+        channel = self.channel_of(revision)
+        if channel.sha256 != revision.data_sha256:
             raise InputError(
                 f"revision {revision.number} is of other data (SHA-256 {revision.data_sha256[:12]}...). Give "
                 "the options that it was made with (--where, --unit, --urdf), add to this data first "
                 "(palpate diagnose --apply, palpate add --fresh), or name another folder"
+            )
+        if why := self._other_numbers(channel, revision.effects, revision.rmse, revision.parameters):
+            raise InputError(
+                f"revision {revision.number}: {why}: it was changed, or made by another version "
+                f"({revision.software_version}); add its effects again (palpate add --fresh)"
             )
 
     # Results

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from estimation.study import Revisions
+from estimation.study.kept_file import with_checksum
 from robot_io.errors import InputError
 from tests.revisions import SPRING, revision
 
@@ -61,7 +62,9 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 )
 def test_what_makes_no_sense_is_refused_with_the_reason(changes, words, tmp_path):
     (tmp_path / "revisions").mkdir()
-    (tmp_path / "revisions" / "0001.json").write_text(revision(**{"number": 1} | changes).model_dump_json())
+    (tmp_path / "revisions" / "0001.json").write_text(
+        json.dumps(with_checksum(revision(**{"number": 1} | changes).model_dump(mode="json")))
+    )
     with pytest.raises(InputError, match=f"0001.json: is damaged: {words}"):
         Revisions(tmp_path).all()
 
@@ -91,8 +94,33 @@ STIFFNESS = {"std_err": None, "unit": "N/m"}
 def test_a_revision_that_was_edited_by_hand_is_believed_only_where_it_makes_sense(key, value, said, tmp_path):
     kept = Revisions(tmp_path).keep(revision)
     file = tmp_path / "revisions" / "0000.json"
-    file.write_text(json.dumps(kept.model_dump(mode="json") | {key: value}))
+    file.write_text(json.dumps(with_checksum(kept.model_dump(mode="json") | {key: value})))
     with pytest.raises(InputError, match=rf"0000\.json: is damaged: .*{said}"):
+        Revisions(tmp_path).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda content: content | {"rmse": 1.0000001}, "changed after palpate wrote it"),
+        (lambda content: content | {"noise_floor": 0.25}, "changed after palpate wrote it"),
+        (lambda content: {key: value for key, value in content.items() if key != "sha256"}, "is missing"),
+    ],
+)
+def test_a_number_that_makes_sense_is_not_believed_where_it_was_changed(change, said, tmp_path):
+    kept = Revisions(tmp_path)
+    made = kept.keep(revision)
+    assert kept.all() == (made,)
+    file = tmp_path / "revisions" / "0000.json"
+    file.write_text(json.dumps(change(json.loads(file.read_text()))))
+    with pytest.raises(InputError, match=rf"0000\.json: is damaged: sha256: .*{said}"):
+        kept.all()
+
+
+def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path):
+    (tmp_path / "revisions").mkdir()
+    (tmp_path / "revisions" / "0000.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"0000\.json: is damaged"):
         Revisions(tmp_path).all()
 
 

@@ -1,9 +1,11 @@
 """One study: each number is computed once, whatever asks for it, and known by the data's own hash."""
 
 import json
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -14,6 +16,7 @@ from estimation.effects import EFFECTS
 from estimation.study import Study, fitting
 from estimation.study.arm import NO_ARM, Arm
 from estimation.study.fitting import PackedFit
+from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from robot_io.errors import InputError
 from tests.estimation.fits import cubic
@@ -180,6 +183,59 @@ def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
     (tmp_path / RESULT).write_text("{}")
     with pytest.raises(InputError, match="damaged"):
         again.results()
+
+
+def forge(file: Path, change: Callable[[dict], object]) -> None:
+    """Change a file as one does who wants to deceive: the checksum is that of the new content."""
+    content = json.loads(file.read_text())
+    del content["sha256"]
+    change(content)
+    file.write_text(json.dumps(with_checksum(content)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda entry: entry.update(noise_floor=0.5), "its noise is 0.5, and this data give 0.0"),
+        (lambda entry: entry["baseline"].update(rmse=9.0), "its error is 9, and this data give"),
+        (lambda entry: entry["final"].update(rmse=9.0), "its error is 9, and this data give"),
+        (
+            lambda entry: entry["final"]["parameters"]["cubic_stiffness.k3"].update(value=1.0),
+            r"its cubic_stiffness\.k3 is 1, and this data give",
+        ),
+    ],
+)
+def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, tmp_path):
+    study = Study(session(4, cubic), folder=tmp_path)
+    found = study.diagnose()
+    (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
+    again = Study(session(4, cubic), folder=tmp_path)
+    assert again.known_diagnosis(again.channels[0]) == found.channels[0]
+    forge(tmp_path / RESULT, lambda content: change(content["channels"][0]))
+    with pytest.raises(InputError, match=words):
+        again.known_diagnosis(again.channels[0])
+
+
+def test_a_diagnosis_that_was_changed_by_hand_is_refused(tmp_path):
+    study = Study(session(4), folder=tmp_path)
+    content = study.diagnosis_data(study.diagnose())
+    content["channels"][0]["verdict"] = "unexplained"
+    (tmp_path / RESULT).write_text(json.dumps(content))
+    again = Study(session(4), folder=tmp_path)
+    with pytest.raises(InputError, match=r"damaged \(sha256: .* changed after palpate wrote it"):
+        again.known_diagnosis(again.channels[0])
+
+
+def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
+    Study(session(4, cubic), folder=tmp_path).add("cubic_stiffness")
+    study = Study(session(4, cubic), folder=tmp_path)
+    study.check(study.revision(1))
+    forge(
+        tmp_path / "revisions" / "0001.json",
+        lambda content: content["parameters"]["stiffness.k"].update(value=777.0),
+    )
+    with pytest.raises(InputError, match=r"revision 1: its stiffness\.k is 777, and this data give"):
+        study.check(study.revision(1))
 
 
 def test_from_many_threads_a_model_is_fitted_once(monkeypatch):

@@ -13,6 +13,7 @@ from nicegui import Client, core
 from nicegui.page import page
 
 import palpate.workbench
+from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from palpate.workbench.bench import Bench
@@ -89,6 +90,11 @@ def shown(bench, folder) -> str:
     return str(elements)
 
 
+def forged(content: dict) -> dict:
+    """What was changed, with the checksum that whoever wants to deceive writes."""
+    return with_checksum({key: value for key, value in content.items() if key != "sha256"})
+
+
 def keep_diagnosis(data, folder) -> None:
     """Keep a diagnosis of a data file with every kind of text that it may have, and revisions."""
     with pytest.MonkeyPatch.context() as patch:
@@ -98,7 +104,7 @@ def keep_diagnosis(data, folder) -> None:
     following = {"purpose": "tell", "separates": ["bias"], "instruction": "go", "probe": {}}
     content = study.diagnosis_data(found)
     content["channels"][0] |= {"next_experiment": following, "depends_on": ["time"], "warnings": ["odd"]}
-    (folder / RESULT).write_text(json.dumps(content))
+    (folder / RESULT).write_text(json.dumps(forged(content)))
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +119,7 @@ def diagnosed(tmp_path_factory):
 @contextmanager
 def changed(file, change):
     kept = file.read_text()
-    file.write_text(json.dumps(change(json.loads(kept))))
+    file.write_text(json.dumps(forged(change(json.loads(kept)))))
     yield
     file.write_text(kept)
 

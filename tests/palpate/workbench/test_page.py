@@ -14,7 +14,7 @@ import pytest
 from estimation.study.saved_diagnosis import RESULT
 from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
-from tests.palpate.workbench.test_foreign_texts import HOSTILE, MARK, hostile, keep_diagnosis
+from tests.palpate.workbench.test_foreign_texts import HOSTILE, MARK, forged, hostile, keep_diagnosis
 
 CHROMIUM = Path("/usr/bin/chromium")
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -443,7 +443,7 @@ def test_texts_of_a_strangers_diagnosis_are_shown_and_run_nothing(opened, press)
     folder.mkdir()
     keep_diagnosis(press, folder)
     kept = folder / RESULT
-    kept.write_text(json.dumps(hostile(json.loads(kept.read_text()))))
+    kept.write_text(json.dumps(forged(hostile(json.loads(kept.read_text())))))
     page = opened(press).page
     page.wait_for_selector(f"text=Next: instruction: {MARK}")
     page.wait_for_selector(".gates .good")  # all is drawn
