@@ -17,7 +17,6 @@ from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, Squared
 from estimation.budget.laws import Law, flexible_laws
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
-from estimation.diagnosis.residual_checks import run_heterogeneity
 from estimation.diagnosis.search import Search
 from estimation.effect import Effect
 from estimation.effects.run_variation import RunVariation
@@ -26,6 +25,7 @@ from estimation.fit.fit_result import FitResult
 from estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
 from estimation.fit.normal_equations import held_out_sse, solve_normal_equations
 from estimation.fit.nuisance import nuisance_of
+from estimation.fit.run_heterogeneity import run_heterogeneity
 from estimation.kinds import Kind
 from robot_io.types import FloatArray
 

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from estimation.diagnosis.residual_checks import run_heterogeneity
 from estimation.diagnosis.result import ParameterValue
 from estimation.diagnosis.search import Search
 from estimation.effects.run_gain import RunGain
 from estimation.effects.run_offset import RunOffset
 from estimation.effects.run_variation import RunVariation
 from estimation.fit.fit_result import FitResult
+from estimation.fit.run_heterogeneity import run_heterogeneity
 
 
 def add_run_variation(search: Search, found: FitResult) -> FitResult:

@@ -14,18 +14,16 @@ from estimation.budget.laws import periodic_columns
 from estimation.channel import ChannelKind
 from estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
 from estimation.fit.blocks import BlockedData, is_moving
-from estimation.fit.fit_problem import Solution, held_out_residual, rmse
+from estimation.fit.fit_problem import held_out_residual, rmse
 from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.fit.measurement_noise import free_air_noise
-from estimation.signals.blocks import rows_of_runs
+from estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
 from estimation.signals.periodicity import strongest_frequency
 from estimation.signals.runwise import sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
-_APART = 1.5  # the error by itself; slow noise of a few runs stays well below that
-_ROWS = 30  # samples for each gain, with which a run can be fitted by itself
 _ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing
 _LIKE_NEIGHBOUR = 0.5  # of the energy that is left, which neighbouring blocks must have in common
 _FEW_DRAWS = 4  # whose largest is compared
@@ -99,18 +97,6 @@ def _left_by_own_waves(end: FitResult) -> float | None:
     return end.rmse * rmse(left) / rmse(residual) if rmse(left) < _OWN_WAVES * rmse(residual) else None
 
 
-@dataclass(frozen=True)
-class RunHeterogeneity:
-    """Runs that do not follow one law."""
-
-    run: int  # the one that the others predict worst, beside what it is by itself
-    predicted: float  # root mean square error of all runs, each predicted from the others
-    alone: float  # the same, each fitted by itself
-    own_residual: FloatArray  # what each run leaves by itself, shape (n,); 0 where none can be fitted
-    run_predicted: float  # error of `run`, predicted from the others
-    run_alone: float  # the same, fitted by itself
-
-
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
     """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
     blocked = end.problem.blocked
@@ -154,35 +140,6 @@ def _is_no_chance(
     return sequential_test(
         ratio(apart), (ratio(run_heterogeneity(problem.blocked, solution)) for problem, solution in drawn)
     ).is_significant
-
-
-def run_heterogeneity(blocked: BlockedData, solution: Solution) -> RunHeterogeneity | None:
-    """How the runs disagree about the gains and the zero of a model, or None if they do not."""
-    data = blocked.data
-    predicted = held_out_residual(blocked, solution)
-    slopes, effort = solution.model.linearise(data, solution.parameters)
-    free = [name not in solution.model.held for name in solution.model.gains]
-    slopes = np.column_stack([slopes[:, free], np.ones(len(data))])  # a run may have a zero of its own
-    residual = data.effort - effort
-    alone = np.full(len(data), np.nan)
-    judged: list[IntArray] = []
-    for of_run in rows_of_runs(data.run):
-        rows = of_run[np.isfinite(predicted[of_run])]
-        if len(rows) < _ROWS * slopes.shape[1]:
-            predicted[rows] = np.nan  # too short to be fitted by itself
-            continue
-        scale = np.linalg.norm(slopes[rows], axis=0)
-        columns = slopes[rows] / np.where(scale > 0.0, scale, 1.0)
-        fitted = np.linalg.lstsq(columns, residual[rows], rcond=None)[0]
-        freedom = len(rows) / (len(rows) - slopes.shape[1])
-        alone[rows] = (residual[rows] - columns @ fitted) * np.sqrt(freedom)
-        judged.append(rows)
-    if len(judged) < 2 or not rmse(predicted) > _APART * rmse(alone):
-        return None
-    errors = [(rmse(predicted[rows]), rmse(alone[rows])) for rows in judged]
-    worst = int(np.argmax([together**2 - single**2 for together, single in errors]))
-    run = int(data.run[judged[worst][0]])
-    return RunHeterogeneity(run, rmse(predicted), rmse(alone), np.nan_to_num(alone), *errors[worst])
 
 
 @dataclass(frozen=True)

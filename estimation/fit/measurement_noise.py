@@ -16,6 +16,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.fit.fit_problem import rmse
 from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import identify_measurement_model
+from estimation.fit.run_heterogeneity import run_heterogeneity
 from estimation.signals.blocks import rows_of_runs
 from robot_io.types import FloatArray
 
@@ -34,6 +35,7 @@ class NoiseSource(StrEnum):
     FREE_AIR = "free air"
     NEIGHBORS = "neighboring readings"  # differences, in which only what is faster than the motion is left
     REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
+    EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may lack something in each
     SMOOTH_LAW = "smooth law of all signals"  # an upper bound: it may not follow everything
 
 
@@ -71,6 +73,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     bound, source = base.smooth_law_error, NoiseSource.SMOOTH_LAW
     if (repeated := _between_repeats(base)) is not None and repeated < bound:
         bound, source = repeated, NoiseSource.REPEATS
+    alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
+    if base.validation is None and alone is not None and alone.alone < bound:
+        bound, source = alone.alone, NoiseSource.EACH_RUN
     motion, air, fast = _of_motion(base), free_air_noise(data), _fast_noise(data)
     if air and air <= bound:  # a reader that shows zero in free air says nothing of its noise
         return MeasurementNoise(min(float(np.hypot(air, motion)), bound), NoiseSource.FREE_AIR, air, motion)
