@@ -1,6 +1,6 @@
 """Diagnose the public recordings of benchmarks/measured/recipes, and hold each answer against its recipe.
 
-    python benchmarks/recordings.py DATA_DIR [NAME ...] --out FILE
+    python benchmarks/recordings.py DATA_DIR [NAME ...] --out FILE [--answers FOLDER]
 
 DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote; a
 recording that it lacks is skipped. Three figures count: the kind with the largest share of the budget is an
@@ -41,21 +41,42 @@ def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
     return command + (["--fresh-runs"] if recipe.get("fresh_runs") else [])
 
 
-def run(recipe: dict[str, Any], file: Path) -> Score:
-    """Diagnose one recording by the command line; a refusal and a run that is stopped are scored as such."""
+def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> dict[str, Any]:
+    """Diagnose one recording by the command line.
+
+    Args:
+        recipe: how the recording was made and is diagnosed.
+        file: with the measurement.
+        kept: the answer of an earlier run, which is read, or written; None to keep nothing.
+
+    Returns:
+        What `palpate diagnose --json` prints, or under "refused" or "stopped" why it prints nothing; with
+        the seconds that it took.
+    """
+    if kept is not None and kept.is_file():
+        return dict(json.loads(kept.read_text(encoding="utf-8")))
     started = time.monotonic()
     try:
         done = subprocess.run(
             command_of(recipe, file), capture_output=True, text=True, timeout=_TIME_LIMIT_S, check=False
         )
     except subprocess.TimeoutExpired:
-        stopped = {"verdict": "stopped", "reason": f"no answer in {_TIME_LIMIT_S} s"}
-        return score(recipe, stopped, time.monotonic() - started)
-    seconds = time.monotonic() - started
-    if done.returncode:
-        refused = {"verdict": "refused", "reason": (done.stderr.strip().splitlines() or ["no message"])[-1]}
-        return score(recipe, refused, seconds)
-    return score(recipe, json.loads(done.stdout)["channels"][0], seconds)
+        answer = {"stopped": f"no answer in {_TIME_LIMIT_S} s"}
+    else:
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        answer = {"refused": last} if done.returncode else dict(json.loads(done.stdout))
+    answer["seconds"] = time.monotonic() - started
+    if kept is not None:
+        kept.write_text(json.dumps(answer), encoding="utf-8")
+    return answer
+
+
+def run(recipe: dict[str, Any], file: Path, kept: Path | None) -> Score:
+    """Diagnose one recording and hold it against its recipe; a refusal and a run that is stopped count too."""
+    answer = answer_of(recipe, file, kept)
+    verdict = next((word for word in ("refused", "stopped") if word in answer), "")
+    found = {"verdict": verdict, "reason": answer[verdict]} if verdict else answer["channels"][0]
+    return score(recipe, found, answer["seconds"])
 
 
 def show(result: Score) -> None:
@@ -80,9 +101,12 @@ def main() -> None:
     parser.add_argument("data_dir", type=Path)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(known))
     parser.add_argument("--out", type=Path, help="JSON lines, one a recording")
+    parser.add_argument("--answers", type=Path, help="folder that keeps diagnoses; one that is there is read")
     options = parser.parse_args()
     if unknown := set(options.names) - set(known):
         parser.error(f"no such recipe: {', '.join(sorted(unknown))}")
+    if options.answers:
+        options.answers.mkdir(parents=True, exist_ok=True)
     results: list[Score] = []
     with options.out.open("w") if options.out else nullcontext() as out:
         for name in options.names or known:
@@ -90,7 +114,8 @@ def main() -> None:
             if not file.is_file():
                 print(f"\n{name}: skipped, there is no {file}")
                 continue
-            results.append(run(load_recipe(name), file))
+            kept = options.answers / f"{name}.json" if options.answers else None
+            results.append(run(load_recipe(name), file, kept))
             show(results[-1])
             if out:
                 out.write(json.dumps(asdict(results[-1])) + "\n")

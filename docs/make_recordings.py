@@ -9,7 +9,6 @@ made again. Pictures are drawn from the answers.
 """
 
 import json
-import subprocess
 import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
@@ -23,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # the benchma
 
 from measured.convert import RECIPES, load_recipe, split_of
 from measured.recordings import SETS, Recording
-from recordings import command_of
+from recordings import answer_of
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
 from estimation.kinds import Kind
@@ -117,14 +116,9 @@ def _of_recipes(options: Namespace) -> Iterator[Entry]:
         answer = options.answers / f"{name}.json"
         if not answer.is_file() and options.no_new:
             continue
+        print(name, flush=True)
         recipe = load_recipe(name)
-        if not answer.is_file():
-            print(name, flush=True)
-            command = command_of(recipe, file)
-            done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603, ours
-            failed = json.dumps({"refused": (done.stderr.strip().splitlines() or ["no message"])[-1]})
-            answer.write_text(failed if done.returncode else done.stdout, encoding="utf-8")
-        yield _entry_of_recipe(recipe, json.loads(answer.read_text(encoding="utf-8")))
+        yield _entry_of_recipe(recipe, answer_of(recipe, file, answer))
 
 
 def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
@@ -139,7 +133,7 @@ def _entry_of_recipe(recipe: dict[str, Any], content: dict[str, Any]) -> Entry:
         expected=[f"{kinds}. {expected['why']}"],
         split=split_of(recipe).replace("_", " ").replace("develop", "developed on"),
         channels=[ChannelDiagnosis.model_validate(one) for one in content.get("channels", [])],
-        refused=content.get("refused", ""),
+        refused=content.get("refused", content.get("stopped", "")),
     )
 
 
