@@ -72,7 +72,7 @@ def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> d
 
 
 def run(recipe: dict[str, Any], file: Path, kept: Path | None) -> Score:
-    """Diagnose one recording and hold it against its recipe; a refusal and a run that is stopped count too."""
+    """Diagnose one recording and hold it against its recipe; a refusal counts, and so does a stop."""
     answer = answer_of(recipe, file, kept)
     verdict = next((word for word in ("refused", "stopped") if word in answer), "")
     found = {"verdict": verdict, "reason": answer[verdict]} if verdict else answer["channels"][0]

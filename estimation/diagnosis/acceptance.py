@@ -14,7 +14,7 @@ import numpy as np
 
 from estimation.budget import BudgetEntry
 from estimation.data.derivatives import grid_step
-from estimation.diagnosis.bootstrap import SMALL, improvement_test
+from estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
 from estimation.diagnosis.candidates import Candidate, parameter_count
 from estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
 from estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
@@ -22,6 +22,7 @@ from estimation.effect import Effect
 from estimation.fit.fit_result import FitResult, final_solution
 from estimation.fit.intervals import estimate_parameters
 from estimation.fit.measurement_model import MeasurementModel
+from estimation.fit.measurement_noise import measurement_noise
 from estimation.kinds import Kind
 
 AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
@@ -31,6 +32,7 @@ _SMALL_SHARE = 0.01  # of the squared error that an effect takes away: no law of
 _DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that takes as much is its like
 _SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
 _LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the others
+_OF_UNEXPLAINED = 0.25  # of what nothing explains, beside which less may be a part of that
 _RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
@@ -97,6 +99,7 @@ def accept_forms(
     """
     base = {effect.name for effect in search.model.effects}
     kinds = frozenset(effect.kind for effect in end.solution.model.effects if effect.name not in base)
+    noise = measurement_noise(search.start).value
     while search.added_effects(end):
         tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
         taken = {
@@ -105,7 +108,8 @@ def accept_forms(
         }
         entries = partial.entries_beside(frozenset(test.kind for test in tests))
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
-        least = max(SMALL * search.start.held_out_mean_square, rest)
+        unexplained = max(end.rmse**2 - noise**2, 0.0)
+        least = max(SMALL * search.start.held_out_mean_square, rest, _OF_UNEXPLAINED * unexplained)
         failed = [
             test.effect
             for test in tests
@@ -157,7 +161,9 @@ def _without_needless(search: Search, end: FitResult, measurement: MeasurementMo
     for name in reversed(effects_by_importance(search, end)):
         before = search.without(end, name)
         is_small = before.rmse - end.rmse < SMALL * (search.start.rmse - end.rmse)
+        taken = np.sqrt(max(before.held_out_mean_square - end.held_out_mean_square, 0.0))
         is_nothing = is_small or _is_below_a_step(search, end, name) or _may_be_nothing(before, end, name)
+        is_nothing |= bool(taken <= encoder_step_error(before, measurement))
         needed = not is_nothing and search.is_needed(before, end)
         if needed and improvement_test(before, end, measurement, search.rng, name).is_significant:
             continue
