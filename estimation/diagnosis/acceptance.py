@@ -33,6 +33,7 @@ _DRAWS_THE_SAME = 0.95  # of what an effect takes away: another of its kind that
 _SURE = NormalDist().inv_cdf(1.0 - 0.5 * LEVEL) / NormalDist().inv_cdf(0.975)  # interval at `LEVEL` / 95 %
 _LEAST_OF_KIND = 0.02  # of the error, for which a kind must account beside the others
 _OF_UNEXPLAINED = 0.25  # of what nothing explains, beside which less may be a part of that
+_UNDECIDED = 0.1  # of what an effect takes: more that nothing explains may belong to another kind
 _RUNS = 5  # of which fewer do not say how runs vary, where something else is left too
 _WITHIN = 1e-3  # of the energy of what an effect adds, by which curves that are the same may differ
 
@@ -114,7 +115,7 @@ def accept_forms(
             test.effect
             for test in tests
             if not test.is_known
-            or not _accounts_for_error(search, partial, end, test, entries)
+            or not _accounts_for_error(search, partial, end, test, entries, taken[test.effect], unexplained)
             or taken[test.effect] < least
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
@@ -131,16 +132,30 @@ def _accounts_for_error(
     end: FitResult,
     test: FormTest,
     entries: Mapping[Kind, BudgetEntry],
+    *,
+    taken: float,
+    unexplained: float,
 ) -> bool:
     """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
 
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together.
+    than the laws of all kinds together. Beside little that nothing explains, a named form is told from
+    another kind's law by its few parameters.
+
+    Args:
+        search: that led to the model.
+        partial: the kinds that account for the error.
+        end: the model.
+        test: of the effect.
+        entries: the budget, with the effect's kind in it.
+        taken: mean square that the effect takes away in the model [effort^2].
+        unexplained: mean square that nothing explains [effort^2].
     """
     if test.kind not in entries:
         return True
     entry, start = entries[test.kind], search.start
-    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and not entry.replaceable_by):
+    is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
+    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_told_apart):
         return True
     (effect,) = (one for one in end.solution.model.effects if one.name == test.effect)
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
