@@ -115,7 +115,9 @@ def accept_forms(
             test.effect
             for test in tests
             if not test.is_known
-            or not _accounts_for_error(search, partial, end, test, entries, taken[test.effect], unexplained)
+            or not _accounts_for_error(
+                search, partial, end, test, entries, taken=taken[test.effect], unexplained=unexplained
+            )
             or taken[test.effect] < least
             or not search.is_sound(end, test.effect)
             or (test.kind is Kind.RUN_DIFFERENCES and len(end.data.runs) < _RUNS)
