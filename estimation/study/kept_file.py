@@ -32,6 +32,8 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
         content = json.loads(file.read_bytes())
         told = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
         kept = model.model_validate_json(json.dumps(content), strict=True)
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError("Invalid JSON") from error
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     except OSError as error:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.study.kept_file import MOST_BYTES, MOST_TEXT, clean, read_kept
+from estimation.study.kept_file import MOST_BYTES, MOST_TEXT, clean, read_kept, with_checksum
 from estimation.study.revisions import Revision
 from tests.revisions import revision
 
@@ -42,7 +42,7 @@ KEPT = revision(
 
 
 def test_what_was_written_is_read(tmp_path):
-    assert read_kept(written(tmp_path, KEPT), Revision).model_dump(mode="json") == KEPT
+    assert read_kept(written(tmp_path, with_checksum(KEPT)), Revision).model_dump(mode="json") == KEPT
 
 
 @pytest.mark.parametrize("path", list(texts_of(KEPT)), ids=str)
@@ -66,7 +66,7 @@ def test_every_text_is_short_and_can_be_printed(path, text, why, tmp_path):
     [
         (changed(KEPT, ("rmse",), "0.1"), "rmse: Input should be a valid number"),
         (KEPT | {"more\n": 1}, r"more\?: Extra"),
-        (b"[" * 100_000, "recursion"),
+        (b"[" * 100_000, "nested too deeply"),
         (b"\xff\xfe", "Invalid JSON"),
         (b" " * (MOST_BYTES + 1), "more than 16 MB"),
         (b"", "Invalid JSON"),
