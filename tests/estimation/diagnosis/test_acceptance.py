@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimation.budget import BudgetEntry
 from estimation.diagnosis import acceptance as module
 from estimation.diagnosis.acceptance import (
     accept_effects,
@@ -16,9 +17,10 @@ from estimation.diagnosis.acceptance import (
     models_by_importance,
 )
 from estimation.diagnosis.bootstrap import BootstrapTest
-from estimation.diagnosis.forms import analyse_kinds
+from estimation.diagnosis.forms import analyse_kinds, form_tests
 from estimation.effects import EFFECTS
 from estimation.fit.measurement_model import identify_measurement_model
+from estimation.kinds import Kind
 from tests.estimation.searches import SWING, reached, searched
 from tests.estimation.swings import swings
 
@@ -234,3 +236,43 @@ def test_parts_that_are_fewer_than_their_whole_are_held_against_it():
     assert whole.rmse == pytest.approx(end.rmse, rel=0.02)
     present = replace(search, effects=(*search.effects, EFFECTS[SPRING]()))
     assert module._wholes(present, reached(search, "asymmetric_friction"), RUB) == []
+
+
+@pytest.mark.parametrize(
+    ("share", "necessary", "others", "unexplained", "told"),
+    [
+        (0.5, 0.3, (), 1.0, True),
+        (0.5, 0.3, (Kind.TIME_MEMORY,), 1.0, True),  # nothing else takes all of it
+        (0.5, 0.0, (), 1.0, True),
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 1.0, False),  # what is left may be why relaxation takes as much
+        (0.5, 0.0, (Kind.TIME_MEMORY,), 0.05, True),  # of two kinds, the one with a simple form
+        (0.0, 0.0, (), 1.0, False),
+        (None, None, (), 1.0, True),  # its kind has no law
+    ],
+)
+def test_a_form_is_named_where_its_kind_accounts_for_some_of_the_error(
+    searches, share, necessary, others, unexplained, told
+):
+    search, _ = searches("a friction and what nobody knows")
+    end, partial = reached(search, RUB), analyse_kinds(search)
+    (test,) = form_tests(partial, end)
+    entry = share is not None and BudgetEntry(
+        Kind.FRICTION, share, (share, share), necessary, share, tuple(others)
+    )
+    partial = replace(partial, budget=replace(partial.budget, flexible=0.0))
+    entries = {Kind.FRICTION: entry} if entry else {}
+    found = module._accounts_for_error(
+        search, partial, end, test, entries, taken=1.0, unexplained=unexplained
+    )
+    assert found is told
+
+
+def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches):
+    search, _ = searches("a friction and what nobody knows")
+    end, partial = reached(search, RUB), analyse_kinds(search)
+    (test,) = form_tests(partial, end)
+    nothing = {Kind.FRICTION: BudgetEntry(Kind.FRICTION, 0.0, (0.0, 0.0), 0.0, 0.0, ())}
+    for flexible, told in ((0.9, True), (0.0, False)):
+        part = replace(partial, budget=replace(partial.budget, flexible=flexible))
+        found = module._accounts_for_error(search, part, end, test, nothing, taken=1.0, unexplained=1.0)
+        assert found is told
