@@ -115,6 +115,7 @@ def accept_forms(
             test.effect
             for test in tests
             if not test.is_known
+            or _repeats_another(end, test.effect, taken)
             or not _accounts_for_error(
                 search, partial, end, test, entries, taken=taken[test.effect], unexplained=unexplained
             )
@@ -126,6 +127,16 @@ def accept_forms(
             return end, tests
         end = search.without(end, min(failed, key=lambda name: taken[name]))
     return search.start, []
+
+
+def _repeats_another(end: FitResult, name: str, taken: Mapping[str, float]) -> bool:
+    """Whether a more telling effect is of the same kind and signals: two curves draw almost any third."""
+    effects = {effect.name: effect for effect in end.solution.model.effects if effect.name in taken}
+    own = effects[name]
+    return any(
+        other.kind is own.kind and set(other.signals) == set(own.signals) and taken[other.name] > taken[name]
+        for other in effects.values()
+    )
 
 
 def _accounts_for_error(

@@ -276,3 +276,11 @@ def test_an_effect_that_leaves_less_than_all_laws_names_its_kind_itself(searches
         part = replace(partial, budget=replace(partial.budget, flexible=flexible))
         found = module._accounts_for_error(search, part, end, test, nothing, taken=1.0, unexplained=1.0)
         assert found is told
+
+
+def test_of_two_curves_over_one_signal_only_the_more_telling_may_bear_its_name():
+    effects = [EFFECTS[name]() for name in ("cubic_stiffness", "exponential_stiffness", "damping")]
+    end = SimpleNamespace(solution=SimpleNamespace(model=SimpleNamespace(effects=effects)))
+    taken = {"cubic_stiffness": 1.0, "exponential_stiffness": 2.0, "damping": 0.1}
+    repeats = [name for name in taken if module._repeats_another(end, name, taken)]
+    assert repeats == ["cubic_stiffness"]
