@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from estimation.study.channels import ChannelKey
 from estimation.study.fitting import Progress
 from palpate.derived import derived_folder
 from palpate.export import Export, export_scenario
+from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import FittedChannel
 from palpate.files import existing_data, existing_file, write_text
 from palpate.foreign_code import LIMIT_S, foreign_code
@@ -226,6 +228,57 @@ class Study(StudyBase):
             raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
         made = self.exported(self.to_export(numbers))
         write_text(place, made.scenario.to_yaml())
+        return made
+
+    def export_feedforward(self, path: Path | str, revisions: int | Sequence[int] = ()) -> Feedforward:
+        """Write what moves the joints as a table (YAML), and beside it as Python and C functions.
+
+        Args:
+            path: the table, replaced if it is there; the functions have its name and end in .py and .c.
+            revisions: one number or several; by default each joint's newest of this data, and the base model
+                of joints to which nothing was added.
+
+        Raises:
+            InputError: no channel is a joint, a revision is not of one or of other data, several are of one
+                joint, or a file cannot be written.
+        """
+        place, numbers = _path(path, "feedforward"), [revisions] if isinstance(revisions, int) else revisions
+        if not isinstance(numbers, list | tuple):
+            raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
+        joints = {one.name: one for one in self.channels if one.kind is not ChannelKind.CONTACT}
+        if not joints:
+            raise InputError(
+                f"{self._file}: no channel is a joint, and a feedforward is of joints. Channels: "
+                + ", ".join(one.name for one in self.channels)
+            )
+        chosen = {name: kept for name, one in joints.items() if (kept := self.newest(one)) is not None}
+        given: dict[str, Revision] = {}
+        for revision in map(self.revision, numbers):
+            if revision.channel not in joints:
+                raise InputError(f"revision {revision.number} is of {revision.channel}, which is no joint")
+            if revision.channel in given:
+                raise InputError(f"several revisions for one {revision.channel}: choose one with --revision")
+            given[revision.channel] = revision
+        chosen |= given
+        fitted, failures = list[FittedJoint](), list[str]()
+        for name, joint in joints.items():
+            kept = chosen.get(name)
+            effects: Sequence[str] = ()
+            if kept is not None:
+                self.check(self.revision(kept.number))
+                joint, effects = self.channel_of(kept), kept.effects  # noqa: PLW2901, with its base model
+            try:
+                fit = self.fit(joint, effects)
+            except InputError as error:
+                failures.append(f"{name}: {error}")
+                continue
+            model = " + ".join([joint.model.name, *effects])
+            fitted.append(FittedJoint(name, model, joint.kind, joint.effort_unit, fit))
+        if not fitted:
+            raise InputError(failures[0])
+        made = make_feedforward(fitted)
+        made = replace(made, left_out=(*made.left_out, *failures))
+        made.write(place, self.source.name)
         return made
 
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:

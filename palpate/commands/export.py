@@ -1,7 +1,9 @@
-"""`palpate export`: the improved model as a simulated world, or a stream as a table."""
+"""`palpate export`: the improved model as a simulated world or a feedforward, or a stream as a table."""
 
+from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,11 +15,22 @@ from palpate.export import Export
 from palpate.export.layout import ENDINGS, Program, layout_of
 from palpate.export.table import check_ending, recorded_table, write_table
 from palpate.files import existing_data, open_session, output_file, write_text
+from palpate.render.terminal import print_files
 from palpate.words import count, safe, shown, typed
 from robot_io.errors import InputError
 
-SCENARIO = "scenario.yaml"
+if TYPE_CHECKING:
+    from palpate.study import Study
+
+SCENARIO, FEEDFORWARD = "scenario.yaml", "feedforward.yaml"
 PROGRAMS = {Program.FOXGLOVE: "Foxglove", Program.PLOTJUGGLER: "PlotJuggler"}
+
+
+class Format(StrEnum):
+    """What the fitted models are written as."""
+
+    SCENARIO = "scenario"
+    FEEDFORWARD = "feedforward"
 
 
 @takes_data
@@ -28,6 +41,13 @@ def command(
         list[int] | None,
         typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
     ] = None,
+    form: Annotated[
+        Format,
+        typer.Option(
+            "--format",
+            help="A simulated world, or what moves the joints: a table with functions in Python and C.",
+        ),
+    ] = Format.SCENARIO,
     stream: Annotated[
         str | None,
         typer.Option(
@@ -42,7 +62,10 @@ def command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="Scenario (.yaml) or table (.csv, .parquet) to write.", metavar="FILE"
+            "--out",
+            "-o",
+            help="Scenario or feedforward (.yaml), or table (.csv, .parquet) to write.",
+            metavar="FILE",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")] = False,
@@ -52,16 +75,22 @@ def command(
 
     Where the simulator cannot do what was fitted, that is said, and the rest is written.
 
+    With --format feedforward, gravity, inertia and friction of each joint as a table, and beside it the same
+    as a Python and a C function of the desired motion.
+
     With --stream, what was recorded, as CSV or Parquet: a stream of a session, its events, or a channel as
     palpate import takes it.
 
-    Examples: palpate export stiff.mcap; palpate export stiff.mcap --stream tick -o ticks.parquet
+    Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
+    palpate export stiff.mcap --stream tick -o ticks.parquet
     """
     given = [
         name
         for name, value in (("--stream", stream), ("--layout", layout), ("--revision", revision))
         if value
     ]
+    if form is Format.FEEDFORWARD and (stream or layout):
+        given.append("--format feedforward")
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)}: one file is written; name one of them")
     if layout is not None:
@@ -72,6 +101,16 @@ def command(
         return
     place = folder_to_read(data.file, folder)
     study = data.study(None, place)
+    if form is Format.FEEDFORWARD:
+        _export_feedforward(
+            data,
+            study,
+            out or place / FEEDFORWARD,
+            revision or (),
+            force=force or out is None,
+            as_json=as_json,
+        )
+        return
     path = output_file(out or place / SCENARIO, force=force or out is None, keep=[data.file])
     before = len(study.revisions)
     kept = study.to_export(revision or ())
@@ -87,6 +126,24 @@ def command(
     again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
     recorded = data.file if study.source.probed and data.file.is_file() else None
     _print(again, path, export, recorded)
+
+
+def _export_feedforward(
+    data: DataArguments, study: "Study", table: Path, revisions: Sequence[int], *, force: bool, as_json: bool
+) -> None:
+    """Write the feedforward of the joints: a table, and the functions beside it."""
+    if table.suffix not in {".yaml", ".yml"}:
+        raise InputError(f"output {table}: a feedforward is written as .yaml, with .py and .c beside it")
+    files = {"table": table, "python": table.with_suffix(".py"), "c": table.with_suffix(".c")}
+    for file in files.values():
+        output_file(file, force=force, keep=[data.file])
+    made = study.export_feedforward(table, list(revisions))
+    if as_json:
+        paths = {name: str(file) for name, file in files.items()}
+        console.print_json({"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out})
+        return
+    print_files(console.stdout(), files)
+    _print_lines(made.used, made.left_out)
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -124,15 +181,18 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
 
 
 def _print(again: str, path: Path, export: Export, recorded: Path | None) -> None:
-    out = console.stdout()
-    out.print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    for line in export.used:
-        out.print(f"  [green]in[/green]   {safe(line)}")
-    for line in export.left_out:
-        out.print(f"  [yellow]out[/yellow]  {safe(line)}")
+    console.stdout().print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    _print_lines(export.used, export.left_out)
     twin = f"palpate replay {typed(recorded)} --scenario {typed(path)}" if recorded else ""
     console.next_steps(
         (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
         *([(twin, "the recorded motion again, on the model")] if twin else []),
         (f"palpate compare {again}", "the model beside the measurement"),
     )
+
+
+def _print_lines(used: Sequence[str], left_out: Sequence[str]) -> None:
+    for line in used:
+        console.stdout().print(f"  [green]in[/green]   {safe(line)}")
+    for line in left_out:
+        console.stdout().print(f"  [yellow]out[/yellow]  {safe(line)}")

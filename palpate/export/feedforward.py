@@ -1,0 +1,288 @@
+"""Feedforward of joints from their fitted models: a table, and the same as Python and C source."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+
+import yaml
+
+from estimation.channel import ChannelKind
+from estimation.effects import EFFECTS
+from estimation.estimate import ParameterEstimate
+from estimation.fit.fit_result import FitResult
+from estimation.kinds import Kind
+from palpate.files import write_text
+
+EQUATION = (
+    "effort = gravity.sine sin(q) + gravity.cosine cos(q) + inertia a + viscous v "
+    "+ coulomb.level tanh(v / coulomb.transition) "
+    "+ (stribeck.level + stribeck.rise exp(-(v / stribeck.speed)^2)) tanh(v / stribeck.transition)"
+)
+
+
+@dataclass(frozen=True)
+class JointTerms:
+    """What one joint's effort is made of; lengths are rad, or m of a linear axis, efforts N m or N."""
+
+    gravity_sine: float = 0.0  # [effort]
+    gravity_cosine: float = 0.0  # [effort]
+    inertia: float = 0.0  # [kg m^2 or kg]
+    viscous: float = 0.0  # [effort s/length]
+    coulomb_level: float = 0.0  # [effort]
+    coulomb_transition: float = 1.0  # speed over which the friction turns round [length/s]
+    stribeck_level: float = 0.0  # [effort]
+    stribeck_rise: float = 0.0  # [effort]
+    stribeck_speed: float = 1.0  # over which the rise is gone [length/s]
+    stribeck_transition: float = 1.0  # [length/s]
+
+
+# Where each parameter of a fitted effect goes.
+_FIELDS: Mapping[str, Mapping[str, str]] = {
+    "armature": {"inertia": "inertia"},
+    "coulomb_friction": {"force": "coulomb_level", "transition": "coulomb_transition"},
+    "gravity_tilt": {"tilt": "gravity_cosine"},  # beside a pendulum; in rad that of a whole arm
+    "inertia": {"m": "inertia"},
+    "pendulum": {"inertia": "inertia", "gravity": "gravity_sine"},
+    "stribeck_friction": {
+        "coulomb": "stribeck_level",
+        "rise": "stribeck_rise",
+        "speed": "stribeck_speed",
+        "transition": "stribeck_transition",
+    },
+    "viscous_friction": {"d": "viscous"},
+    "weight": {"g1": "gravity_sine", "g2": "gravity_cosine"},
+}
+_OF_ARM = "depends on all joints of the arm: add the inverse dynamics of its URDF"
+_REASONS = {
+    "bias": "may be a constant effort or the sensor's zero, which the motion cannot tell",
+    "gravity_tilt": _OF_ARM,
+    "payload": _OF_ARM,
+    "rigid_body": _OF_ARM,
+    "rigid_body_fitted": _OF_ARM,
+    "torque_gain": "is the scale of the reading: a drive of that scale needs the table's efforts times it",
+}
+_OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
+
+
+@dataclass(frozen=True)
+class FittedJoint:
+    """The fitted model of one joint."""
+
+    name: str  # of the channel, such as "joint_2"
+    model: str  # base model and added effects
+    kind: ChannelKind
+    effort_unit: str
+    fit: FitResult
+
+    @property
+    def number(self) -> int:
+        """Of the joint, from 1."""
+        return int(self.name.removeprefix("joint_"))
+
+
+@dataclass(frozen=True)
+class Feedforward:
+    """A feedforward of joints."""
+
+    joints: tuple[FittedJoint, ...]  # by their numbers
+    terms: tuple[JointTerms, ...]  # of each
+    used: tuple[str, ...]  # what went into it, one line each
+    left_out: tuple[str, ...]  # what the table cannot express or the data do not determine, one line each
+
+    def write(self, path: Path, source: str) -> None:
+        """Write the table (.yaml), and beside it the functions (.py, .c).
+
+        Args:
+            path: of the table.
+            source: what was measured, for people.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        write_text(path, self._yaml(source))
+        write_text(path.with_suffix(".py"), self._python(source))
+        write_text(path.with_suffix(".c"), self._c(source))
+
+    def _yaml(self, source: str) -> str:
+        joints = {
+            joint.name: {
+                "model": joint.model,
+                "effort_unit": joint.effort_unit,
+                "position_unit": _position_unit(joint),
+                "gravity": {"sine": terms.gravity_sine, "cosine": terms.gravity_cosine},
+                "inertia": terms.inertia,
+                "coulomb": {"level": terms.coulomb_level, "transition": terms.coulomb_transition},
+                "stribeck": {
+                    "level": terms.stribeck_level,
+                    "rise": terms.stribeck_rise,
+                    "speed": terms.stribeck_speed,
+                    "transition": terms.stribeck_transition,
+                },
+                "viscous": terms.viscous,
+                "recorded": {
+                    name: list(_range(joint, name)) for name in ("position", "velocity", "acceleration")
+                },
+            }
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        }
+        content = {"source": source, "equation": EQUATION, "joints": joints, "left_out": list(self.left_out)}
+        return yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True)
+
+    def _python(self, source: str) -> str:
+        rows = "".join(
+            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = ", ".join(asdict(JointTerms()))
+        return _PYTHON.format(source=_comment(source), names=names, rows=rows)
+
+    def _c(self, source: str) -> str:
+        rows = "".join(
+            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
+        return _C.format(source=_comment(source), names=names, rows=rows)
+
+
+def _literals(terms: JointTerms) -> str:
+    """Numbers that Python and C read as the very same."""
+    return ", ".join(map(repr, asdict(terms).values()))
+
+
+def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
+    """The feedforward of fitted joints, in the order of their numbers."""
+    ordered = sorted(joints, key=lambda joint: joint.number)
+    terms, used, left_out = [], list[str](), list[str]()
+    for joint in ordered:
+        values = asdict(JointTerms())
+        by_effect: dict[str, dict[str, ParameterEstimate]] = {
+            effect.name: {} for effect in joint.fit.model.effects
+        }
+        for name, parameter in joint.fit.parameters.items():
+            effect, _, own = name.partition(".")
+            by_effect.setdefault(effect, {})[own] = parameter
+        for effect, parameters in by_effect.items():
+            fields = _FIELDS.get(effect)
+            if fields is None or (effect == "gravity_tilt" and parameters["tilt"].unit == "rad"):
+                left_out.append(f"{joint.name}: '{effect}' {_reason(effect)}")
+                continue
+            for own, parameter in parameters.items():
+                if fields[own].endswith(("transition", "speed")):
+                    values[fields[own]] = float(parameter.value)
+                else:
+                    values[fields[own]] += float(parameter.value)
+                    left_out += _undetermined(joint, f"{effect}.{own}", parameter)
+            listed = ", ".join(f"{own} {one.value:.5g} {one.unit}" for own, one in parameters.items())
+            used.append(f"{joint.name}: {effect} {listed}")
+        terms.append(JointTerms(**values))
+    return Feedforward(tuple(ordered), tuple(terms), tuple(used), tuple(left_out))
+
+
+def _undetermined(joint: FittedJoint, name: str, parameter: ParameterEstimate) -> list[str]:
+    low, high = parameter.interval
+    if isfinite(low) and isfinite(high) and not low <= 0.0 <= high:
+        return []
+    return [f"{joint.name}: {name} {parameter.value:.3g} {parameter.unit} is in, but its interval holds zero"]
+
+
+def _reason(effect: str) -> str:
+    if effect in _REASONS:
+        return _REASONS[effect]
+    if effect not in EFFECTS:
+        return "is an effect of your own, for which the table has no term"
+    kind = EFFECTS[effect].kind
+    if kind in _OF_READING:
+        return "is an error of the reading, which no drive has to make"
+    if kind is Kind.RUN_DIFFERENCES:
+        return "differs from run to run"
+    return f"has no term in the table ({EFFECTS[effect].equation})"
+
+
+def _position_unit(joint: FittedJoint) -> str:
+    return "rad" if joint.kind is ChannelKind.REVOLUTE else "m"
+
+
+def _range(joint: FittedJoint, name: str) -> tuple[float, float]:
+    values = getattr(joint.fit.data, name)
+    return float(values.min()), float(values.max())
+
+
+def _title(joint: FittedJoint) -> str:
+    unit = _position_unit(joint)
+    low, high = _range(joint, "velocity")
+    return f"{joint.name}: {joint.effort_unit}, recorded from {low:.3g} to {high:.3g} {unit}/s"
+
+
+def _comment(text: str) -> str:
+    """A text that ends no comment of Python or C."""
+    return json.dumps(text, ensure_ascii=True)[1:-1].replace("*/", "* /").replace("\\", "/")
+
+
+_PYTHON = '''"""Feedforward effort of joints, written by palpate export from {source}.
+
+Give the desired motion, not the measured one: friction that follows a noisy velocity around zero chatters.
+"""
+
+from math import cos, exp, sin, tanh
+
+# By number of the joint: {names}
+TABLE = {{
+{rows}}}
+
+
+def feedforward(joint: int, position: float, velocity: float, acceleration: float) -> float:
+    """Effort that moves a joint [N m, or N of a linear axis].
+
+    Args:
+        joint: its number, from 1; KeyError for one that is not in the table.
+        position: desired [rad, or m].
+        velocity: desired [rad/s, or m/s].
+        acceleration: desired [rad/s^2, or m/s^2].
+    """
+    sine, cosine, inertia, viscous, coulomb, turn, level, rise, speed, stribeck_turn = TABLE[joint]
+    ratio = velocity / speed
+    effort = sine * sin(position) + cosine * cos(position) + inertia * acceleration + viscous * velocity
+    effort += coulomb * tanh(velocity / turn)
+    return effort + (level + rise * exp(-ratio * ratio)) * tanh(velocity / stribeck_turn)
+'''
+
+_C = """/* Feedforward effort of joints, written by palpate export from {source}.
+ *
+ * Give the desired motion, not the measured one: friction that follows a noisy velocity around zero chatters.
+ */
+#include <math.h>
+#include <stddef.h>
+
+struct feedforward_terms {{
+{names}}};
+
+static const struct {{
+    int joint;
+    struct feedforward_terms terms;
+}} feedforward_table[] = {{
+{rows}}};
+
+/* Effort that moves a joint [N m, or N of a linear axis]; NAN for a joint that is not in the table.
+ *
+ * joint: its number, from 1; position [rad, or m], velocity and acceleration: desired.
+ */
+double feedforward(int joint, double position, double velocity, double acceleration)
+{{
+    for (size_t row = 0; row < sizeof feedforward_table / sizeof feedforward_table[0]; row++) {{
+        const struct feedforward_terms *t = &feedforward_table[row].terms;
+        if (feedforward_table[row].joint != joint)
+            continue;
+        double ratio = velocity / t->stribeck_speed;
+        double effort = t->gravity_sine * sin(position) + t->gravity_cosine * cos(position)
+            + t->inertia * acceleration + t->viscous * velocity;
+        effort += t->coulomb_level * tanh(velocity / t->coulomb_transition);
+        return effort
+            + (t->stribeck_level + t->stribeck_rise * exp(-ratio * ratio))
+            * tanh(velocity / t->stribeck_transition);
+    }}
+    return NAN;
+}}
+"""

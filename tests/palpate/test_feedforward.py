@@ -1,0 +1,189 @@
+"""`palpate export --format feedforward`: what was found of joints moves them better than feedback alone."""
+
+import ctypes
+import runpy
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+
+from palpate.study import Study
+from sim_backend.world import ArmDescription, World
+from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, swings
+from tests.palpate.cli import as_json, assert_refused, done, run
+from tests.palpate.presses import write_table
+from tests.sim_backend.hidden_parts import hidden, quiet_scenario
+
+TICK_S = 2e-3
+MASS_KG, LENGTH_M, BODY_KGM2 = 0.8, 0.25, 0.004
+PENDULUM = f"""
+<robot name="pendulum">
+  <link name="stand"/>
+  <link name="rod"><inertial><origin xyz="0 0 -{LENGTH_M}"/><mass value="{MASS_KG}"/>
+    <inertia ixx="{BODY_KGM2}" iyy="{BODY_KGM2}" izz="{BODY_KGM2}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="swing" type="revolute">
+    <parent link="stand"/><child link="rod"/><origin xyz="0 0 2"/><axis xyz="0 -1 0"/>
+    <limit lower="-6" upper="6" effort="100" velocity="100"/>
+  </joint>
+  <link name="probe"/>
+  <joint name="mount" type="fixed"><parent link="rod"/><child link="probe"/></joint>
+</robot>
+"""
+FRICTION = {"stiction_nm": 0.5, "speed_rad_s": 0.3, "coulomb_nm": 0.4}
+VISCOUS = 0.12
+
+
+def motion(t, seed):
+    """Desired position, velocity and acceleration of three sines, shape (n,) each."""
+    rng = np.random.default_rng(seed)
+    size, phase = np.array([0.6, 0.35, 0.12]), rng.uniform(0.0, 6.0, 3)
+    rate = rng.uniform([1.5, 3.0, 6.0], [2.5, 4.5, 8.0])
+    waves = rate * t[:, None] + phase
+    return (
+        (size * np.sin(waves)).sum(1),
+        (size * rate * np.cos(waves)).sum(1),
+        (-size * rate**2 * np.sin(waves)).sum(1),
+    )
+
+
+def follow(seed, effort=lambda q, v, a: 0.0, seconds=4.0):
+    """Follow a motion with feedback and this feedforward; columns t, q, v, torque, desired q."""
+    arm = ArmDescription(PENDULUM, "probe", (0.0, 0.0, -1.0), (0.0,))
+    friction = hidden("stribeck_friction", joint=1, **FRICTION)
+    grease = hidden("viscous_friction", joint=1, viscous_nms_rad=VISCOUS)
+    world = World(arm, quiet_scenario(friction, grease, surface_m=-9.0, rate_hz=2000.0))
+    t = np.arange(0.0, seconds, TICK_S)
+    desired = np.column_stack(motion(t, seed))
+    world.place(desired[0, :1], desired[0, 1:2])
+    rows = []
+    for time_s, (q, v, a) in zip(t, desired, strict=True):
+        now = world.truth()
+        position, velocity = now.joint_position_rad[0], now.joint_velocity_rad_s[0]
+        torque = 60.0 * (q - position) + 2.0 * (v - velocity) + effort(q, v, a)
+        rows.append((time_s, position, velocity, torque, q))
+        world.set_torque([torque])
+        world.advance_to(time_s + TICK_S)
+    world.close()
+    return np.array(rows)
+
+
+def test_what_was_found_in_a_simulated_joint_makes_it_follow_more_closely(tmp_path):
+    """Recorded with feedback alone, as the other motion that then is followed with and without it."""
+    rng = np.random.default_rng(5)
+    recorded = [follow(seed) for seed in range(4)]
+    t, q, v, torque, _ = np.concatenate(recorded).T
+    run_number = np.repeat(np.arange(4), len(recorded[0]))
+    torque = torque + rng.normal(0.0, 0.01, len(t))
+    table = {"time_s": t, "position_rad": q, "velocity_rad_s": v, "torque_Nm": torque, "run": run_number}
+    study = Study(table, "pendulum")
+    study.add("stribeck_friction")
+    study.export_feedforward(tmp_path / "swing.yaml")
+    joint = yaml.safe_load((tmp_path / "swing.yaml").read_text())["joints"]["joint_1"]
+    assert joint["gravity"]["sine"] == pytest.approx(MASS_KG * 9.81 * LENGTH_M, rel=0.05)
+    assert joint["inertia"] == pytest.approx(MASS_KG * LENGTH_M**2 + BODY_KGM2, rel=0.05)
+    assert joint["viscous"] == pytest.approx(VISCOUS, rel=0.1)
+    assert joint["stribeck"]["level"] == pytest.approx(FRICTION["coulomb_nm"], rel=0.1)
+    feedforward = runpy.run_path(str(tmp_path / "swing.py"))["feedforward"]
+    plain, fed = follow(11), follow(11, lambda *state: feedforward(1, *state))
+    errors = [float(np.sqrt(np.mean((rows[:, 1] - rows[:, 4]) ** 2))) for rows in (plain, fed)]
+    assert errors[1] < 0.1 * errors[0], errors
+
+
+@pytest.fixture(scope="module")
+def swinging(tmp_path_factory):
+    """A data file of a pendulum with Stribeck friction, and the folder of its feedforward."""
+    folder = tmp_path_factory.mktemp("swinging")
+    data = swings(3, lambda q, v, a: (0.3 + 0.5 * np.exp(-((v / 0.25) ** 2))) * np.tanh(v / 0.01))
+    columns = {"time_s": data.time_s, "run": data.run, "position_rad": data.position}
+    columns |= {"velocity_rad_s": data.velocity, "acceleration_rad_s2": data.acceleration}
+    path = write_table(folder / "swing.csv", **columns, torque_Nm=data.effort)
+    Study(path, "pendulum", folder=folder).add("stribeck_friction", "bias")
+    done("export", path, "--format", "feedforward", "--folder", folder, "-o", folder / "ff.yaml")
+    return path, folder
+
+
+def function_of(folder):
+    return runpy.run_path(str(folder / "ff.py"))["feedforward"]
+
+
+def states(count):
+    rng = np.random.default_rng(2)
+    return rng.uniform([-3.0, -3.0, -30.0], [3.0, 3.0, 30.0], (count, 3)).tolist()
+
+
+def test_the_function_is_the_joints_own_law_and_the_zero_of_the_sensor_is_left_out(swinging):
+    _, folder = swinging
+    feedforward = function_of(folder)
+    for q, v, a in states(50):
+        friction = (0.3 + 0.5 * np.exp(-((v / 0.25) ** 2))) * np.tanh(v / 0.01)
+        expected = WEIGHT * np.sin(q) + INERTIA * a + DAMPING * v + friction
+        assert feedforward(1, q, v, a) == pytest.approx(expected, abs=0.02)
+    assert feedforward(1, 0.0, 0.0, 0.0) == 0.0
+    with pytest.raises(KeyError):
+        feedforward(2, 0.0, 0.0, 0.0)
+    (left_out,) = yaml.safe_load((folder / "ff.yaml").read_text())["left_out"]
+    assert left_out.startswith("joint_1: 'bias' may be a constant effort or the sensor's zero")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_c_function_gives_the_numbers_of_the_python_function(swinging, tmp_path):
+    _, folder = swinging
+    library = tmp_path / "ff.so"
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-ffp-contract=off"]
+    subprocess.run(["cc", *strict, "-shared", "-fPIC", folder / "ff.c", "-o", library, "-lm"], check=True)
+    compiled = ctypes.CDLL(str(library)).feedforward
+    compiled.restype, compiled.argtypes = ctypes.c_double, [ctypes.c_int, *[ctypes.c_double] * 3]
+    feedforward = function_of(folder)
+    extreme = [[0.0, 1e200, 0.0], [1e6, -1e-300, 1.0]]
+    for state in [*states(500), *extreme]:
+        assert compiled(1, *state) == pytest.approx(feedforward(1, *state), rel=1e-14, abs=1e-15)
+    assert np.isnan(compiled(2, 0.0, 0.0, 0.0))
+
+
+def test_what_the_table_has_no_term_for_is_said(swinging, tmp_path):
+    path, _ = swinging
+    study = Study(path, "pendulum", folder=tmp_path)
+    study.add("coulomb_friction", "joint_spring", "lag")
+    found = as_json("export", path, "--format", "feedforward", "--folder", tmp_path)
+    assert [line.split(" ")[1] for line in found["used"]] == [
+        "pendulum",
+        "viscous_friction",
+        "coulomb_friction",
+    ]
+    spring, lag = (
+        next(line for line in found["left_out"] if name in line) for name in ("joint_spring", "lag")
+    )
+    assert "has no term in the table" in spring
+    assert "is an error of the reading" in lag
+    for name in ("table", "python", "c"):
+        assert found[name].startswith(str(tmp_path / "feedforward"))
+
+
+def test_without_revisions_the_base_model_is_written(swinging, tmp_path):
+    data = swings(4)
+    study = Study(data, "inertia")
+    made = study.export_feedforward(tmp_path / "plain.yaml")
+    assert [joint.model for joint in made.joints] == ["inertia"]
+    assert made.terms[0].inertia == study.fit("joint_1").values["inertia.m"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--stream", "joint_1"), "--stream and --format feedforward: one file is written"),
+        (("-o", "ff.csv"), "a feedforward is written as .yaml, with .py and .c beside it"),
+        (("--revision", 9), "no revision 9"),
+    ],
+)
+def test_what_makes_no_feedforward_is_refused(swinging, arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path, folder = swinging
+    assert_refused(run("export", path, "--format", "feedforward", "--folder", folder, *arguments), words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_contact_has_no_feedforward(hardening, tmp_path):
+    result = run("export", hardening, "--format", "feedforward", "-o", tmp_path / "ff.yaml")
+    assert_refused(result, "no channel is a joint", "Channels: contact")
