@@ -201,7 +201,8 @@ def _with_run_differences(partial: PartiallyLinear, kinds: Kinds, fit: FitResult
         if is_of_runs and (effect.name != "run_ripple" or Kind.PERIODIC in kinds):
             start = {f"{effect.name}.{n}": v for n, v in effect.starts(fit.data)[-1].items()}
             model = fit.solution.model.with_effect(effect)
-            tried.append(search.fitted(model, {**fit.solution.parameters, **start}))
+            made = search.fitted(model, {**fit.solution.parameters, **start})
+            tried += [made] if search.is_sound(made, effect.name) else []
     best = min(tried, key=lambda one: one.solution.held_out)
     return best if best.rmse < (1.0 - SMALL) * fit.rmse else fit
 

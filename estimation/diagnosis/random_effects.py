@@ -33,7 +33,7 @@ def add_run_variation(search: Search, found: FitResult) -> FitResult:
         [
             one
             for one in _varied(search, found)
-            if run_heterogeneity(one.problem.blocked, one.solution) is None
+            if run_heterogeneity(one.problem.blocked, one.solution) is None and search.is_sensible(one)
         ]
     )
     return _less(search, varied[0]) if varied and search.is_needed(found, varied[0]) else found

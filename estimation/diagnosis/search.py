@@ -22,6 +22,7 @@ from estimation.diagnosis.candidates import (
     screen_effects,
 )
 from estimation.effect import Effect, Inner, SensorEffect
+from estimation.effects.run_variation import RunVariation
 from estimation.fit.blocks import BlockedData, decimate, merge_blocks
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import Solution, solve_gains
@@ -242,6 +243,11 @@ class Search:
         """Whether one effect is what its name says."""
         (effect,) = (one for one in fit.solution.model.effects if one.name == name)
         solution, problem = fit.solution, fit.problem
+        if isinstance(effect, RunVariation):
+            known = solution.parameters
+            inner = {one.name: known[f"{name}.{one.name}"] for one in effect.inner}
+            if effect.is_common(solution.model.without(name).predict(fit.data, known), fit.data, inner):
+                return False
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 
     def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:

@@ -12,6 +12,7 @@ from robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
 _FEWEST_RUNS = 3
+_COMMON = 2.0  # times the standard deviation of runs: their mean, which is by chance less than that
 _SINGULAR = 1e-10
 
 
@@ -74,6 +75,18 @@ class RunVariation(SensorEffect):
         """
         own = self.values(effort, data, inner)
         return np.asarray(np.sqrt(inner["share"] * np.var(own, axis=0, ddof=1)))
+
+    def is_common(self, effort: FloatArray, data: ChannelData, inner: Inner) -> bool:
+        """Whether the runs have more in common than they differ by: then the model lacks a constant.
+
+        Args:
+            effort: that the model expects without variation, shape (n,).
+            data: with the readings.
+            inner: inner parameters.
+        """
+        own = self.values(effort, data, inner)
+        spread = np.linalg.norm(np.std(own, axis=0, ddof=1))
+        return bool(np.linalg.norm(np.mean(own, axis=0)) > _COMMON * spread)
 
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
         columns = effort.reshape(len(data), -1)

@@ -70,3 +70,10 @@ def test_values_of_a_run_do_not_depend_on_other_runs_nor_on_its_own_end(name):
     late = np.where(effect.first_part(data), data.effort, 99.0)
     changed = type(data)(**{**vars(data), "effort": late})
     np.testing.assert_allclose(effect.values(effort, changed, inner), together)
+
+
+@pytest.mark.parametrize(("common", "told"), [(0.0, False), (0.8, False), (4.0, True)])
+def test_what_all_runs_have_in_common_is_no_difference_between_them(common, told):
+    own = np.random.default_rng(4).standard_normal(12)
+    data, effect = presses(common + 0.5 * (own - own.mean()), np.ones(12)), EFFECTS["run_offset"]()
+    assert effect.is_common(4.0 * data.position, data, {"share": 1.0}) is told
