@@ -1,14 +1,17 @@
 """What a diagnosis says, in documented and stable keys (see docs/diagnosis.md)."""
 
+from collections.abc import Mapping
 from enum import StrEnum
 from math import isfinite
-from typing import Self
+from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from estimation.design.next_experiment import NextExperiment
+from estimation.diagnosis.extension import PackedFit
 from estimation.diagnosis.forms import Form
 from estimation.estimate import ParameterEstimate
+from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_noise import NoiseSource
 from estimation.kinds import Kind
 
@@ -49,6 +52,11 @@ class Fitted(_Entry):
 
     rmse: float
     parameters: Parameters
+
+    @classmethod
+    def of(cls, fit: FitResult) -> Self:
+        """State the numbers of a fit."""
+        return cls(rmse=fit.rmse, parameters=_parameters(fit))
 
 
 class Accepted(_Entry):
@@ -138,6 +146,22 @@ class ChannelDiagnosis(_Entry):
     # How a recording of very many samples was averaged, and why nothing is lost; else empty.
     averaged: str = ""
     warnings: list[str] = Field(default_factory=list)  # what in the data is implausible, with its figure
+    _fits: Mapping[tuple[str, ...], PackedFit] = PrivateAttr(default_factory=dict)
+
+    def with_fits(self, fits: Mapping[tuple[str, ...], FitResult]) -> Self:
+        """Attach the fits that the numbers come from.
+
+        Args:
+            fits: by the names of the added effects, in order.
+        """
+        copy = self.model_copy()
+        copy._fits = {effects: PackedFit.of(fit) for effects, fit in fits.items()}
+        return copy
+
+    def take_fits(self) -> Mapping[tuple[str, ...], PackedFit]:
+        """Hand over the attached fits, by the names of the added effects; the diagnosis keeps none."""
+        fits, self._fits = self._fits, {}
+        return fits
 
 
 class Diagnosis(_Entry):
@@ -146,3 +170,28 @@ class Diagnosis(_Entry):
     file: str
     model: str
     channels: list[ChannelDiagnosis]
+
+
+def stage_numbers(
+    effect: str, before: FitResult, after: FitResult, spread: ParameterValue | None = None
+) -> dict[str, Any]:
+    """State what one effect adds: fields of `Accepted`.
+
+    Args:
+        effect: name of the effect.
+        before: the model without it.
+        after: the model with it, all parameters fitted again.
+        spread: standard deviation between runs, of an effect that varies from run to run.
+    """
+    prefix = f"{effect}."
+    own = {
+        name.removeprefix(prefix): value
+        for name, value in _parameters(after).items()
+        if name.startswith(prefix)
+    }
+    own |= {} if spread is None else {"spread": spread}
+    return {"rmse_before": before.rmse, "rmse_after": after.rmse, "parameters": own}
+
+
+def _parameters(fit: FitResult) -> Parameters:
+    return {name: ParameterValue.of(estimate) for name, estimate in fit.parameters.items()}

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from estimation.channel import ChannelData
 from estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
 from estimation.diagnosis.acceptance import indistinguishable_models, models_by_importance, similar_forms
 from estimation.diagnosis.bootstrap import SMALL, encoder_step_error
+from estimation.diagnosis.extension import fit_extended
 from estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
 from estimation.diagnosis.random_effects import run_standard_deviation
 from estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
@@ -20,20 +22,20 @@ from estimation.diagnosis.result import (
     ChannelDiagnosis,
     Fitted,
     Floor,
-    ParameterValue,
     Ranked,
     Remaining,
     Rest,
     Verdict,
+    stage_numbers,
 )
 from estimation.diagnosis.search import Search
 from estimation.effects.run_variation import RunVariation
-from estimation.fit.fit_result import FitResult, final_solution
-from estimation.fit.intervals import estimate_parameters
+from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
 from estimation.kinds import Kind, separating_experiment
 
+_MOST_RANKED = 3  # candidates that are fitted alone beside the base model
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28
 _Rivals = Mapping[str, Mapping[str, FitResult]]  # models with another effect in the place of one, by both
 
@@ -50,6 +52,34 @@ class Evidence:
     tests: Sequence[FormTest] = ()  # of the effects' forms, where the model is not complete
     partial: PartiallyLinear | None = None  # the kinds that account for the error, where it is not complete
     coarse: PartiallyLinear | None = None  # the same on a coarse copy
+
+    @cached_property
+    def path(self) -> list[FitResult]:
+        """The models on the way from the base model to the end, the most important effect first."""
+        return models_by_importance(self.search, self.end)
+
+    @cached_property
+    def stages(self) -> list[FitResult]:
+        """The base model, and one fit for each effect of `path`, added as every command adds it."""
+        stages = [self.search.start]
+        for fit in self.path:
+            present = {effect.name for effect in stages[-1].model.effects}
+            (name,) = set(self.search.added_effects(fit)) - present
+            stages.append(self.extended(stages[-1], name))
+        return stages
+
+    @cached_property
+    def single_effects(self) -> dict[str, FitResult]:
+        """The base model with one effect, for each of the most promising candidates."""
+        promising = [entry for entry in _screened(self.search) if entry.score >= SMALL]
+        return {
+            entry.effect: self.extended(self.search.start, entry.effect) for entry in promising[:_MOST_RANKED]
+        }
+
+    def extended(self, fit: FitResult, name: str) -> FitResult:
+        """Fit a model with one more effect of the library."""
+        effect = next(effect for effect in self.search.effects if effect.name == name)
+        return fit_extended(self.search.data, fit, effect.suited_to(fit.training))
 
     @cached_property
     def noise(self) -> MeasurementNoise:
@@ -81,23 +111,30 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
 
 
 def decide_verdict(found: Evidence) -> ChannelDiagnosis:
-    """The entry for one channel."""
-    search, end = found.search, found.end
-    path = models_by_importance(search, end)
+    """State the verdict on one channel, with numbers from the fits that every other command shows.
+
+    Args:
+        found: where the search ended.
+
+    Returns:
+        The diagnosis of the channel; `take_fits` hands over the fits that its numbers come from.
+    """
+    search, end, noise = found.search, found.end, found.noise
     names = search.added_effects(end)
     if found.complete:
         others = {name: indistinguishable_models(search, end, name, found.measurement) for name in names}
     else:
         others = {name: similar_forms(search, end, name) for name in names}
-    accepted = _accepted(found, path, others)
+    accepted = _accepted(found, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
-    noise = found.noise
     budget, rest = _budget(found)
-    times = end.rmse / noise.value if noise.value > 0.0 else 1.0
-    return ChannelDiagnosis(
+    ranking = _ranking(found)
+    base, last = found.stages[0], found.stages[-1]
+    times = last.rmse / noise.value if noise.value > 0.0 else 1.0
+    diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=_reason(found, verdict, accepted),
+        reason=_reason(found, verdict, accepted, ranking),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=noise.value,
         floor=Floor(
@@ -109,15 +146,19 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         ),
         budget=budget,
         rest=rest,
-        baseline=Fitted(rmse=search.start.rmse, parameters=_parameters(search.start)),
+        baseline=Fitted.of(base),
         accepted=accepted,
-        ranking=_ranking(search),
-        final=Fitted(rmse=end.rmse, parameters=_parameters(end)),
+        ranking=ranking,
+        final=Fitted.of(last),
         complete=found.complete,
-        remaining=Remaining(rmse=end.rmse, times_floor=times, depends_on=found.signals),
+        remaining=Remaining(rmse=last.rmse, times_floor=times, depends_on=found.signals),
         depends_on=found.signals,
         next_experiment=_next(found, accepted, others),
     )
+    added = [entry.effect for entry in accepted]
+    chains = {tuple(added[:count]): fit for count, fit in enumerate(found.stages)}
+    alone = {(name,): fit for name, fit in found.single_effects.items()}
+    return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
 
 
 def _budget(found: Evidence) -> tuple[list[BudgetShare], Rest]:
@@ -165,39 +206,29 @@ def _budget(found: Evidence) -> tuple[list[BudgetShare], Rest]:
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 
 
-def _parameters(fit: FitResult) -> dict[str, ParameterValue]:
-    return {name: ParameterValue.of(one) for name, one in estimate_parameters(*final_solution(fit)).items()}
-
-
-def _accepted(found: Evidence, path: Sequence[FitResult], others: _Rivals) -> list[Accepted]:
-    search, before, accepted = found.search, found.search.start, []
-    everything = _parameters(found.end) if path else {}
+def _accepted(found: Evidence, others: _Rivals) -> list[Accepted]:
+    search, accepted = found.search, []
     by_name = {effect.name: effect for effect in search.effects}
-    for after in path:
-        (name,) = set(search.added_effects(after)) - set(search.added_effects(before))
-        own = {key.split(".", 1)[1]: one for key, one in everything.items() if key.split(".")[0] == name}
-        effect = by_name[name]
-        if isinstance(effect, RunVariation):
-            own["spread"] = run_standard_deviation(found.end, effect)
+    for before, after in pairwise(found.stages):
+        effect = by_name[after.model.effects[-1].name]
+        spread = run_standard_deviation(found.end, effect) if isinstance(effect, RunVariation) else None
+        p_value = search.p_value(search.without(found.end, effect.name), found.end)
         accepted.append(
             Accepted(
-                effect=name,
-                form=found.form(name),
-                parameters=own,
-                rmse_before=before.rmse,
-                rmse_after=after.rmse,
-                p_value=search.p_value(search.without(found.end, name), found.end),
-                confused_with=list(others[name]),
+                effect=effect.name,
+                form=found.form(effect.name),
+                **stage_numbers(effect.name, before, after, spread),
+                p_value=p_value,
+                confused_with=list(others[effect.name]),
                 physics=effect.physics,
                 equation=effect.equation,
                 signature=effect.signature,
             )
         )
-        before = after
     return accepted
 
 
-def _ranking(search: Search) -> list[Ranked]:
+def _screened(search: Search) -> list[Ranked]:
     """Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's."""
     tried, rmse, ranked = search.coarse or search, search.start.rmse, []
     start = tried.start
@@ -209,8 +240,36 @@ def _ranking(search: Search) -> list[Ranked]:
     return ranked
 
 
-def _reason(found: Evidence, verdict: Verdict, accepted: Sequence[Accepted]) -> str:
-    end, unit = found.end, found.search.data.kind.effort_unit
+def _ranking(found: Evidence) -> list[Ranked]:
+    """The most promising candidates, each fitted alone beside the base model, the best first."""
+    base = found.search.start.rmse
+    ranked = (
+        Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / base if base > 0.0 else 0.0)
+        for name, fit in found.single_effects.items()
+    )
+    return sorted(ranked, key=lambda entry: entry.rmse_held_out)
+
+
+def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: float, unit: str) -> str:
+    """State by how much the accepted effects lower the held-out error.
+
+    Args:
+        accepted: the effects, with those that the data cannot tell from each.
+        base_rmse: held-out error of the base model, in the unit.
+        last_rmse: held-out error with all accepted effects, in the unit.
+        unit: of the effort.
+
+    Returns:
+        A clause without a full stop.
+    """
+    names = " and ".join(_or_rivals(entry) for entry in accepted)
+    return f"the error falls from {base_rmse:.3g} {unit} to {last_rmse:.3g} {unit} with {names}"
+
+
+def _reason(
+    found: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
+) -> str:
+    end, unit, last = found.end, found.search.data.kind.effort_unit, found.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
@@ -218,12 +277,14 @@ def _reason(found: Evidence, verdict: Verdict, accepted: Sequence[Accepted]) -> 
         )
     left = _left(found)
     if verdict is Verdict.MISSING:
-        names = " and ".join(_or_rivals(entry) for entry in accepted)
-        before = f"{found.search.start.rmse:.3g} {unit}"
-        fall = f"the error falls from {before} to {end.rmse:.3g} {unit} with {names}"
+        decrease = error_decrease(accepted, found.stages[0].rmse, last, unit)
         nothing = f"no more than noise is left{_steps(found)}{_hum(end)}{_peaks(end)}"
-        return f"{fall}, and {nothing}" if found.complete else f"{fall}; {left}"
-    return f"the error is {end.rmse:.3g} {unit}; {left}"
+        return f"{decrease}, and {nothing}" if found.complete else f"{decrease}; {left}"
+    reason = f"the error is {last:.3g} {unit}; {left}"
+    if not ranking or ranking[0].score < SMALL:
+        return reason
+    best = f"{ranking[0].effect}, takes away {100 * ranking[0].score:.0f} % of the error"
+    return f"{reason}; the best single effect, {best}, and is not established"
 
 
 def _steps(found: Evidence) -> str:
@@ -258,10 +319,10 @@ def _peaks(end: FitResult) -> str:
 def _left(found: Evidence) -> str:
     if found.objection:
         return found.objection.reason
-    told, noise = ", ".join(found.signals) or "a mix of signals", found.noise
-    if found.end.rmse <= noise.value or not noise.value > 0.0:
-        return f"what is left depends on {told}"
-    return f"what is left is {found.end.rmse / noise.value:.2g} times the noise, and depends on {told}"
+    signals, noise, rmse = ", ".join(found.signals) or "a mix of signals", found.noise, found.stages[-1].rmse
+    if rmse <= noise.value or not noise.value > 0.0:
+        return f"what is left depends on {signals}"
+    return f"what is left is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
 
 
 def _or_rivals(entry: Accepted) -> str:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from threading import RLock
 from types import MappingProxyType
@@ -17,6 +17,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data_quality import quality_warnings, reject_reason
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import effect_library
+from estimation.diagnosis.extension import PackedFit, fit_extended
 from estimation.diagnosis.result import ParameterValue
 from estimation.display import DisplayTable, TableDisplay
 from estimation.effect import Effect
@@ -41,7 +42,6 @@ from estimation.study.channels import (
 )
 from estimation.study.comparison import Comparison, Comparisons, compare
 from estimation.study.estimates import USUAL, ChannelEstimates, choose_estimators, estimate_with, only_runs
-from estimation.study.reconcile import reconcile
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
 from estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
@@ -213,7 +213,7 @@ class Study(TableDisplay):
         with self._lock:
             return (channel.key, tuple(effects)) in self._fits
 
-    def take_fit(self, channel: StudyChannel, effects: Sequence[str], packed: fitting.PackedFit) -> None:
+    def take_fit(self, channel: StudyChannel, effects: Sequence[str], packed: PackedFit) -> None:
         """Add a fit to the cache that another process made of the same data.
 
         Args:
@@ -351,10 +351,10 @@ class Study(TableDisplay):
             excluded = RunVariation if self.source.stretches else ()
             effects = [effect for effect in self.effects if not isinstance(effect, excluded)]
             judged = judge(data, models, effects, progress, self._file)
-            entries = [
-                reconcile(partial(self.fit, one), one, entry)
-                for one, entry in zip(chosen, judged.channels, strict=True)
-            ]
+            for one, entry in zip(chosen, judged.channels, strict=True):
+                for added, packed in entry.take_fits().items():
+                    self.take_fit(one, added, packed)
+            entries = judged.channels
             entries = self._plan_next(entries, progress) if plan else entries
             averaged, warnings = self.source.averaged, self.warnings
             entries = [
@@ -393,7 +393,7 @@ class Study(TableDisplay):
         """
         made = self._diagnoses.get(channel.key)
         saved = None if made else read_diagnosis(self.folder).get(channel.key)
-        if saved is None or saved.baseline is None or channel.held_out:  # see `reconcile`
+        if saved is None or saved.baseline is None or channel.held_out:  # which are scored otherwise
             return made or saved
         with self._lock:
             noise, names = self.noise(channel).value, [entry.effect for entry in saved.accepted]
@@ -683,7 +683,7 @@ class Study(TableDisplay):
             whole = channel.data if channel.held_out else None
             return fitting.fit_base(channel.to_fit, channel.model, whole)
         parent = self.fit(channel, effects[:-1])
-        return fitting.fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
+        return fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
 
     def _remember(self, key: _FitKey, fit: FitResult) -> None:
         """Put a fit last in the cache, and drop the least recently used fits."""

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
+from itertools import pairwise
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
-from estimation.diagnosis.result import Accepted
+from estimation.diagnosis.result import Accepted, Fitted, stage_numbers
+from estimation.diagnosis.verdict import error_decrease
 from estimation.effect import Effect
 from estimation.fit.blocks import decimate
 from estimation.fit.fit_cache import FitCache
@@ -15,7 +16,6 @@ from estimation.fit.fit_result import FitResult, fit_model
 from estimation.fit.joint_load import with_load
 from estimation.model import Model
 from estimation.study.channels import StudyChannel
-from estimation.study.reconcile import reconcile
 from estimation.study.study import Study
 from robot_io.errors import InputError
 
@@ -125,7 +125,34 @@ def _with_the_simplest_in(
     effect = known[first]
     about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
     accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
-    return reconcile(partial(study.fit, channel), channel, found.model_copy(update={"accepted": accepted}))
+    return _with_numbers(study, channel, found, accepted)
+
+
+def _with_numbers(
+    study: Study, channel: StudyChannel, found: ChannelDiagnosis, accepted: Sequence[Accepted]
+) -> ChannelDiagnosis:
+    """The diagnosis with other accepted effects, and the numbers of their fits."""
+    changed = found.model_copy(update={"accepted": list(accepted)})
+    if found.baseline is None or found.final is None or found.noise_floor is None:
+        return changed
+    names = [entry.effect for entry in accepted]
+    stages = [study.fit(channel, names[:count]).training_fit for count in range(len(names) + 1)]
+    entries = [
+        entry.model_copy(update=stage_numbers(entry.effect, before, after, entry.parameters.get("spread")))
+        for entry, (before, after) in zip(accepted, pairwise(stages), strict=True)
+    ]
+    base, last, unit = found.baseline.rmse, stages[-1].rmse, found.effort_unit
+    left = found.reason.removeprefix(error_decrease(found.accepted, base, found.final.rmse, unit))
+    times = last / found.noise_floor if found.noise_floor > 0.0 else 1.0
+    remaining = found.remaining and found.remaining.model_copy(update={"rmse": last, "times_floor": times})
+    return changed.model_copy(
+        update={
+            "reason": error_decrease(entries, base, last, unit) + left,
+            "remaining": remaining,
+            "final": Fitted.of(stages[-1]),
+            "accepted": entries,
+        }
+    )
 
 
 def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:

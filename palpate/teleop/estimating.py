@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import nan
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from control.loop.stop_handler import one_line
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels
-from estimation.diagnosis import Diagnosis
 from estimation.study import ChannelEstimates, Revision
-from estimation.study.fitting import diagnose
 from estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
@@ -83,7 +81,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     contact = _contact(samples)
     model, made = _better(contact, target)
     study = Study(contact.channel, model)
-    (answer,) = study.diagnose(apply=True, judge=_judge).channels
+    (answer,) = study.diagnose(apply=True).channels
     verdict, words = str(answer.verdict), answer.reason
     try:
         (revision,) = study.to_export()
@@ -91,13 +89,6 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     except InputError as error:
         words = f"not all of it can be felt ({error}); {words}"
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
-
-
-def _judge(*question: Any) -> Diagnosis:  # noqa: ANN401, see `estimation.study.fitting.diagnose`
-    """What is missing, without rivals of what is established: each would be fitted once more for a table."""
-    found = diagnose(*question)
-    channels = [one.model_copy(update={"ranking": []}) if one.accepted else one for one in found.channels]
-    return found.model_copy(update={"channels": channels})
 
 
 class Estimator:

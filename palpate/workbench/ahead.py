@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+from estimation.diagnosis.extension import PackedFit, fit_extended
 from estimation.effect import Effect
 from estimation.end_workers import end_with_parent, end_workers
 from estimation.fit.fit_result import FitResult
 from estimation.study import StudyChannel
-from estimation.study.fitting import PackedFit, fit_base, fit_extended
+from estimation.study.fitting import fit_base
 from palpate.study import Study
 
 _NICE = 10

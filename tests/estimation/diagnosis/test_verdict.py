@@ -43,10 +43,13 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
     spring, friction = found.accepted
     assert (spring.effect, friction.effect) == BOTH
     assert spring.rmse_before == found.baseline.rmse == search.start.rmse
-    assert spring.rmse_after == friction.rmse_before == search.without(end, "coulomb_friction").rmse
-    assert friction.rmse_after == found.final.rmse == found.remaining.rmse == end.rmse
-    known = estimate_parameters(*final_solution(end))
-    for entry in found.accepted:
+    assert spring.rmse_after == friction.rmse_before
+    assert spring.rmse_after == pytest.approx(search.without(end, "coulomb_friction").rmse, rel=1e-4)
+    assert (
+        friction.rmse_after == found.final.rmse == found.remaining.rmse == pytest.approx(end.rmse, rel=1e-4)
+    )
+    for count, entry in enumerate(found.accepted, start=1):
+        known = estimate_parameters(*final_solution(reached(search, *BOTH[:count])))
         effect = EFFECTS[entry.effect]
         assert entry.parameters.keys() == {p.name for p in (*effect.gains, *effect.inner)}
         assert (entry.physics, entry.equation, entry.signature) == (
@@ -56,7 +59,8 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
         )
         for name, told in entry.parameters.items():
             one = known[f"{entry.effect}.{name}"]
-            assert (told.value, told.std_err, told.unit) == (one.value, one.std_err, one.unit)
+            assert (told.value, told.std_err) == pytest.approx((one.value, one.std_err), rel=1e-2)
+            assert told.unit == one.unit
         assert entry.p_value <= 0.01
         assert entry.confused_with == []
     assert abs(spring.parameters["k"].value - 6.0) < 4.0 * spring.parameters["k"].std_err
@@ -67,7 +71,7 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
 def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     found, _, end = said(swung, complete=True)
     assert found.noise_floor == found.floor.value == pytest.approx(NOISE_NM, rel=0.1)
-    assert found.remaining.times_floor == end.rmse / found.noise_floor
+    assert found.remaining.times_floor == found.final.rmse / found.noise_floor
     assert found.remaining.depends_on == found.depends_on == []
     assert found.next_experiment is None
     assert (found.floor.free_air, found.floor.share_left) == (None, end.explainable_share())
@@ -117,23 +121,38 @@ def test_the_noise_is_one_number_whatever_model_the_search_ends_with(swung):
     assert len({(one.noise_floor, one.floor.source, one.floor.at_most) for one in told}) == 1
 
 
-def test_candidates_alone_are_ranked_by_the_error_that_each_would_leave(swung):
-    found, search, _ = said(swung, complete=True)
-    assert [one.effect for one in found.ranking] == ["joint_spring", "coulomb_friction", "bias"]
+def test_candidates_that_lower_the_error_alone_are_ranked_by_the_error_that_each_leaves():
+    """Screened on blocks of ten samples, of which a sketch is made; the error is that of single samples."""
+    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
+    search = searched(
+        data, "bias", "viscous_friction", "coulomb_friction", "dry_friction", "asymmetric_friction"
+    )
+    assert search.coarse is not None
+    found = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
+    names, errors = zip(*((one.effect, one.rmse_held_out) for one in found.ranking), strict=True)
+    assert "coulomb_friction" in names
+    assert "bias" not in names  # hardly lowers the error
+    assert list(errors) == sorted(errors)
     for one in found.ranking:
-        assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=0.03)
+        assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=1e-3)
         assert one.score == pytest.approx(1.0 - one.rmse_held_out / search.start.rmse)
 
 
-def test_of_a_quick_recording_the_ranking_is_that_of_single_samples_too():
-    """Judged on blocks of ten samples, of which a sketch is made: the error is told sample by sample."""
-    data = swings(1, lambda q, v, a: 0.1 * np.tanh(v / 0.02), rate_hz=1000.0)
-    search = searched(data, "coulomb_friction", "bias")
-    assert search.coarse is not None
-    found = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
-    assert [one.effect for one in found.ranking] == ["coulomb_friction", "bias"]
-    for one in found.ranking:
-        assert one.rmse_held_out == pytest.approx(reached(search, one.effect).rmse, rel=0.15)
+def test_where_nothing_is_established_the_best_single_effect_is_named_with_what_it_takes_away(swung):
+    found, *_ = said(swung, complete=False, nothing=True)
+    share = f"{100 * found.ranking[0].score:.0f} %"
+    assert found.reason.endswith(
+        f"; the best single effect, joint_spring, takes away {share} of the error, and is not established"
+    )
+    assert "best single effect" not in said(swung, complete=False)[0].reason
+
+
+def test_the_fits_behind_the_numbers_are_handed_over_once(swung):
+    found, *_ = said(swung, complete=True)
+    fits = found.take_fits()
+    assert set(fits) == {("joint_spring",), BOTH}
+    assert fits[BOTH].solution.parameters["joint_spring.k"] == pytest.approx(6.0, rel=0.05)
+    assert found.take_fits() == {}
 
 
 @pytest.mark.parametrize(("scale", "confused"), [(0.1, ["joint_spring"]), (1.0, [])])

@@ -12,10 +12,11 @@ import pyarrow as pa
 import pytest
 
 from estimation.data.import_options import ImportOptions
+from estimation.diagnosis.extension import PackedFit
 from estimation.effects import EFFECTS
 from estimation.study import Study, fitting
+from estimation.study import study as study_module
 from estimation.study.arm import NO_ARM, Arm
-from estimation.study.fitting import PackedFit
 from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from robot_io.errors import InputError
@@ -241,12 +242,12 @@ def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
 def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
     calls = []
 
-    def counted(name):
-        plain = getattr(fitting, name)
+    def counted(module, name):
+        plain = getattr(module, name)
         return lambda *args: calls.append(name) or plain(*args)
 
-    for name in ("fit_base", "fit_extended"):
-        monkeypatch.setattr(fitting, name, counted(name))
+    for module, name in ((fitting, "fit_base"), (study_module, "fit_extended")):
+        monkeypatch.setattr(module, name, counted(module, name))
     study = Study(session(4))
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda _: study.fit("contact", ["bias"]), range(16)))

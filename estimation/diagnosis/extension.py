@@ -1,0 +1,80 @@
+"""Extend a fitted model by one effect."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from estimation.channel import ChannelData
+from estimation.data_quality import usable
+from estimation.diagnosis.bootstrap import SMALL
+from estimation.diagnosis.candidates import screen_effects
+from estimation.effect import Effect
+from estimation.fit.fit_cache import FitCache
+from estimation.fit.fit_problem import FitProblem, Solution
+from estimation.fit.fit_result import FitResult, fit_model
+from estimation.fit.inner_search import GridSearch
+from estimation.fit.joint_load import LOAD, LUMPED
+from estimation.fit.threads import single_threaded
+from robot_io.types import BoolArray, FloatArray
+
+_MOST_STARTS = 3  # physically plausible starts from which a fit is repeated
+
+
+def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitResult:
+    """Fit a model with one more effect, from the starts at which the effect fits best.
+
+    A start at zero of a speed or time that the effort is divided by could not be fitted. Some pairs of
+    effects have several minima, such as the position of a surface and the curvature of its spring: the fit is
+    repeated from each start that may lead to another one. A fit with an unphysical gain must leave far less
+    than one without.
+
+    Args:
+        data: the channel, with the runs to fit to.
+        parent: the model without the effect, fitted to the same data.
+        effect: what is added, in the form that suits the channel.
+    """
+    with single_threaded():
+        search = screen_effects(parent.training_fit, [effect])[0].search
+        good, cache = usable(data), parent.problem.blocked.cache
+        fits = [fit_model(data, search.best.model, start, good, cache) for start in _starts(parent, search)]
+        best = min(
+            fits, key=lambda fit: fit.mean_square * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
+        )
+        return replace(best, validation=parent.validation)
+
+
+def _starts(parent: FitResult, search: GridSearch) -> list[Mapping[str, float]]:
+    """Parameters where the effect fitted best, the same with the parent's inner ones, and plausible ones."""
+    best, before = search.best, parent.solution
+    starts = [best.parameters, {**best.parameters, **{n: before.parameters[n] for n in before.model.inner}}]
+    if not best.is_physical:
+        physical = sorted((s for s in search.starts if s.is_physical), key=lambda solution: solution.sse)
+        starts += [solution.parameters for solution in physical[:_MOST_STARTS]]
+    return [start for number, start in enumerate(starts) if start not in starts[:number]]
+
+
+@dataclass(frozen=True, eq=False)
+class PackedFit:
+    """A fit without the arrays that all fits of a channel share, small enough to send between processes."""
+
+    solution: Solution
+    trusted: BoolArray  # blocks that count, shape (m,)
+    derived: dict[str, FloatArray]  # signals that were derived for this model, by name, each (n,)
+
+    @classmethod
+    def of(cls, fit: FitResult) -> "PackedFit":
+        """Pack a fit."""
+        context = fit.training.context
+        derived = {name: context[name] for name in (LOAD, LUMPED) if name in context}
+        return cls(fit.solution, fit.problem.blocked.trusted, derived)
+
+    def unpack(self, data: ChannelData, other: FitResult) -> FitResult:
+        """Restore the fit.
+
+        Args:
+            data: the channel that it was fitted to.
+            other: another fit to the same channel, whose shared arrays it takes over.
+        """
+        data = replace(data, context={**data.context, **self.derived})
+        blocked = replace(other.problem.blocked, data=data, trusted=self.trusted, load_cache=FitCache())
+        problem = FitProblem(blocked, other.problem.noise_model)
+        return FitResult(data, problem, self.solution, other.validation)
