@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import BinaryIO
 
 STDOUT, STDERR = 1, 2
 
@@ -23,7 +24,7 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
     """
     _flush()
     kept = [(descriptor, os.dup(descriptor)) for descriptor in descriptors]
-    with tempfile.TemporaryFile() as file:
+    with _memory() as file:
         for descriptor in descriptors:
             os.dup2(file.fileno(), descriptor)
         try:
@@ -35,6 +36,13 @@ def captured(lines: list[str], *descriptors: int) -> Iterator[None]:
                 os.close(own)
             file.seek(0)
             lines += file.read().decode("utf-8", "replace").splitlines()
+
+
+def _memory() -> BinaryIO:
+    """A file in memory, so that reading a file of somebody else opens none for writing; else on disk."""
+    if hasattr(os, "memfd_create"):
+        return os.fdopen(os.memfd_create("captured"), "w+b")
+    return tempfile.TemporaryFile()
 
 
 def _flush() -> None:
