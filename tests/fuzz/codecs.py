@@ -26,6 +26,7 @@ from robot_io.drivers.serial_force.loadstar import loadstar_stream
 from robot_io.drivers.serial_force.lorenz_protocol import LorenzStream, Telegram, TelegramReader
 from robot_io.drivers.serial_force.mark10 import Mark10Stream
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream
+from robot_io.drivers.serial_force.poll import Poll
 from robot_io.errors import ProtocolError
 from sim_backend.emulators.dynamixel import wire as dynamixel_wire
 from sim_backend.emulators.feetech import wire as feetech_wire
@@ -460,7 +461,10 @@ CODECS: dict[str, Codec] = {
         force_line("{:12.4f}\r\n"), stream(lambda: loadstar_stream(1.0, 100.0)), is_wrong_first_word, 400
     ),
     "mark10": Codec(
-        force_line("{:.2f} N\r\n"), stream(lambda: Mark10Stream("N", 100.0)), is_wrong_mark10, 400
+        force_line("{:.2f} N\r\n"),
+        stream(lambda: Mark10Stream("N", 100.0, "M7-50", Poll(b"?", b"!"))),
+        is_wrong_mark10,
+        400,
     ),
     "force_lines": Codec(
         force_line("{:.3f} N\r\n"),
@@ -470,7 +474,7 @@ CODECS: dict[str, Codec] = {
     ),
     "microcontroller_cell": Codec(
         lambda rng, number: cell.line(f"{(number + 1) % 256} {int(rng.integers(-(1 << 23), 1 << 23))}"),
-        stream(lambda: CellStream(1.0, 0.0, 100.0)),
+        stream(lambda: CellStream(1.0, 0.0, 100.0, 320.0)),
         is_wrong_cell,
         400,
     ),

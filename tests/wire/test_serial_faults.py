@@ -212,6 +212,20 @@ def test_a_gauge_that_is_switched_to_another_unit_is_named(bench):
     assert "the gauge reads in N, and read in lbF when it was configured" in arm.problem
 
 
+def test_a_lost_answer_is_asked_for_again_at_once(bench):
+    """The gauge was left alone for 0.35 s, and the arm stopped."""
+    arm = bench(ODRIVE, [MARK10])
+    arm.robot.configure()
+    press(arm, 5.0)
+    arm.ticks(600, None)
+    for _ in range(5):
+        arm.strike("load_cell", FaultKind.DROP, times=1)
+        measurements = [arm.tick(None) for _ in range(20)]
+        assert max(one.time_s - one.force_at_s for one in measurements) < 9.5e-3
+        assert {one.force_status for one in measurements} <= {Status.OK, Status.STALE}
+        assert measurements[-1].force_n == pytest.approx(5.0, abs=0.1)
+
+
 @pytest.mark.parametrize("late_ms", [4.2, 60.0, 130.0])
 def test_an_answer_is_as_old_as_its_question(bench, late_ms):
     """What comes later than the driver waits for belongs to no younger question."""

@@ -119,12 +119,12 @@ class ForceLine(Bus):
         *,
         has_checksums: bool = False,
         own_time: OwnTime | None = None,
-        question: bytes = b"",
+        poll: Poll | None = None,
     ) -> None:
         """From now on all bytes are readings, made by `stream`; from `capacity_n` on [N] they are saturated.
 
         `held_back_s`, `has_checksums` and `own_time` are as for `SerialReader`; each reading is asked for by
-        `question`, if there is one.
+        `poll`, if there is one.
 
         DeviceError: the port is not open.
         """
@@ -137,7 +137,7 @@ class ForceLine(Bus):
             held_back_s,
             has_checksums=has_checksums,
             own_time=own_time,
-            poll=Poll(question) if question else None,
+            poll=poll,
         )
         self._reader.start()
 

@@ -8,6 +8,7 @@ number. Compression is positive. Example of a reading: "-18.78 lbF".
 import re
 from contextlib import suppress
 
+from robot_io.drivers.serial_force.poll import Poll
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineStream, newtons_per, text_of
 from robot_io.errors import ProtocolError
@@ -37,14 +38,23 @@ def reading_of(line: str) -> tuple[str, str]:
 class Mark10Stream(LineStream):
     """Readings in one unit, as the gauge writes it; a gauge that has gone over to another one complains.
 
-    Twice the gauge's capacity [N] is not accepted as a reading. ProtocolError: the unit is none of force.
+    Twice the gauge's capacity [N] is not accepted as a reading. Its model is the answer to the marker of the
+    poll, and readings before it are left out. ProtocolError: the unit is none of force.
     """
 
-    def __init__(self, unit: str, capacity_n: float) -> None:
+    def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:
         super().__init__(self._in_unit, 2.0 * capacity_n, from_beginning=True)
+        self._model, self._poll = model.encode("ascii"), poll
         self._unit, self._newtons = unit, newtons_per(unit)
         self._other, self._others = "", 0  # so many readings in another unit in a row
         self.complaint = ""
+
+    def _take(self, line: bytes, samples: list[float]) -> None:
+        if line.rstrip().endswith(self._model):  # perhaps behind a reading that has lost its end
+            self._poll.marked()
+            samples.clear()
+        else:
+            super()._take(line, samples)
 
     def _in_unit(self, line: str) -> tuple[str, float]:
         if found := _ERROR.fullmatch(line):
@@ -85,11 +95,12 @@ class Mark10(SerialForceSensor, Examinable):
         line = self._ask(ASK, "a reading")
         try:
             _, unit = reading_of(line)
-            stream = Mark10Stream(unit, self._own.capacity_n)
+            poll = Poll(ASK, ASK_MODEL)
+            stream = Mark10Stream(unit, self._own.capacity_n, model, poll)
         except ProtocolError as error:
             raise self._error(str(error)) from error
         self._found = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
-        self._bus.listen(stream, self._own.capacity_n, question=ASK)
+        self._bus.listen(stream, self._own.capacity_n, poll=poll)
 
     def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
         """The first line of an answer that is none of `but`. DeviceError: none came, or an error."""

@@ -19,6 +19,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from robot_io.drivers.serial_force.own_time import OwnTime
 from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
 from robot_io.drivers.serial_force.text import LineSplitter, text_of
 from robot_io.errors import ProtocolError
@@ -32,6 +33,8 @@ LARGEST_COUNTS = (1 << 23) - 1  # of a 24 bit converter; there, and one below ze
 _SAMPLE = re.compile(r"([0-9]{1,3}) (-?[0-9]{1,7})")
 _ANSWER_S, _QUESTIONS = 0.3, 4  # a board that is reset by opening its port takes a second to start
 _COUNTERS, _AHEAD = 256, 128  # a counter farther ahead than this is one that is behind
+_OLD_SAMPLES = 5  # that go on from each other, without a new one: the cell has restarted
+_RATE_ERROR = 0.1  # of the converters' own oscillators
 
 
 def checked(line: bytes) -> str:
@@ -65,14 +68,20 @@ def fault_of(line: bytes) -> str:
 class CellStream:
     """Forces from the lines; one whose counter stands still or goes back is an old one, and left out.
 
-    A converter at the end of its range shows `capacity_n` [N] at least.
+    Where five go on from there, the cell has restarted. A converter at the end of its range shows
+    `capacity_n` [N] at least. `rate_hz` is the number of samples a second [Hz], by which `own_time` dates.
     """
 
-    def __init__(self, newtons_per_count: float, zero_counts: float, capacity_n: float) -> None:
+    def __init__(
+        self, newtons_per_count: float, zero_counts: float, capacity_n: float, rate_hz: float
+    ) -> None:
         self._scale, self._zero, self._capacity_n = newtons_per_count, zero_counts, capacity_n
+        self._period_s, self.own_time = 1.0 / rate_hz, OwnTime(_RATE_ERROR, _COUNTERS / rate_hz)
         self._lines = LineSplitter()
         self._lines.resynchronise()  # the first line may have lost its beginning
         self._counter: int | None = None
+        self._old_counter: int | None = None  # of the last sample that was left out
+        self._old = 0  # such samples that go on from each other
         self.complaint = ""
         self._bad = 0
 
@@ -87,16 +96,30 @@ class CellStream:
             try:
                 counter, counts = sample_of(line)
             except ProtocolError:
-                fault = fault_of(line)
-                self.complaint = f"the cell says '{fault}'" if fault else self.complaint
-                self._bad += not fault
+                if fault := fault_of(line):
+                    self.complaint = f"the cell says '{fault}'"
+                    self.own_time.restart()  # its counter stands still meanwhile
+                else:
+                    self._bad += 1
                 continue
-            if self._counter is not None and not 0 < (counter - self._counter) % _COUNTERS < _AHEAD:
+            if self._is_new(counter):
+                self.complaint = ""
+                samples.append(self._force_n(counts))
+            else:
                 self._bad += 1
-                continue
-            self._counter, self.complaint = counter, ""
-            samples.append(self._force_n(counts))
         return samples
+
+    def _is_new(self, counter: int) -> bool:
+        steps = 1 if self._counter is None else (counter - self._counter) % _COUNTERS
+        if not 0 < steps < _AHEAD:
+            goes_on = self._old_counter is not None and (counter - self._old_counter) % _COUNTERS == 1
+            self._old_counter, self._old = counter, self._old + 1 if goes_on else 1
+            if self._old < _OLD_SAMPLES:
+                return False
+            self.own_time.restart()
+        self.own_time.goes_on(steps * self._period_s)
+        self._counter, self._old_counter, self._old = counter, None, 0
+        return True
 
     def _force_n(self, counts: int) -> float:
         force_n = (counts - self._zero) * self._scale
@@ -129,8 +152,8 @@ class MicrocontrollerCell(SerialForceSensor, Examinable):
         if rate_hz != own.rate_hz:
             raise self._error(f"the {chip} makes {rate_hz} samples/s, the robot file says {own.rate_hz}")
         self._found = f"{chip}, {rate_hz} samples/s, load cell of {own.capacity_n:.4g} N by the robot file"
-        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n)
-        self._bus.listen(stream, own.capacity_n, has_checksums=True)
+        stream = CellStream(own.newtons_per_count, own.zero_counts, own.capacity_n, rate_hz)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _identify(self) -> tuple[str, int]:
         for _ in range(_QUESTIONS):

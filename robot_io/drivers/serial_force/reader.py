@@ -141,12 +141,14 @@ class SerialReader:
         except OSError as error:
             self.failure = f"the port failed ({error})"
 
-    def _keep(self, data: bytes, arrived_s: float | None) -> None:
+    def _keep(self, data: bytes, read_s: float) -> None:
+        arrived_s: float | None = read_s
         rejected = self._stream.rejected
         samples = self._stream.feed(data)
         is_damaged = self._stream.rejected != rejected
         if self._poll and (samples or is_damaged):
-            arrived_s = self._poll.answered()
+            asked_s = self._poll.answered(read_s)
+            arrived_s = asked_s if len(set(samples)) <= 1 else None  # nobody asked for several
         late_s = 0.0
         if self._own_time and samples and arrived_s is not None:
             dated_s = self._own_time.sampled_at_s(arrived_s, prompt=self._is_prompt)

@@ -119,11 +119,15 @@ class LineStream:
     def feed(self, data: bytes) -> list[float]:
         samples: list[float] = []
         for line in self._lines.feed(data):
-            try:
-                samples.append(self._force_n(text_of(line)))
-            except ProtocolError:
-                self._bad += 1
+            self._take(line, samples)
         return samples
+
+    def _take(self, line: bytes, samples: list[float]) -> None:
+        """Add what a line says to the samples."""
+        try:
+            samples.append(self._force_n(text_of(line)))
+        except ProtocolError:
+            self._bad += 1
 
     def _force_n(self, line: str) -> float:
         text, newtons = self._parse(line)

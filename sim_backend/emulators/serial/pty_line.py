@@ -165,7 +165,11 @@ class PtyLine(SensorWire):
         except OSError:  # nobody has the other end open
             return
         if data and heard_at(self._master, self._baud_rate):
-            self._put(self._sensor.hear(data, now_s), now_s)
+            answer = self._sensor.hear(data, now_s)
+            if answer and self._late:  # nothing overtakes on a line
+                self._late.append((max(due_s for due_s, _ in self._late), answer))
+            else:
+                self._put(answer, now_s)
 
     def close(self) -> None:
         """See `EmulatedWire.close`: the host sees a port that has gone."""

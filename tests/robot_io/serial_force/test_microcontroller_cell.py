@@ -75,7 +75,7 @@ def test_what_is_no_sample_is_refused(text):
 
 
 def stream(*texts):
-    made = CellStream(0.5, 10.0, 100.0)
+    made = CellStream(0.5, 10.0, 100.0, 320.0)
     return made, made.feed(b"\n" + b"".join(map(line, texts)))
 
 
@@ -89,6 +89,11 @@ def test_a_counter_that_does_not_go_on_is_an_old_sample(counters):
     assert (len(samples), made.rejected) == (1, 1)
 
 
+def test_a_cell_that_has_restarted_counts_anew():
+    made, samples = stream("200 30", *(f"{counter} 30" for counter in range(90, 98)))
+    assert (len(samples), made.rejected) == (5, 4)
+
+
 @pytest.mark.parametrize("counters", [(7, 9), (255, 0), (250, 20)])
 def test_lost_samples_are_just_lost(counters):
     made, samples = stream(*(f"{counter} 30" for counter in counters))
@@ -97,7 +102,7 @@ def test_lost_samples_are_just_lost(counters):
 
 def test_a_converter_at_its_end_is_saturated():
     assert stream("1 8388607", "2 -8388608", "3 8388606")[1][:2] == [4194298.5, -4194309.0]
-    made = CellStream(1e-6, 0.0, 100.0)
+    made = CellStream(1e-6, 0.0, 100.0, 320.0)
     assert made.feed(b"\n" + line("1 8388607") + line("2 -8388608")) == [100.0, -100.0]
 
 
