@@ -38,7 +38,8 @@ _STATUS: Final = {
     1 << 30: "force or torque out of range",
 }
 _COUNTERS: Final = 1 << 32
-_OLD_RECORDS = 50  # in a row are more than any network repeats
+_OLD_RECORDS = 50  # in a row are more than any network repeats,
+_OLD_BEGINNING, _BEGINNING = 3, 20  # and so many of the first records that there are, long after them
 
 
 class Record(NamedTuple):
@@ -103,6 +104,7 @@ class NetFtStream:
             return True
         self.rejected += 1
         self._old += 1
-        if self._old >= _OLD_RECORDS:
+        is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
+        if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
             self.complaint = "the sensor has begun to count anew, or measures nothing new: has it restarted?"
         return False

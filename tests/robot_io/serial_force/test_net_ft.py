@@ -107,6 +107,23 @@ def test_a_sensor_that_counts_anew_is_named():
     assert "begun to count anew" in stream.complaint
 
 
+def test_a_sensor_that_counts_anew_is_named_before_its_samples_are_too_old(bench):
+    """It was named after 50 records, and the arm stopped by the age of its sample after 10 ms."""
+    arm = bench(ODRIVE, NET_FT)
+    arm.robot.configure()
+    arm.ticks(100, None)
+    arm.arm.wires["load_cell"]._sensor._sequence = 0
+    arm.ticks(5, None)
+    assert "begun to count anew" in arm.problem
+
+
+def test_old_records_of_a_network_that_repeats_itself_are_no_restart():
+    sequence = (*range(1, 200), *range(150, 171), 200, 10, 11, 201)
+    stream, forces = fed(*((number, 7 * number, 0, [0] * 6) for number in sequence))
+    assert not stream.complaint
+    assert len(forces) == 201
+
+
 PAGE = EmulatedNetFt(2, 100.0, 1e6, "N").page()
 
 
