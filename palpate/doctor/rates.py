@@ -1,6 +1,6 @@
 """How fast the arm can be read, computed from bytes and measured, and what it then shows of itself."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,11 @@ _WATCH_S = 0.5
 _FULL_SHARE = 0.8  # of a tick; a bus that needs more has no time left for a late byte
 _REST_SHARE = 0.05  # of the force limit; more without touching anything is a wrong zero
 _FAR_RAD = 0.3
+_VALUES = {
+    "encoder": ("joint_position_rad", "joint_velocity_rad_s"),
+    "torque": ("joint_torque_nm",),
+    "force": ("force_n",),
+}
 _MICRO, _MILLI = 1e6, 1e3
 _WARN, _FAIL = Level.WARN, Level.FAIL
 
@@ -26,7 +31,8 @@ class _Watched:
 
     reading_s: FloatArray  # how long each reading took, shape (n,)
     measurements: tuple[Measurement, ...]
-    complaints: str  # what buses said of themselves in the last ticks
+    failed: tuple[Set[str], ...]  # buses that failed in each tick
+    complaints: Mapping[str, str]  # what each bus said of itself last
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
@@ -39,17 +45,20 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     watched = _watch(robot, period_s)
     yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
     for device in ("encoder", "torque", "force"):
-        yield _device(watched, device, getattr(limits, f"{device}_age_s"))
+        bus = getattr(robot_file, device).bus
+        yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
     position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
     if np.isfinite(position_rad).all():  # else there are no samples, which has been said
         yield from _joints(position_rad, robot_file)
         yield _home(position_rad - robot_file.home_rad)
-    yield _force(watched, limits.force_n)
+    if np.isfinite([m.force_n for m in watched.measurements]).all():
+        yield _force(watched, limits.force_n)
 
 
 def _watch(robot: Robot, period_s: float) -> _Watched:
     clock = robot.clock
-    reading_s, measurements, complaints = [], [], ""
+    reading_s, measurements, failed = [], [], []
+    complaints: dict[str, str] = {}
     next_s = clock.now_s()
     for _ in range(max(20, round(_WATCH_S / period_s))):
         next_s = max(next_s + period_s, clock.now_s())
@@ -57,9 +66,12 @@ def _watch(robot: Robot, period_s: float) -> _Watched:
         begun_s = clock.now_s()
         measurements.append(robot.read(begun_s + READ_SHARE * period_s))
         reading_s.append(clock.now_s() - begun_s)
-        complaints = "; ".join((*robot.bus_errors.values(), *robot.bus_delays.values())) or complaints
+        failed.append(set(robot.bus_errors))
+        complaints |= robot.bus_errors | robot.bus_delays
     skipped = min(10, len(measurements) // 2)  # the first samples are on their way
-    return _Watched(np.array(reading_s[skipped:]), tuple(measurements[skipped:]), complaints)
+    return _Watched(
+        np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
+    )
 
 
 def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
@@ -87,8 +99,10 @@ def _reading(watched: _Watched, period_s: float, kind: str) -> Finding:
     return graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
 
 
-def _device(watched: _Watched, device: str, limit_s: float) -> Finding:
-    subject, because = f"{device} samples", f": {watched.complaints}" if watched.complaints else ""
+def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> Finding:
+    """What a device's samples show; a robot calls all devices faulty where the bus of one has failed."""
+    complaint = watched.complaints.get(bus or "")
+    subject, because = f"{device} samples", f": {complaint}" if complaint else ""
     at_s = np.array([getattr(m, f"{device}_at_s") for m in watched.measurements])
     ages_s = np.array([m.time_s for m in watched.measurements]) - at_s
     if not np.isfinite(ages_s).all():
@@ -98,7 +112,10 @@ def _device(watched: _Watched, device: str, limit_s: float) -> Finding:
     value = (
         f"{rate_hz:.0f} a second, the oldest {ages_s.max() * _MILLI:.1f} ms old (limit {limit_s * _MILLI:g})"
     )
-    statuses = {getattr(m, f"{device}_status") for m in watched.measurements}
+    if not all(np.isfinite(getattr(m, name)).all() for m in watched.measurements for name in _VALUES[device]):
+        return fail(subject, f"some are not a number{because}", "check its wiring and its driver")
+    ticks = zip(watched.measurements, watched.failed, strict=True)
+    statuses = {getattr(m, f"{device}_status") for m, failed in ticks if not failed or bus in failed}
     if ages_s.max() > limit_s or Status.FAULT in statuses:
         return fail(subject, value + because, "raise its rate, or see what holds it up")
     if saturated := Status.SATURATED in statuses:

@@ -146,7 +146,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
     subject, own_rad = f"sign of joint {joint + 1}", float(moved_rad[joint])
     most = int(np.argmax(np.abs(moved_rad)))
     value = f"{own_rad:+.2f} rad when turned forwards"
-    if abs(moved_rad[most]) < _MOVED_RAD:
+    if not abs(moved_rad[most]) >= _MOVED_RAD:  # nor for NaN
         return fail(subject, f"{value}: no joint moved", "turn it further, or check its encoder")
     if most != joint:
         other = f"{value}, but joint {most + 1} moved by {moved_rad[most]:+.2f} rad"
@@ -157,7 +157,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
 
 def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
-    if abs(pressed_n) < _PRESSED_N:
+    if not abs(pressed_n) >= _PRESSED_N:  # nor for NaN
         return fail(subject, f"{value}: too little to tell", "press harder; if it stays, check the sensor")
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.doctor import Level, signs
+from palpate.doctor import Level, rates, signs
 from palpate.doctor import arm as arm_check
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
 from palpate.doctor.hand import EmulatedHand, Hand
@@ -287,6 +287,37 @@ def test_an_arm_that_is_heavier_than_its_urdf_shows_in_the_small_motion(plants):
     assert bad
     assert all(subject.startswith(("drive of", "small motion")) for subject in bad)
     assert np.abs(plants).max() < 0.02
+
+
+@pytest.mark.parametrize("device", ["encoder", "torque", "force"])
+def test_samples_that_are_not_a_number_are_a_failure(device):
+    robot = build_mock_robot()
+    robot.buses["world"].faults.not_a_number = {device}
+    with robot:
+        (failure,) = failures(rates.examine_rates(robot, mock_robot_file()))
+    assert (failure.subject, failure.text) == (f"{device} samples", "some are not a number")
+
+
+def test_a_press_or_turn_that_is_not_a_number_is_a_failure():
+    assert signs._force_finding(np.nan).level is Level.FAIL
+    assert signs._joint_finding(0, np.full(3, np.nan)).level is Level.FAIL
+
+
+def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
+    """A robot calls an encoder without a new sample faulty where any bus has failed."""
+    rest = Measurement(0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
+    old = rest._replace(time_s=2e-3, encoder_status=Status.FAULT, force_status=Status.FAULT)
+
+    def finding(device, bus, failed):
+        complaints = dict.fromkeys(failed, "the port was unplugged")
+        watched = rates._Watched(np.zeros(2), (rest, old), (set(), failed), complaints)
+        return rates._device(watched, device, bus, 5e-3)
+
+    assert finding("encoder", "motors", {"load_cell"}).level is Level.OK
+    force = finding("force", "load_cell", {"load_cell"})
+    assert force.level is Level.FAIL
+    assert "unplugged" in force.text
+    assert finding("encoder", "motors", {"motors", "load_cell"}).level is Level.FAIL
 
 
 def test_a_bus_that_is_too_slow_is_told_from_its_bytes():
