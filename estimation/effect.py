@@ -56,18 +56,33 @@ class Parameter:
         return 0.0 if self.lower <= 0.0 <= self.upper else float(self.spread(3)[1])
 
     def unit_of(self, kind: ChannelKind) -> str:
-        """The unit in a channel of this kind, such as "N m/rad"."""
+        """Return the unit in a channel of one kind, such as "N m/rad".
+
+        Args:
+            kind: of the channel; it sets the units of effort, position and inertia.
+        """
         return self.unit.format(
             effort=kind.effort_unit, position=kind.position_unit, inertia=kind.inertia_unit
         )
 
     def at_bound(self, value: float) -> bool:
-        """Whether a search ended at a bound: the data would take it further, and say no value."""
+        """Return whether a search ended at a bound: then the data determine no value.
+
+        Args:
+            value: of the parameter, in its unit.
+        """
         near = 1e-3 * abs(value) if self.log else 1e-6 * (self.upper - self.lower)
         return not self.lower + near < value < self.upper - near
 
     def spread(self, count: int) -> FloatArray:
-        """`count` values over the typical range, evenly by difference, or by ratio where `log`."""
+        """Return values over the typical range, spaced evenly, or by a constant ratio where `log`.
+
+        Args:
+            count: number of values.
+
+        Returns:
+            Shape (count,), in the parameter's unit, ascending.
+        """
         low, high = self.typical
         return np.geomspace(low, high, count) if self.log else np.linspace(low, high, count)
 
@@ -98,7 +113,10 @@ class Effect(ABC):
     form: int = 0  # which of its forms it is, see `forms`
 
     def starts(self, data: ChannelData) -> tuple[Inner, ...]:
-        """Inner values from which a search begins; an effect whose scale depends on the data says its own.
+        """Return inner values from which a search begins; overridden where their scale depends on the data.
+
+        Args:
+            data: the channel.
 
         Returns:
             At least one; `({},)` for an effect without inner parameters.
@@ -134,11 +152,19 @@ class Effect(ABC):
         return False
 
     def suited_to(self, data: ChannelData) -> "Effect":
-        """The form that this channel's signals call for, of the same name; for most effects there is one."""
+        """Return the form of the effect that suits the signals of a channel; most effects have one form.
+
+        Args:
+            data: the channel.
+        """
         return self
 
     def in_order(self, inner: Inner) -> Inner:
-        """The same law with its inner parameters as their names say, where two of them may change places."""
+        """Return equivalent inner parameters in the order that their names state, if two may change places.
+
+        Args:
+            inner: values by name.
+        """
         return inner
 
     def forms(self) -> tuple["Effect", ...]:
@@ -146,7 +172,11 @@ class Effect(ABC):
         return (self,)
 
     def applies_to(self, data: ChannelData) -> bool:
-        """Whether the channel is of the right kind and has the signals that the effect needs."""
+        """Return whether a channel is of the right kind and has the signals that the effect needs.
+
+        Args:
+            data: the channel.
+        """
         return data.kind in self.channels and all(name in data.context for name in self.needs)
 
 
@@ -161,10 +191,26 @@ class AdditiveEffect(Effect):
 
     @abstractmethod
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Effort per unit of each gain, shape (n, len(gains))."""
+        """Return the effort per unit of each gain.
+
+        Args:
+            data: the channel, with the motion that acts: positive into the object, or along the joint.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Shape (n, len(gains)), in the effort's unit over the gain's; effort in compression is positive.
+        """
 
     def known(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """Effort that this effect adds without any gain, shape (n,); zero for most."""
+        """Return the effort that this effect adds without any gain; zero for most.
+
+        Args:
+            data: the channel, with the motion that acts.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Shape (n,), in the unit of the effort.
+        """
         return np.zeros(len(data))
 
 
@@ -173,7 +219,12 @@ class MotionEffect(Effect):
 
     @abstractmethod
     def move(self, data: ChannelData, inner: Inner) -> ChannelData:
-        """The channel with the motion that really acts."""
+        """Return the channel with the motion that acts on the object.
+
+        Args:
+            data: the channel with the measured motion.
+            inner: values of the inner parameters by name.
+        """
 
 
 class MemoryEffect(Effect):
@@ -181,7 +232,16 @@ class MemoryEffect(Effect):
 
     @abstractmethod
     def fade(self, elastic: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """What is left of elastic efforts, shape (n, k), one column each; run by run."""
+        """Return what remains of elastic efforts, computed run by run.
+
+        Args:
+            elastic: efforts of springs, shape (n, k), one column each.
+            data: the channel.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Shape (n, k), in the unit of `elastic`.
+        """
 
 
 class SensorEffect(Effect):
@@ -194,19 +254,48 @@ class SensorEffect(Effect):
 
     @abstractmethod
     def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """What the sensor makes of `effort`, shape (n,) or (n, p) with p columns, run by run."""
+        """Return the reading of the sensor, computed run by run.
+
+        Args:
+            effort: true effort, shape (n,), or (n, p) with p columns.
+            data: the channel.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Same shape and unit as `effort`.
+        """
 
     def follow(
         self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
     ) -> tuple[FloatArray, FloatArray]:
-        """What `slope` and `sense` give, (n, p) and (n,), at once: often they share their work."""
+        """Return the results of `slope` and `sense` together, since they often share their work.
+
+        Args:
+            effort: true effort, shape (n,).
+            columns: changes of the effort, shape (n, p).
+            data: the channel.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Changes of the reading, shape (n, p), and the reading, shape (n,).
+        """
         if self.linear:
             sensed = self.sense(np.column_stack([columns, effort]), data, inner)
             return sensed[:, :-1], sensed[:, -1]
         return self.slope(effort, columns, data, inner), self.sense(effort, data, inner)
 
     def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
-        """How the reading changes along each column of effort, shape (n, p): a secant over 1 % of it."""
+        """Return how the reading changes along each column: a secant over 1 % of the effort.
+
+        Args:
+            effort: true effort, shape (n,).
+            columns: changes of the effort, shape (n, p).
+            data: the channel.
+            inner: values of the inner parameters by name.
+
+        Returns:
+            Shape (n, p), in the unit of `columns`.
+        """
         if self.linear:
             return self.sense(columns, data, inner)
         lengths = np.sqrt(np.mean(columns**2, axis=0))

@@ -35,11 +35,25 @@ class Model:
             raise InputError(f"model '{self.name}' has {', '.join(sorted(twice))} more than once")
 
     def with_effect(self, effect: Effect) -> "Model":
-        """The model with one more effect."""
+        """Return the model with one more effect, last.
+
+        Args:
+            effect: in the form that suits the channel.
+
+        Raises:
+            InputError: the model has it already.
+        """
         return Model(self.name, (*self.effects, effect), self.held)
 
     def with_effect_first(self, effect: Effect) -> "Model":
-        """The model with one more effect ahead of all others, such as a sensor's fault before its filter."""
+        """Return the model with one more effect, first, such as a sensor's fault before its filter.
+
+        Args:
+            effect: in the form that suits the channel.
+
+        Raises:
+            InputError: the model has it already.
+        """
         return Model(self.name, (effect, *self.effects), self.held)
 
     def without(self, *names: str) -> "Model":
@@ -67,7 +81,12 @@ class Model:
         return known
 
     def at_bound(self, name: str, value: float) -> bool:
-        """Whether an inner parameter "effect.parameter" is at a bound of its search; gains have none."""
+        """Return whether an inner parameter is at a bound of its search; False for gains.
+
+        Args:
+            name: "effect.parameter".
+            value: in the parameter's unit.
+        """
         return name in self.inner and self.inner[name].at_bound(value)
 
     @cached_property
@@ -98,16 +117,24 @@ class Model:
         return Regression(columns, data.effort - known, tuple(self.gains), units, data.run)
 
     def in_order(self, parameters: Parameters) -> dict[str, float]:
-        """The parameters of the same law as their names say, see `Effect.in_order`."""
-        told, fixed = dict(parameters), self.held.keys() | self.within.keys()
+        """Return equivalent parameters in the order that their names state, see `Effect.in_order`.
+
+        Args:
+            parameters: a value for every gain and inner parameter.
+        """
+        ordered_parameters, fixed = dict(parameters), self.held.keys() | self.within.keys()
         for effect in self.effects:
             ordered = effect.in_order(own(effect, parameters))
             named = {f"{effect.name}.{name}": value for name, value in ordered.items()}
-            told |= named if not named.keys() & fixed else {}
-        return told
+            ordered_parameters |= named if not named.keys() & fixed else {}
+        return ordered_parameters
 
     def units(self, data: ChannelData) -> tuple[str, ...]:
-        """Units of the gains, then of the inner parameters, in this channel."""
+        """Return the units of the gains, then of the inner parameters.
+
+        Args:
+            data: the channel.
+        """
         return tuple(p.unit_of(data.kind) for p in (*self.gains.values(), *self.inner.values()))
 
     def predict(self, data: ChannelData, parameters: Parameters) -> FloatArray:
@@ -139,9 +166,17 @@ class Model:
         return slopes
 
     def lifted(self, data: ChannelData, parameters: Parameters, parts: Parts) -> IntArray:
-        """Samples of a contact where the object would pull, which it cannot: there it lets go.
+        """Return the samples of a contact where the object would pull, which it cannot: there it lets go.
 
-        The sum of its one-sided effects is cut off at zero, unless the sample is known to press.
+        The sum of the one-sided effects is cut off at zero, unless the sample is known to press.
+
+        Args:
+            data: the channel.
+            parameters: a value for every gain.
+            parts: from `parts` for the same data and inner parameters.
+
+        Returns:
+            Rows, shape (k,); none for a joint.
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
@@ -200,14 +235,27 @@ class Model:
         return [e for e in self.effects if isinstance(e, SensorEffect)]
 
     def moved(self, data: ChannelData, parameters: Parameters) -> ChannelData:
-        """The channel with the motion that really acts; as it is where no effect moves it."""
+        """Return the channel with the motion that acts; unchanged where no effect changes the motion.
+
+        Args:
+            data: the channel with the measured motion.
+            parameters: a value for every inner parameter.
+        """
         for effect in self.effects:
             if isinstance(effect, MotionEffect):
                 data = _moved(IdentityKey(effect), IdentityKey(data), tuple(own(effect, parameters).items()))
         return data
 
     def parts(self, data: ChannelData, parameters: Parameters) -> Parts:
-        """Columns (n, p) and the known effort (n,) on the motion that really acts; gains do not count."""
+        """Return columns and known effort on the motion that acts, before any sensor.
+
+        Args:
+            data: the channel with the measured motion.
+            parameters: a value for every inner parameter; gains are ignored.
+
+        Returns:
+            Effort per unit of each gain, shape (n, p), and effort without any gain, shape (n,).
+        """
         data = self.moved(data, parameters)
         blocks = [np.zeros((0, len(data)))]
         known = np.zeros(len(data))
@@ -220,7 +268,17 @@ class Model:
     def faded(
         self, effect: AdditiveEffect, columns: FloatArray, data: ChannelData, parameters: Parameters
     ) -> FloatArray:
-        """Columns (n, k) of an effect with what of them is elastic faded by the model's memory."""
+        """Return an effect's columns after the model's memory effects have acted on the elastic ones.
+
+        Args:
+            effect: whose columns they are.
+            columns: effort per unit of each of its gains, shape (n, k).
+            data: the channel.
+            parameters: a value for every inner parameter.
+
+        Returns:
+            Shape (n, k).
+        """
         elastic = np.array([gain.name in effect.elastic for gain in effect.gains], dtype=np.bool_)
         memories = [e for e in self.effects if isinstance(e, MemoryEffect)]
         if not memories or not elastic.any():
@@ -232,7 +290,12 @@ class Model:
 
 
 def own(effect: Effect, parameters: Parameters) -> dict[str, float]:
-    """Inner parameters of one effect by their own names."""
+    """Return the inner parameters of one effect by their own names.
+
+    Args:
+        effect: the effect.
+        parameters: values by "effect.parameter".
+    """
     return {p.name: parameters[f"{effect.name}.{p.name}"] for p in effect.inner}
 
 
