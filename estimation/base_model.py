@@ -34,10 +34,21 @@ class BaseModel(ABC):
 
     @abstractmethod
     def build(self, context: ModelContext) -> Model:
-        """The model for one channel. InputError: the context lacks something that the model needs."""
+        """Return the model for one channel.
+
+        Args:
+            context: what the model may need to know beside the data.
+
+        Raises:
+            InputError: the context lacks something that the model needs.
+        """
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
-        """The channel with the signals that the model and the effects beside it need.
+        """Return the channel with the signals that the model and the effects beside it need.
+
+        Args:
+            data: the channel as it was measured.
+            context: what the model may need to know beside the data.
 
         Raises:
             InputError: the channel or the context lacks something that the model needs.

@@ -21,7 +21,11 @@ class Arm:
     notes: tuple[str, ...] = ()  # sentences on it that the reader should see
 
     def context_of(self, channel: ChannelData) -> ModelContext:
-        """Return what a base model may need to know about a channel beside its data."""
+        """Return what a base model may need to know about a channel beside its data.
+
+        Args:
+            channel: of a contact, or "joint_N" with N counted from 1.
+        """
         joint = re.fullmatch(r"joint_(\d+)", channel.name)
         return ModelContext(
             joint=int(joint[1]) - 1 if joint else None,

@@ -83,7 +83,13 @@ class StudyChannel:
 
 
 def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...] = ()) -> StudyChannel:
-    """A channel with a base model.
+    """Build a channel with a base model.
+
+    Args:
+        data: the channel as it was measured.
+        model: name of the base model.
+        arm: the arm that the channel belongs to.
+        held_out: runs excluded from fitting and used only for scoring.
 
     Raises:
         InputError: the model is unknown, lacks something, or has no run to be fitted to.
@@ -101,14 +107,26 @@ def channel_of(data: ChannelData, model: str, arm: Arm, held_out: tuple[int, ...
 
 
 def usual_model(channel: ChannelData, arm: Arm) -> str:
-    """The model that one would start from: a spring and damper, or the arm as its URDF has it."""
+    """Return the usual base model: a spring and damper, or the rigid body of the arm's URDF.
+
+    Args:
+        channel: the channel.
+        arm: the arm that it belongs to.
+    """
     if channel.kind is ChannelKind.CONTACT:
         return CONTACT_MODEL
     return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
 
 
 def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
-    """Models to estimate by channel: of contacts where there are any or were to be, else of joints.
+    """Choose models to estimate: of contacts where there are any or should be, else of joints.
+
+    Args:
+        source: the measurement.
+        model: name of the base model; None for the usual one.
+
+    Returns:
+        Names of models by channel.
 
     Raises:
         InputError: the model is unknown, or describes none of the channels.
@@ -123,7 +141,11 @@ def model_to_estimate(source: Source, model: str | None) -> dict[str, str]:
 
 
 def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
-    """The channels that a base model describes.
+    """Return the channels that a base model describes.
+
+    Args:
+        source: the measurement.
+        model: name of the base model.
 
     Raises:
         InputError: there is no such model, or it describes none of the channels.
@@ -143,7 +165,12 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
 
 
 def unapplicable(effect: Effect, data: ChannelData) -> str:
-    """Why an effect cannot be in a channel, in a few words; empty where it can."""
+    """Say why an effect cannot be in a channel, in a few words; empty if it can.
+
+    Args:
+        effect: the effect.
+        data: the channel, with derived signals.
+    """
     if effect.applies_to(data):
         return ""
     lacking = [signal for signal in effect.needs if signal not in data.context]
@@ -153,9 +180,14 @@ def unapplicable(effect: Effect, data: ChannelData) -> str:
 
 
 def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[ChannelData]) -> str:
-    """What to tell a user whose effect is unknown or does not suit: those that do, likely ones first.
+    """List the effects that suit, for a message about one that is unknown or does not suit.
 
-    Likely are names close to it, and such that share a word with it or with what it was probably to be.
+    Likely effects come first: those that share a word with the given name or with the one closest to it.
+
+    Args:
+        name: the effect that the user named.
+        effects: the library.
+        channels: where the effect may be.
     """
     kinds = {channel.kind for channel in channels}
     names = [effect.name for effect in effects if effect.channels & kinds]
@@ -168,7 +200,15 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
 
 
 def data_sha256(data: ChannelData, arm: Arm) -> str:
-    """SHA-256 of all that a fit depends on but its model: arrays, and for a joint the arm."""
+    """Compute the SHA-256 of everything that a fit depends on except its model.
+
+    Args:
+        data: the channel as it was measured.
+        arm: the arm that it belongs to; ignored for a contact.
+
+    Returns:
+        64 hexadecimal digits.
+    """
     digest = hashlib.sha256()
     _feed(digest, data)
     if data.kind is not ChannelKind.CONTACT:

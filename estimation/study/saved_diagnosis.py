@@ -31,13 +31,24 @@ class _KeptDiagnosis(Diagnosis):
 
 
 def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> dict[str, Any]:
-    """A diagnosis as plain data; the keys are stable."""
+    """Return a diagnosis as plain data; the keys are stable.
+
+    Args:
+        diagnosis: to save.
+        channels: the channels that it is about.
+    """
     about = {one.name: {"model": one.model.name, "data_sha256": one.sha256} for one in channels}
     return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
 
 
 def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDiagnosis]:
-    """What a file says, by channel, base model and hash of the data; nothing where there is none.
+    """Read the saved diagnosis of a folder.
+
+    Args:
+        folder: of the study; None for none.
+
+    Returns:
+        Diagnoses by channel, base model and SHA-256 of the data; empty without a file.
 
     Raises:
         InputError: the file is damaged.

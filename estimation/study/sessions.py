@@ -71,6 +71,9 @@ def _run_numbers(session: Session, channels: Iterable[ChannelData]) -> dict[str,
 def arm_of(session: Session) -> Arm:
     """Return the arm as a session describes it.
 
+    Args:
+        session: of a probing or recording.
+
     Raises:
         InputError: the session's copy of the robot file or calibration is not valid.
     """

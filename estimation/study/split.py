@@ -12,7 +12,14 @@ _BINS = 4
 
 
 def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
-    """Masks of samples (n,) by label, for each way to split: phase, run, speed, what else was recorded."""
+    """Split samples by phase, run, direction, speed, depth, effort, load and recorded columns.
+
+    Args:
+        data: the channel.
+
+    Returns:
+        Masks of samples, shape (n,), by label, for each split with at least two parts.
+    """
     found = {
         "phase": _phases(data),
         "run": {f"run {run}": data.run == run for run in data.runs},

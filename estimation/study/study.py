@@ -169,7 +169,11 @@ class Study(TableDisplay):
         return self._channel(data, model)
 
     def refusal(self, channel: StudyChannel) -> str:
-        """Return why a channel cannot be judged; an empty text if it can."""
+        """Say why a channel cannot be judged; an empty text if it can.
+
+        Args:
+            channel: the channel with its base model.
+        """
         return reject_reason(channel.to_fit, channel.model) or ""
 
     # Fits
@@ -209,7 +213,12 @@ class Study(TableDisplay):
             return fitting.preview_extended(parent, self._suited_effect(effects[-1], parent))
 
     def is_fitted(self, channel: StudyChannel, effects: Sequence[str]) -> bool:
-        """Return whether a fit is in the cache."""
+        """Return whether a fit is in the cache.
+
+        Args:
+            channel: the channel with its base model.
+            effects: names of the added effects, in order.
+        """
         with self._lock:
             return (channel.key, tuple(effects)) in self._fits
 
@@ -382,7 +391,11 @@ class Study(TableDisplay):
         return diagnosed
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
-        """Return a diagnosis as plain data, with the data and models that it is about; keys are stable."""
+        """Return a diagnosis as plain data, with the data and models that it is about; keys are stable.
+
+        Args:
+            diagnosis: of channels of this study.
+        """
         return diagnosis_data(diagnosis, self.channels)
 
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
@@ -556,12 +569,20 @@ class Study(TableDisplay):
             return Change(self.result(one, left, self.known_diagnosis(one)), (revision,), parent)
 
     def latest(self, channel: StudyChannel) -> Revision | None:
-        """Return the newest revision of a channel's data and base model; None without one."""
+        """Return the newest revision of a channel's data and base model; None without one.
+
+        Args:
+            channel: the channel with its base model.
+        """
         same = (revision for revision in reversed(self.revisions) if revision.key == channel.key)
         return next(same, None)
 
     def newest(self, channel: StudyChannel) -> Revision | None:
-        """Return the newest revision of a channel's data, with any base model unless the study has one."""
+        """Return the newest revision of a channel's data, with any base model unless the study has one.
+
+        Args:
+            channel: the channel.
+        """
         if self.model is not None:
             return self.latest(channel)
         same = (

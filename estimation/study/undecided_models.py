@@ -26,7 +26,11 @@ _UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # of the energy of the noise: it raises the 
 
 
 def is_undecided(found: ChannelDiagnosis) -> bool:
-    """Whether several explanations are left, or none that explains all."""
+    """Return whether several explanations are left, or none that explains everything.
+
+    Args:
+        found: the diagnosis.
+    """
     if found.verdict in {Verdict.INSUFFICIENT, Verdict.ADEQUATE}:
         return False
     return not found.complete or any(entry.confused_with for entry in found.accepted)
