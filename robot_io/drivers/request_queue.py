@@ -40,10 +40,6 @@ class RequestQueue:
         skips, self._skips = self._skips, False
         return skips
 
-    def is_overdue(self, now_s: float) -> bool:
-        """Whether the newest request has been answered, or should have been by now [s]."""
-        return not self._asked_s or now_s > self._asked_s[-1] + self._usual_s + self._margin_s
-
     def ask(self, now_s: float) -> None:
         """Note a request that is sent now [s]."""
         self._expire(now_s)
