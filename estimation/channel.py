@@ -127,7 +127,11 @@ class ChannelData:
         return np.unique(self.run)
 
     def select(self, rows: BoolArray | IntArray) -> "ChannelData":
-        """The channel with only these rows (a mask or indices)."""
+        """Return the channel with only some rows.
+
+        Args:
+            rows: a mask of shape (n,), or indices.
+        """
         arrays = {what: getattr(self, what)[rows] for what in _ARRAYS}
         touching = None if self.touching is None else self.touching[rows]
         return replace(
@@ -139,7 +143,11 @@ class ChannelData:
         )
 
     def of_runs(self, runs: IntArray) -> "ChannelData":
-        """The channel with only the samples of these runs."""
+        """Return the channel with only the samples of some runs.
+
+        Args:
+            runs: numbers of the runs to keep.
+        """
         return self.select(np.isin(self.run, runs))
 
 

@@ -21,14 +21,26 @@ class ContactLaw(NamedTuple):
     surface_m: float = 0.0  # where depth begins [m]
 
     def compliance(self, depth_m: float) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N s/m] that are felt `depth_m` [m] deep at rest."""
+        """Return stiffness [N/m] and damping [N s/m] at a depth at rest.
+
+        Args:
+            depth_m: indentation at rest, positive into the object [m].
+        """
         deep = max(depth_m - self.surface_m, _NO_DEPTH_M)
         stiffness = self.stiffness * self.exponent * deep ** (self.exponent - 1.0)
         return stiffness, self.damping * deep**self.damping_exponent
 
 
 def check_samples(name: str, *columns: FloatArray) -> None:
-    """Refuse samples that a method cannot work on; `InputError` unless all are finite and equally many."""
+    """Reject samples that a method cannot work on.
+
+    Args:
+        name: of the method, for the message.
+        columns: samples of equal shape (n,).
+
+    Raises:
+        InputError: a sample is not finite, or the numbers of samples differ.
+    """
     if len({len(column) for column in columns}) > 1:
         raise InputError(f"{name}: {', '.join(str(len(one)) for one in columns)} samples, not equally many")
     if not all(np.isfinite(column).all() for column in columns):
@@ -49,7 +61,13 @@ class ContactEstimator(ABC):
     def fit(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
     ) -> ContactLaw:
-        """The law of samples in contact, each (n,), in order of time.
+        """Fit the law to samples in contact, in order of time.
+
+        Args:
+            depth_m: indentation, positive into the object, shape (n,) [m].
+            speed_m_s: its rate, shape (n,) [m/s].
+            force_n: positive in compression, shape (n,) [N].
+            rng: for methods that draw samples.
 
         Raises:
             InputError: the method cannot work on these samples.
@@ -83,7 +101,13 @@ class OnlineContactLaw(ContactEstimator):
         return self.follow(depth_m, speed_m_s, force_n)[-1]
 
     def follow(self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray) -> list[ContactLaw]:
-        """The law after each sample from the first that gives one, from a fresh start; arrays are (n,)."""
+        """Return the law after each sample from the first that gives one, from a fresh start.
+
+        Args:
+            depth_m: indentation, positive into the object, shape (n,) [m].
+            speed_m_s: its rate, shape (n,) [m/s].
+            force_n: positive in compression, shape (n,) [N].
+        """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         self.start()
         samples = zip(depth_m.tolist(), speed_m_s.tolist(), force_n.tolist(), strict=True)

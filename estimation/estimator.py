@@ -62,7 +62,11 @@ class OnlineEstimator(Estimator):
 
     @abstractmethod
     def start(self, gain_count: int) -> None:
-        """Forget everything and make ready for rows of `gain_count` columns."""
+        """Reset, and prepare for rows of a number of columns.
+
+        Args:
+            gain_count: number of columns of each row.
+        """
 
     @abstractmethod
     def update(self, row: FloatArray, effort: float) -> FloatArray:

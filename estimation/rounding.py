@@ -20,7 +20,13 @@ _SEED = 1
 
 
 def mark_coarse(found: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
-    """Take the intervals away, and say why, where the motion spans too few steps to know any slope."""
+    """Take the intervals away, and say why, where the motion spans too few steps to know any slope.
+
+    Args:
+        found: the estimate.
+        data: the channel.
+        rows: samples that were fitted, a mask of shape (n,).
+    """
     steps = steps_spanned(data, rows)
     if steps >= FEWEST_STEPS:
         return found
@@ -43,14 +49,24 @@ def mark_coarse(found: Estimate, data: ChannelData, rows: BoolArray) -> Estimate
 
 
 def steps_spanned(data: ChannelData, rows: BoolArray) -> float:
-    """How many steps of its grid the position spans in these rows; infinite where it is on none."""
+    """How many steps of its grid the position spans in these rows; infinite where it is on none.
+
+    Args:
+        data: the channel.
+        rows: samples, a mask of shape (n,).
+    """
     if data.position_step == 0.0 or not rows.any():
         return float("inf")
     return float(np.ptp(data.position[rows])) / data.position_step
 
 
 def in_steps(data: ChannelData, rows: BoolArray) -> str:
-    """The same in words."""
+    """The same in words.
+
+    Args:
+        data: the channel.
+        rows: samples, a mask of shape (n,).
+    """
     steps, length = steps_spanned(data, rows), float(np.ptp(data.position[rows]))
     span = f"{length:.2g} rad" if data.kind is ChannelKind.REVOLUTE else f"{1e3 * length:.2g} mm"
     return f"the press spans {steps:.1f} steps of the encoder ({span})"

@@ -20,10 +20,18 @@ class Tare:
     std_err: FloatArray  # its standard error, shape (r,)
 
     def of(self, run: IntArray) -> FloatArray:
-        """What to take off each sample of these runs, shape (n,)."""
+        """What to take off each sample of these runs, shape (n,).
+
+        Args:
+            run: number of each sample's run, shape (n,).
+        """
         taken: FloatArray = self.effort[np.searchsorted(self.run, run)]
         return taken
 
     def errors(self, run: IntArray) -> FloatArray:
-        """One standard error of each tare in the samples that share it, shape (n, r)."""
+        """One standard error of each tare in the samples that share it, shape (n, r).
+
+        Args:
+            run: number of each sample's run, shape (n,).
+        """
         return np.where(run[:, None] == self.run, self.std_err, 0.0)

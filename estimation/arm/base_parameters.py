@@ -49,22 +49,38 @@ class BaseParameters:
         return tuple(inertial_unit(int(i)) for i in self.columns)
 
     def felt_columns(self, joint: int) -> IntArray:
-        """Those of `columns` on which the torque of a joint (from 0) depends."""
+        """Return those of `columns` on which the torque of a joint depends.
+
+        Args:
+            joint: number of the joint, from 0.
+        """
         return np.asarray(self.columns[self.felt[joint]])
 
 
 def inertial_name(column: int) -> str:
-    """Of the parameter that belongs to a column of the regressor, such as "link2_Izz"."""
+    """Name the parameter of a column of the regressor, such as "link2_Izz".
+
+    Args:
+        column: of the regressor, from 0.
+    """
     return f"link{column // len(_NAMES) + 1}_{_NAMES[column % len(_NAMES)]}"
 
 
 def inertial_unit(column: int) -> str:
-    """Of the parameter that belongs to a column of the regressor."""
+    """Return the unit of the parameter of a column of the regressor.
+
+    Args:
+        column: of the regressor, from 0.
+    """
     return _UNITS[column % len(_NAMES)]
 
 
 def base_parameters(body: "RigidBody") -> BaseParameters:
-    """The base parameters of an arm, whatever its motion: from random postures, speeds and accelerations."""
+    """Find the base parameters of an arm from random postures, velocities and accelerations.
+
+    Args:
+        body: the arm.
+    """
     rng = np.random.default_rng(0)
     motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])

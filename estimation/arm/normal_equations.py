@@ -51,13 +51,23 @@ def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], 
 
 
 def training_sums(products: FloatArray) -> FloatArray:
-    """Sums over all folds, and over all but each, of products (folds, q, q): shape (1 + folds, q, q)."""
+    """Sum products over all folds, and over all but each.
+
+    Args:
+        products: by fold, shape (folds, q, q).
+
+    Returns:
+        Shape (1 + folds, q, q).
+    """
     whole = products.sum(axis=0, keepdims=True)
     return np.concatenate([whole, whole - products])
 
 
 def shared_information(joint: JointMoments) -> Information:
     """What one joint says of the shared parameters, its own gains profiled out.
+
+    Args:
+        joint: normal equations of one joint.
 
     Returns:
         Matrix (1 + folds, s, s): from all folds, then from all but each.

@@ -45,12 +45,20 @@ _UNITS = _unit_pseudo_inertias()
 
 
 def pseudo_inertias(inertial: FloatArray) -> FloatArray:
-    """P of each link, shape (links, 4, 4), for parameters (10 links,)."""
+    """Return the pseudo-inertia of each link, shape (links, 4, 4).
+
+    Args:
+        inertial: parameters of all links, shape (10 links,), SI units.
+    """
     return np.tensordot(inertial.reshape(-1, PARAMETERS), _UNITS, axes=1)
 
 
 def inertial_of(pseudo: FloatArray) -> FloatArray:
-    """Parameters (10 links,) of pseudo-inertias (links, 4, 4)."""
+    """Return the parameters, shape (10 links,), of pseudo-inertias.
+
+    Args:
+        pseudo: pseudo-inertias, shape (links, 4, 4).
+    """
     second = pseudo[:, :3, :3]
     inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
     tail = inertia[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
@@ -62,6 +70,9 @@ def nearest_bodies(inertial: FloatArray) -> FloatArray:
 
     URDFs have links without mass or inertia, and rounded inertias that no body has. Masses are raised to a
     thousandth of the heaviest, and radii of gyration about the centre of mass to 2 % of the arm's largest.
+
+    Args:
+        inertial: parameters of all links, shape (10 links,), SI units.
     """
     pseudo = pseudo_inertias(inertial)
     mass = np.maximum(pseudo[:, 3, 3], _LEAST_MASS_SHARE * max(float(pseudo[:, 3, 3].max()), 1e-3))
@@ -90,7 +101,11 @@ class Divergence:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(pseudo_inertias(self.origin))))
 
     def value(self, inertial: FloatArray) -> float:
-        """D; infinite where a link is no body."""
+        """D; infinite where a link is no body.
+
+        Args:
+            inertial: parameters of all links, shape (10 links,), SI units.
+        """
         factor = self._origin_factor
         ratio = np.linalg.eigvalsh(factor @ pseudo_inertias(inertial) @ factor.transpose(0, 2, 1))
         if ratio.min() <= _ROUNDING:
@@ -98,12 +113,20 @@ class Divergence:
         return float(np.sum(ratio - np.log(ratio) - 1.0))
 
     def gradient(self, inertial: FloatArray) -> FloatArray:
-        """Shape (10 links,)."""
+        """Shape (10 links,).
+
+        Args:
+            inertial: parameters of all links, shape (10 links,), SI units.
+        """
         change = np.linalg.inv(pseudo_inertias(self.origin)) - np.linalg.inv(pseudo_inertias(inertial))
         return np.asarray(np.einsum("lij,pij->lp", change, _UNITS).ravel())
 
     def curvature_root(self, inertial: FloatArray) -> FloatArray:
-        """A root R of the second derivative R' R, shape (16 links, 10 links): L^-1 dP L^-T with P = L L'."""
+        """A root R of the second derivative R' R, shape (16 links, 10 links): L^-1 dP L^-T with P = L L'.
+
+        Args:
+            inertial: parameters of all links, shape (10 links,), SI units.
+        """
         factor = np.linalg.inv(np.linalg.cholesky(pseudo_inertias(inertial)))
         turned = np.einsum("lij,pjk,lmk->limp", factor, _UNITS, factor)
         links = np.arange(len(turned))

@@ -82,13 +82,25 @@ def parse_role(name: str, shift: int = 0) -> Role | None:
 
 
 def joint_number(name: str) -> int | None:
-    """The number in a name of palpate's own; None where it has none."""
+    """The number in a name of palpate's own; None where it has none.
+
+    Args:
+        name: of a column.
+    """
     match = _NAME.fullmatch(name.strip())
     return int(match.group(2)) if match and match.group(2) else None
 
 
 def role_of_option(name: str, shift: int) -> Role:
-    """The role that a user names in --column. InputError: it is none."""
+    """The role that a user names in --column.
+
+    Args:
+        name: as the user wrote it.
+        shift: added to the number of a joint.
+
+    Raises:
+        InputError: it is none.
+    """
     role = parse_role(name, shift)
     if role is None:
         valid = ", ".join([*QUANTITIES, RUN, PHASE])
@@ -102,6 +114,9 @@ def split_unit(name: str) -> tuple[str, str]:
     """What any column's name says before its unit, and the unit, normalised; empty if it says none known.
 
     Units stand in brackets, after a slash, a comma or "in", or at the end: "Weg / mm", "load_mN", "Load N".
+
+    Args:
+        name: of a column.
     """
     match = _BRACKETED.search(name)
     stem, _, last = name.strip().rpartition(" ")
@@ -124,16 +139,28 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def unknown_unit(name: str) -> str:
-    """What stands in brackets at the end of a name, if it is no unit that is known; else empty."""
+    """What stands in brackets at the end of a name, if it is no unit that is known; else empty.
+
+    Args:
+        name: of a column.
+    """
     match = _BRACKETED.search(name)
     return match[1] if match and not dimension_of(normalise(match[1])) else ""
 
 
 def unit_in_name(name: str) -> str:
-    """The unit that any column's name says, normalised; empty if it says none that is known."""
+    """The unit that any column's name says, normalised; empty if it says none that is known.
+
+    Args:
+        name: of a column.
+    """
     return split_unit(name)[1]
 
 
 def si_unit(dimension: str) -> str:
-    """The SI unit of a dimension, as names spell it."""
+    """The SI unit of a dimension, as names spell it.
+
+    Args:
+        dimension: such as "force".
+    """
     return next(unit for unit, factor in SI[dimension].items() if factor == 1.0)

@@ -62,6 +62,9 @@ class Table:
     def numbers(self, name: str) -> FloatArray:
         """A column of numbers, shape (n,), read-only: text is turned into numbers once.
 
+        Args:
+            name: of the column.
+
         Raises:
             InputError: there is no such column, or a value is missing or no finite number.
         """
@@ -89,7 +92,11 @@ class Table:
         return values
 
     def varies(self, name: str) -> bool:
-        """Whether a column holds numbers that are not all the same."""
+        """Whether a column holds numbers that are not all the same.
+
+        Args:
+            name: of the column.
+        """
         try:
             return bool(np.ptp(self.numbers(name)) > 0.0)
         except InputError:
@@ -97,6 +104,9 @@ class Table:
 
     def labels(self, name: str) -> tuple[tuple[str, ...], IntArray]:
         """The texts of a column in order of appearance, each once, and which of them each row has, (n,).
+
+        Args:
+            name: of the column.
 
         Raises:
             InputError: there is no such column, or a text is too long to be a name.
@@ -116,25 +126,45 @@ class Table:
         return tuple(number), of_code[coded.indices.to_numpy(zero_copy_only=False)]
 
     def select(self, chosen: BoolArray) -> "Table":
-        """The table with only these rows, mask of shape (n,)."""
+        """Return the table with only some rows.
+
+        Args:
+            chosen: rows to keep, a mask of shape (n,).
+        """
         return replace(self, columns=self.columns.filter(pa.array(chosen)), rows=self.rows[chosen])
 
     def head(self, rows: int) -> "Table":
-        """The table with only its first rows."""
+        """Return the table with only its first rows.
+
+        Args:
+            rows: how many to keep.
+        """
         return replace(self, columns=self.columns.slice(0, rows), rows=self.rows[:rows])
 
     def is_there(self, name: str) -> BoolArray:
-        """In which rows a column holds something, shape (n,)."""
+        """In which rows a column holds something, shape (n,).
+
+        Args:
+            name: of the column.
+        """
         return is_filled(self._column(name))
 
     def is_mostly_numeric(self, name: str) -> bool:
-        """Whether most of a column's first cells that are not empty are numbers."""
+        """Whether most of a column's first cells that are not empty are numbers.
+
+        Args:
+            name: of the column.
+        """
         held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
         cells = _with_points(self._column(name).take(held), self.decimal).to_pylist()
         return 2 * int(np.isfinite([number_of(str(cell)) for cell in cells]).sum()) > len(held)
 
     def is_numeric(self, name: str) -> bool:
-        """Whether a column holds numbers only, as far as the first of its cells that are not empty say."""
+        """Whether a column holds numbers only, as far as the first of its cells that are not empty say.
+
+        Args:
+            name: of the column.
+        """
         held = np.flatnonzero(self.is_there(name))[:_LOOKED_AT]
         first = replace(self, columns=self.columns.select([name]).take(held), rows=self.rows[held])
         try:
@@ -156,6 +186,9 @@ class Table:
 
 def read_table(path: str | os.PathLike[str]) -> Table:
     """Open a data file by the ending of its name.
+
+    Args:
+        path: of the file.
 
     Raises:
         InputError: it cannot be read, is empty, or is of no known kind.

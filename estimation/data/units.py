@@ -135,6 +135,9 @@ def normalise(unit: str) -> str:
     """Spell a unit as here: "mm/s^2" becomes "mm_s2", "N m" and "N*m" become "Nm", "sec" becomes "s".
 
     A capital M is mega and a small one milli: "MN" is no millinewton. What is not known stays as it is.
+
+    Args:
+        unit: as it is written, such as "mm/s^2".
     """
     plain = unit.strip().replace("²", "2").replace("^", "").replace("/", "_")
     plain = re.sub("[µμ]", "u", plain).replace(" ", "").replace("*", "").rstrip(".")
@@ -151,17 +154,30 @@ def normalise(unit: str) -> str:
 
 
 def read_as(unit: str, dimensions: Collection[str]) -> str:
-    """A unit as a quantity of these dimensions has it: "nm" is a nanometre, of a torque a newton metre."""
+    """A unit as a quantity of these dimensions has it: "nm" is a nanometre, of a torque a newton metre.
+
+    Args:
+        unit: as it is written.
+        dimensions: that the quantity may have.
+    """
     return "Nm" if unit == "nm" and "torque" in dimensions else unit
 
 
 def dimension_of(unit: str) -> str | None:
-    """The dimension that a unit measures, or None if it is not known."""
+    """The dimension that a unit measures, or None if it is not known.
+
+    Args:
+        unit: as it is written, such as "mm/s^2".
+    """
     return _FACTORS[unit][0] if unit in _FACTORS else None
 
 
 def likely_time_unit(step: float) -> str:
-    """The largest unit of time in which samples that are this far apart are less than `SLOWEST_S` apart."""
+    """The largest unit of time in which samples that are this far apart are less than `SLOWEST_S` apart.
+
+    Args:
+        step: between samples, in the unknown unit of time.
+    """
     return next((unit for unit in ("s", "ms", "us") if step * _TIME[unit] <= SLOWEST_S), "ns")
 
 
@@ -184,7 +200,11 @@ def factor_to_si(unit: str, dimension: str, where: str) -> float:
 
 
 def is_scaled(unit: str) -> bool:
-    """Whether a unit begins with a number, such as "-1N"."""
+    """Whether a unit begins with a number, such as "-1N".
+
+    Args:
+        unit: as it is written, such as "mm/s^2".
+    """
     return _SCALED.fullmatch(unit.strip()) is not None
 
 

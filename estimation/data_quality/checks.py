@@ -106,6 +106,10 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
     Unlike `reject_reason`, it does not ask whether runs are left to be held out. Warnings of readings and
     times count too; those of units do not.
 
+    Args:
+        data: the channel.
+        model: the base model.
+
     Returns:
         One sentence, or None if nothing shows.
     """
@@ -119,6 +123,10 @@ def contaminated(data: ChannelData, model: Model) -> str | None:
 
 def checklist(data: ChannelData, model: Model | None = None) -> dict[str, str]:
     """Say for each kind of check what speaks against a channel, be it a reason or a warning.
+
+    Args:
+        data: the channel.
+        model: the base model.
 
     Returns:
         By kind ("enough" data, "units" and times, "sync" of effort and motion, "excitation", "readings",

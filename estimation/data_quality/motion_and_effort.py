@@ -38,7 +38,11 @@ _CLEARLY = 1.5
 
 
 def mistaken_units(data: ChannelData) -> str | None:
-    """Say which unit is hardly the one it is said to be; None if nothing says so."""
+    """Say which unit is hardly the one it is said to be; None if nothing says so.
+
+    Args:
+        data: the channel.
+    """
     if data.kind is ChannelKind.CONTACT:
         deepest = float(np.abs(data.position).max())
         if deepest > _LONGEST_CONTACT_M:
@@ -66,6 +70,9 @@ def mistaken_times(data: ChannelData) -> str | None:
     """Say by how much the velocity contradicts the position: times, or units of one of them, are off.
 
     A file's velocity that does so is not used; this is of other sources.
+
+    Args:
+        data: the channel.
     """
     ratio = mistaken_scale(data.time_s, data.position, data.velocity, data.run)
     if ratio is None:
@@ -77,6 +84,9 @@ def misaligned(data: ChannelData) -> str | None:
     """Say by which shift of time effort and motion go together far better; None if by none.
 
     A damper's force goes with the velocity, which in a periodic motion is the position of another moment.
+
+    Args:
+        data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any() or _share_explained(data) > _APART:
         return None
@@ -97,7 +107,11 @@ def misaligned(data: ChannelData) -> str | None:
 
 
 def no_contact(data: ChannelData) -> str | None:
-    """Why nothing was pressed, or not as it is said; None if it was."""
+    """Why nothing was pressed, or not as it is said; None if it was.
+
+    Args:
+        data: the channel.
+    """
     if data.kind is not ChannelKind.CONTACT:
         return None
     pressed = data.engaged
@@ -122,6 +136,9 @@ def late_touch(data: ChannelData) -> str | None:
 
     A force that stays in its noise for a fifth of the way and more, where a spring from zero on would stand
     out of it.
+
+    Args:
+        data: the channel.
     """
     pressed = data.engaged
     if data.kind is not ChannelKind.CONTACT or data.surface is not None or pressed.all() or not pressed.any():
@@ -151,7 +168,11 @@ def _of_air(data: ChannelData) -> tuple[float, float]:
 
 
 def unrelated(data: ChannelData) -> str | None:
-    """Say that a force has next to nothing to do with the motion; None if it has."""
+    """Say that a force has next to nothing to do with the motion; None if it has.
+
+    Args:
+        data: the channel.
+    """
     if data.kind is not ChannelKind.CONTACT or not data.engaged.any():
         return None
     share = _share_explained(data)
@@ -183,6 +204,10 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     its gear. Where the weight is there as well, what goes slowly is a spring that is wound up, or a friction
     that warms up. Beside a model that knows no weight, nothing has to come back: only what bends as the sine
     in degrees does, and as no spiral spring, is refused.
+
+    Args:
+        data: the channel.
+        model: the base model; None where it is not known.
     """
     if data.kind is not ChannelKind.REVOLUTE or model is None:
         return None

@@ -35,7 +35,11 @@ _STEPS = 2.0
 
 
 def unchanging(data: ChannelData) -> str | None:
-    """Which signal never changes; None if both do."""
+    """Which signal never changes; None if both do.
+
+    Args:
+        data: the channel.
+    """
     for what, signal in (("effort", data.effort), ("position", data.position)):
         if np.ptp(signal) <= 1e-12 * max(1.0, float(np.max(np.abs(signal)))):
             return f"the {what} never changes; check the sensor and the column"
@@ -43,7 +47,11 @@ def unchanging(data: ChannelData) -> str | None:
 
 
 def too_coarse(data: ChannelData) -> str | None:
-    """Why the readings are too few different ones; None if they are not."""
+    """Why the readings are too few different ones; None if they are not.
+
+    Args:
+        data: the channel.
+    """
     levels = len(np.unique(data.effort))
     if levels < (_TOO_FEW_LEVELS if data.kind is ChannelKind.CONTACT else _TOO_FEW_OF_A_JOINT):
         return f"only {levels} different readings: the sensor's steps are too coarse for this effort"
@@ -51,7 +59,11 @@ def too_coarse(data: ChannelData) -> str | None:
 
 
 def saturated(data: ChannelData) -> str | None:
-    """Say where the sensor's range ended before the effort did; None if it did not."""
+    """Say where the sensor's range ended before the effort did; None if it did not.
+
+    Args:
+        data: the channel.
+    """
     if len(np.unique(data.effort)) < _FEW_LEVELS:
         return None  # coarse steps, of which the last is often met
     size = np.abs(data.effort)
@@ -75,6 +87,9 @@ def at_lower_end(data: ChannelData) -> BoolArray:
     One reading there, not zero, and noise as soon as it is left. A dead band about zero reads zero; a sensor
     with coarse steps, and data without noise, may well show one reading in free air.
 
+    Args:
+        data: the channel.
+
     Returns:
         Mask of shape (n,).
     """
@@ -93,7 +108,11 @@ def at_lower_end(data: ChannelData) -> BoolArray:
 
 
 def stuck_in_air(data: ChannelData) -> str | None:
-    """Say that free air lies beyond the sensor's lower end; None if it does not."""
+    """Say that free air lies beyond the sensor's lower end; None if it does not.
+
+    Args:
+        data: the channel.
+    """
     stuck = at_lower_end(data)
     if not stuck.any():
         return None
@@ -112,6 +131,9 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
     may differ. No sensor with noise reads the same twice over a whole run: second differences of two runs are
     uncorrelated where they are noise. What was made without noise may repeat itself, and so may a joint at
     rest whose reader is coarse.
+
+    Args:
+        data: the channel.
 
     Returns:
         For each copy the run that it is a copy of, and the correlation of their noise, 1 for equal numbers.
@@ -137,7 +159,11 @@ def copied_runs(data: ChannelData) -> dict[int, tuple[int, float]]:
 
 
 def copied(copies: Mapping[int, tuple[int, float]]) -> str:
-    """Say which runs are left out as copies; see `copied_runs`."""
+    """Say which runs are left out as copies; see `copied_runs`.
+
+    Args:
+        copies: for each copy the run that it is a copy of, and the correlation of their noise.
+    """
     (run, (first, likeness)), more = next(iter(copies.items())), len(copies) - 1
     others = f" (and {more} more)" if more else ""
     return (

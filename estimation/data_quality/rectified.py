@@ -63,6 +63,9 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
     An object can only push, so that what a converter cuts off below zero is but free air's noise. What is
     folded has a mean above zero, which would pass for a bias.
 
+    Args:
+        data: the channel.
+
     Returns:
         Mask of shape (n,).
     """
@@ -74,7 +77,11 @@ def folded_in_contact(data: ChannelData) -> BoolArray:
 
 
 def folded(data: ChannelData) -> str | None:
-    """Say that a contact's readings near zero were rectified; None if they were not."""
+    """Say that a contact's readings near zero were rectified; None if they were not.
+
+    Args:
+        data: the channel.
+    """
     near = folded_in_contact(data)
     if not near.any():
         return None

@@ -93,6 +93,9 @@ def lost_rows(data: ChannelData) -> str | None:
     """Say where rows are missing though the times are even: the motion jumps there by several of its steps.
 
     Whoever leaves out rows and numbers the others anew makes the motion quicker than it was.
+
+    Args:
+        data: the channel.
     """
     if len(data) < _LEAST_SAMPLES or not is_even(data.time_s, data.run):
         return None

@@ -33,7 +33,11 @@ class Experiment:
         return any(bool(np.any(one > SMALL)) for one in self.leads)
 
     def along_with(self, other: "Experiment") -> "Experiment":
-        """Both, one after the other: what a wrong rival leaves in either adds up."""
+        """Combine two experiments, one after the other: the leads of a wrong model add up.
+
+        Args:
+            other: the experiment that follows.
+        """
         leads = tuple(_together(*both) for both in zip(self.leads, other.leads, strict=True))
         return Experiment(f"{self.words}, and {other.words}", self.duration_s + other.duration_s, leads)
 
@@ -48,10 +52,13 @@ class Choice:
 
 
 def choose(offered: Sequence[Experiment]) -> Choice | None:
-    """The experiment that tells most; of those that tell nearly as much, the one that weighs most.
+    """Choose the experiment that tells most; of nearly equal ones, the one with most evidence.
 
     A rival of many parameters that little evidence speaks against gives way in one place, and comes back by
     another. Where nothing is known of its weight, the shortest is chosen.
+
+    Args:
+        offered: feasible experiments with what each is expected to separate.
 
     Returns:
         None where no experiment is expected to separate anything.

@@ -42,7 +42,11 @@ class Rivals:
 
     @classmethod
     def of(cls, fits: Sequence[FitResult]) -> "Rivals":
-        """From models that were fitted to the same channel."""
+        """Build from models that were fitted to the same channel.
+
+        Args:
+            fits: models fitted to the same channel.
+        """
         blocked = fits[0].problem.blocked
         data, cache = decimate(blocked), FitCache()
         rough = (
@@ -54,6 +58,9 @@ class Rivals:
         """Leads (r, r) to first order in the parameters, of an experiment that moves the channel so.
 
         Rows are what is true, columns what it is compared with; the effort of `planned` does not count.
+
+        Args:
+            planned: the channel with the planned motion; its effort is ignored.
         """
         motion, good = _coarse(planned)
         both = joined_channels((self.data, motion))
@@ -72,7 +79,12 @@ class Rivals:
         return self._beyond_now(leads, [one.solution.sse for one in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
-        """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`."""
+        """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`.
+
+        Args:
+            planned: the channel with the planned motion; its effort is ignored.
+            rng: for the noise of the drawn data.
+        """
         motion, good = _coarse(planned)
         kept = np.concatenate([self.good, good])
         noise = np.resize(self._noise, len(motion))
@@ -92,7 +104,12 @@ class Rivals:
         return beyond
 
     def evidence(self, leads: FloatArray, planned: ChannelData) -> float:
-        """What leads weigh, as a log likelihood ratio: they are ratios of errors, and data add up."""
+        """What leads weigh, as a log likelihood ratio: they are ratios of errors, and data add up.
+
+        Args:
+            leads: ratios of errors, shape (r, r).
+            planned: the channel with the planned motion.
+        """
         count = len(self.data) + len(_coarse(planned)[0])
         return -count * float(np.sum(np.log1p(-np.clip(leads, 0.0, 0.999))))
 

@@ -75,7 +75,12 @@ def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData)
 
 
 def exploring(signals: Sequence[str], data: ChannelData) -> NextExperiment:
-    """The experiment that shows more of an effect that nobody has named."""
+    """Propose the experiment that shows more of an effect without a name.
+
+    Args:
+        signals: names of signals that the remaining error depends on.
+        data: the channel.
+    """
     first = signals[0] if signals else "position"
     recorded = f"repeat the same motion at different values of {first}, each kept while it lasts"
     words = recorded if first in data.recorded else f"{_BY_SIGNAL.get(first, _WIDER)} ({_recorded(data)})"
@@ -93,7 +98,12 @@ def _recorded(data: ChannelData) -> str:
 
 
 def sufficient(reason: str, kind: ChannelKind) -> NextExperiment:
-    """The experiment that makes up for data that cannot say anything."""
+    """Propose the experiment that provides what the data lack.
+
+    Args:
+        reason: why the channel cannot be judged.
+        kind: of the channel.
+    """
     words, remedy = _FREE if kind is ChannelKind.CONTACT else _WIDER, reason.partition("; ")[2]
     if reason.startswith(SINGLE_RUN):
         words = _RUNS

@@ -17,9 +17,12 @@ _CHANGES = (  # how fast, how far, and words
 
 
 def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
-    """What is done, in words, how long it takes [s], and the channel as it would move.
+    """Yield changed motions: the change in words, its duration [s], and the channel as it would move.
 
     Its effort means nothing. None is offered where signals of the context come from a whole arm's motion.
+
+    Args:
+        data: the channel.
     """
     if set(data.context) - set(_OF_THE_ARM) - data.recorded:
         return
@@ -30,7 +33,11 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
 
 
 def extent(data: ChannelData) -> str:
-    """How far and fast a channel moves, in words."""
+    """Describe how far and fast a channel moves.
+
+    Args:
+        data: the channel.
+    """
     if data.kind is ChannelKind.REVOLUTE:
         far, fast = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
     else:

@@ -42,7 +42,11 @@ def misfit(residuals: FloatArray, run: IntArray, inliers: BoolArray) -> Misfit:
 
 
 def residual_scale(residuals: FloatArray) -> float:
-    """Standard deviation of residuals (n,), from the magnitude below which nine tenths of them lie."""
+    """Estimate the standard deviation of residuals from the magnitude that nine tenths do not exceed.
+
+    Args:
+        residuals: shape (n,).
+    """
     return float(np.quantile(np.abs(residuals), _SHARE)) / _SIGMAS
 
 

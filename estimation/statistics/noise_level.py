@@ -33,7 +33,11 @@ class NoiseLevel:
     share: float  # growth with the effort, such as 0.1 for 10 %
 
     def sigma(self, effort: FloatArray) -> FloatArray:
-        """Return the standard deviation at each predicted effort, shape (n,)."""
+        """Return the standard deviation at each predicted effort, shape (n,).
+
+        Args:
+            effort: predicted, shape (n,).
+        """
         return np.hypot(self.floor, self.share * effort)
 
 

@@ -32,7 +32,11 @@ class Covariance:
         return np.sqrt(np.diag(self.matrix))
 
     def intervals(self, values: FloatArray) -> FloatArray:
-        """Return 95 % confidence intervals, shape (m, 2), around values (m,)."""
+        """Return 95 % confidence intervals, shape (m, 2), around values (m,).
+
+        Args:
+            values: shape (m,).
+        """
         reach = scipy.special.stdtrit(self.degrees_of_freedom, 0.5 + CONFIDENCE / 2) * self.std_err
         return np.column_stack([values - reach, values + reach])
 

@@ -89,7 +89,10 @@ class ChannelEstimates(TableDisplay):
 
 
 def choose_estimators(names: str | Sequence[str]) -> list[str]:
-    """Names of estimators from "all", a text with commas between names, or a list of names.
+    """Choose estimators by name.
+
+    Args:
+        names: "all", a text with commas between names, or a list of names.
 
     Raises:
         InputError: one of them is not known.
@@ -108,7 +111,12 @@ def choose_estimators(names: str | Sequence[str]) -> list[str]:
 
 
 def only_runs(channel: ChannelData, runs: Sequence[int], source: Source) -> ChannelData:
-    """The channel with only these runs, as they were recorded.
+    """Return the channel with only some runs, by their recorded numbers.
+
+    Args:
+        channel: with all runs.
+        runs: numbers of recorded runs to keep.
+        source: the measurement.
 
     Raises:
         InputError: the channel has no such run, or a run is there twice.

@@ -21,6 +21,10 @@ Kept = TypeVar("Kept", bound=BaseModel)
 def read_kept(file: Path, model: type[Kept]) -> Kept:
     """Read one file; texts are short, and have no control characters and no marks of direction.
 
+    Args:
+        file: to read.
+        model: form of its content.
+
     Raises:
         ValueError: why it is not what palpate wrote, in a few words.
     """
@@ -55,7 +59,11 @@ def read_kept(file: Path, model: type[Kept]) -> Kept:
 
 
 def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content, cleaned, as `read_kept` takes it."""
+    """Return the cleaned content with its checksum, as `read_kept` takes it.
+
+    Args:
+        content: to be saved as JSON.
+    """
     cleaned = clean(content)
     return {**cleaned, _CHECKSUM: _checksum(cleaned)}
 
@@ -65,7 +73,11 @@ def _checksum(content: Mapping[str, Any]) -> str:
 
 
 def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
-    """The same with texts as `read_kept` takes them."""
+    """Return the content with texts as `read_kept` takes them.
+
+    Args:
+        content: whatever JSON can hold.
+    """
     if isinstance(content, str):
         return clean_text(content)[:MOST_TEXT]
     if isinstance(content, Mapping):
@@ -74,7 +86,11 @@ def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
 
 
 def clean_text(text: str) -> str:
-    """A text with a question mark for each character that cannot be printed."""
+    """Replace each character that cannot be printed by a question mark.
+
+    Args:
+        text: to clean.
+    """
     return "".join(char if char.isprintable() else "?" for char in text)
 
 

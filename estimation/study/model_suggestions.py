@@ -35,6 +35,11 @@ def better_explanation(
 
     Where the effects found complete the usual model, no other can fit far better: then it must fit as well
     with no more parameters than both together have.
+
+    Args:
+        study: the measurement and its fits.
+        channel: with the usual base model.
+        found: the diagnosis of that model.
     """
     base, final = found.baseline, found.final
     if base is None or final is None or found.verdict is Verdict.ADEQUATE:

@@ -81,7 +81,11 @@ class Side:
         return cross_correlation(self.residual, self.data.velocity, self.data.run, self.lags)
 
     def floors_of(self, other: "Side") -> float:
-        """Error of this side's model on the other's measurement in noise floors of that, or NaN."""
+        """Error of this side's model on the other's measurement in noise floors of that, or NaN.
+
+        Args:
+            other: the side whose measurement is described.
+        """
         predicted = self._prediction_of(other)
         if predicted is None or other.compared is None:
             return float("nan")
@@ -101,7 +105,11 @@ class Side:
             return None
 
     def fit_of(self, other: "Side") -> float:
-        """How far this side's model describes the other's measurement; its own in held-out runs [%]."""
+        """How far this side's model describes the other's measurement; its own in held-out runs [%].
+
+        Args:
+            other: the side whose measurement is described.
+        """
         predicted = self._prediction_of(other)
         if predicted is None or other.compared is None:
             return float("nan")

@@ -83,7 +83,14 @@ class Revisions:
         return tuple(_read(file) for file in sorted(own, key=lambda file: int(file.stem)))
 
     def get(self, number: int) -> Revision:
-        """One revision. InputError: there is no such revision."""
+        """One revision.
+
+        Args:
+            number: of the revision.
+
+        Raises:
+            InputError: there is no such revision.
+        """
         known = {revision.number: revision for revision in self.all()}
         if number not in known:
             there = (
@@ -95,6 +102,9 @@ class Revisions:
 
     def keep(self, make: Callable[[int], Revision]) -> Revision:
         """Keep one more revision, by the next number that no other program has taken.
+
+        Args:
+            make: builds the revision from its number.
 
         Raises:
             InputError: it cannot be written.
@@ -120,7 +130,11 @@ class Revisions:
             raise InputError(f"cannot write {self._folder}: {error.strerror or error}") from error
 
     def drop(self, revisions: Sequence[Revision]) -> None:
-        """Take away revisions that were just kept, the newest last: a set that could not be kept in full."""
+        """Remove revisions that were just saved: a set that could not be saved in full.
+
+        Args:
+            revisions: just saved, the newest last.
+        """
         for one in reversed(revisions):
             if self._folder is None:
                 self._in_memory.remove(one)
@@ -129,7 +143,11 @@ class Revisions:
 
 
 def own_effects(revisions: Sequence[Revision]) -> list[str]:
-    """All effects of the user's own in these, as FILE.py:Class, each once."""
+    """All effects of the user's own in these, as FILE.py:Class, each once.
+
+    Args:
+        revisions: to search.
+    """
     return list(dict.fromkeys(text for revision in revisions for text in revision.user_effects))
 
 

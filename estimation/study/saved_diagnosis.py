@@ -68,6 +68,12 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
 
 
 def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
-    """Whether a saved number is not that of the same fit, made again."""
+    """Return whether a saved number differs from that of the same fit, repeated.
+
+    Args:
+        saved: number in the file.
+        fitted: the same number from a fit, in the same unit.
+        std_err: its standard error; 0 for none.
+    """
     slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
     return not abs(saved - fitted) <= _SAME * slack

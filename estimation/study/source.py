@@ -60,16 +60,29 @@ class Source:
         return tuple(sorted({run for one in self.channels for run in self.recorded(one)}))
 
     def recorded(self, channel: ChannelData) -> list[int]:
-        """For each of a channel's runs the one that was recorded: another where it is a stretch of that."""
+        """For each of a channel's runs the one that was recorded: another where it is a stretch of that.
+
+        Args:
+            channel: of this source.
+        """
         run_of = self.stretches.get(channel.name, {})
         return [run_of.get(run, run) for run in channel.runs.tolist()]
 
     def runs_of(self, channel: ChannelData, recorded: Sequence[int]) -> tuple[int, ...]:
-        """Numbers of a channel's runs, or stretches of runs, that were recorded as these."""
+        """Numbers of a channel's runs, or stretches of runs, that were recorded as these.
+
+        Args:
+            channel: of this source.
+            recorded: numbers of recorded runs.
+        """
         return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
 
     def without(self, runs: Sequence[int]) -> "Source":
-        """The source without these runs."""
+        """Return the source without some runs.
+
+        Args:
+            runs: numbers of recorded runs to leave out.
+        """
         left = (one.of_runs(np.setdiff1d(one.runs, self.runs_of(one, runs))) for one in self.channels)
         return replace(self, channels=tuple(left))
 
@@ -127,6 +140,10 @@ def limit_length(source: Source, held_out: Sequence[int] = ()) -> Source:
 
 def joined(first: Source, second: Source) -> Source:
     """Two measurements of one thing as one, the runs of the second after those of the first; in memory.
+
+    Args:
+        first: whose runs come first.
+        second: whose runs follow.
 
     Raises:
         InputError: they share no channel.

@@ -401,6 +401,9 @@ class Study(TableDisplay):
     def known_diagnosis(self, channel: StudyChannel) -> ChannelDiagnosis | None:
         """Return the diagnosis of this data and base model, made now or saved earlier; None without one.
 
+        Args:
+            channel: the channel with its base model.
+
         Raises:
             InputError: the file in the folder is damaged, or says other numbers than this study's fits.
         """
@@ -595,6 +598,9 @@ class Study(TableDisplay):
     def revision(self, number: int) -> Revision:
         """Return a revision by its number.
 
+        Args:
+            number: of the revision.
+
         Raises:
             InputError: there is none, or it has an effect of the user's own that this study was not given.
         """
@@ -605,6 +611,9 @@ class Study(TableDisplay):
     def channel_of(self, revision: Revision) -> StudyChannel:
         """Return the channel of a revision, with its base model.
 
+        Args:
+            revision: of this study's folder.
+
         Raises:
             InputError: the channel is not there.
         """
@@ -612,6 +621,9 @@ class Study(TableDisplay):
 
     def check(self, revision: Revision) -> None:
         """Reject a revision of other data, or with other numbers than this study's fit.
+
+        Args:
+            revision: of this study's folder.
 
         Raises:
             InputError: it is such a one, or its channel is not there.

@@ -73,6 +73,11 @@ def rivals_of(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> l
     One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
     take most away are compared, good or not: an experiment that would show them is one in which there is more
     to see.
+
+    Args:
+        study: the measurement and its fits.
+        channel: the channel with its base model.
+        found: the diagnosis of that channel.
     """
     if not is_undecided(found):
         return []
@@ -105,6 +110,11 @@ def with_the_simplest(study: Study, channel: StudyChannel, found: ChannelDiagnos
     then nothing that anybody could see. What remains undecided stays so. Of two laws the simpler has fewer
     parameters, or as many and depends on less: friction, beside friction that remembers its path. An effect
     and its parts are one law by two names, of which neither is simpler.
+
+    Args:
+        study: the measurement and its fits.
+        channel: the channel with its base model.
+        found: the diagnosis of that channel.
     """
     for place, entry in enumerate(found.accepted):
         if entry.confused_with:
