@@ -300,6 +300,7 @@ def _simpler(search: Search, end: FitResult, effect: Effect) -> FitResult:
         search.with_candidate(candidate)
         for candidate in search.alternatives(end, effect.name)[:_RIVALS]
         if parameter_count(candidate.effect) < parameter_count(effect)
+        and candidate.followed(end.problem) <= NEAR * end.solution.held_out
     ]
     close = [fit for fit in others if fit.rmse <= (1.0 + SMALL) * end.rmse and search.is_sensible(fit)]
     return min(close, key=lambda fit: (search.size(fit), fit.solution.held_out), default=end)
