@@ -16,7 +16,7 @@ from estimation.fit.smooth_features import curves, hats, reversal_memory
 from estimation.kinds import Kind
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.exponential_memory import low_pass, relax
-from estimation.signals.free_air import zero_in_free_air
+from estimation.signals.free_air import is_one_way, zero_in_free_air
 from estimation.signals.runwise import derivative, running_max, sample_time
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -77,7 +77,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         _law(Kind.SENSOR_DYNAMICS, derivative(effort, time_s, run)),
         _sensor_statics(effort, blocked.effort, has_bias=zero is None or not zero.is_zero),
     ]
-    if zero is None or not zero.is_steady:
+    if (zero is None or not zero.is_steady) and not is_one_way(position, run):
         laws.append(_law(Kind.DRIFT, time_s - time_s.mean()))
     if is_contact:
         laws.append(_contact_geometry(position, depth, touching, run))

@@ -33,7 +33,7 @@ def add_run_variation(search: Search, found: FitResult) -> FitResult:
         [
             one
             for one in _varied(search, found)
-            if run_heterogeneity(one.problem.blocked, one.solution) is None and search.is_sensible(one)
+            if run_heterogeneity(one.problem.blocked, one.solution) is None
         ]
     )
     return _less(search, varied[0]) if varied and search.is_needed(found, varied[0]) else found
@@ -49,9 +49,11 @@ def _varied(search: Search, found: FitResult) -> Iterator[FitResult]:
             and effect.applies_to(found.data)
         ):
             start = {f"{effect.name}.share": effect.starts(found.data)[-1]["share"]}
-            yield search.fitted(
+            made = search.fitted(
                 found.solution.model.with_effect(effect), {**found.solution.parameters, **start}
             )
+            if search.is_sound(made, effect.name):
+                yield made
 
 
 def _less(search: Search, varied: FitResult) -> FitResult:

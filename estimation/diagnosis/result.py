@@ -173,7 +173,11 @@ class Diagnosis(_Entry):
 
 
 def stage_numbers(
-    effect: str, before: FitResult, after: FitResult, spread: ParameterValue | None = None
+    effect: str,
+    before: FitResult,
+    after: FitResult,
+    final: FitResult,
+    spread: ParameterValue | None = None,
 ) -> dict[str, Any]:
     """State what one effect adds: fields of `Accepted`.
 
@@ -181,12 +185,13 @@ def stage_numbers(
         effect: name of the effect.
         before: the model without it.
         after: the model with it, all parameters fitted again.
+        final: the model with all effects, whose parameters count: a part of it would bend them.
         spread: standard deviation between runs, of an effect that varies from run to run.
     """
     prefix = f"{effect}."
     own = {
         name.removeprefix(prefix): value
-        for name, value in _parameters(after).items()
+        for name, value in _parameters(final).items()
         if name.startswith(prefix)
     }
     own |= {} if spread is None else {"spread": spread}

@@ -244,9 +244,9 @@ class Search:
         (effect,) = (one for one in fit.solution.model.effects if one.name == name)
         solution, problem = fit.solution, fit.problem
         if isinstance(effect, RunVariation):
-            known = solution.parameters
-            inner = {one.name: known[f"{name}.{one.name}"] for one in effect.inner}
-            if effect.is_common(solution.model.without(name).predict(fit.data, known), fit.data, inner):
+            inner = {one.name: solution.parameters[f"{name}.{one.name}"] for one in effect.inner}
+            less = solve_gains(problem, solution.model.without(name), solution.parameters)
+            if effect.is_common(less.model.predict(fit.data, less.parameters), fit.data, inner):
                 return False
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 

@@ -217,7 +217,7 @@ def _accepted(found: Evidence, others: _Rivals) -> list[Accepted]:
             Accepted(
                 effect=effect.name,
                 form=found.form(effect.name),
-                **stage_numbers(effect.name, before, after, spread),
+                **stage_numbers(effect.name, before, after, found.stages[-1], spread),
                 p_value=p_value,
                 confused_with=list(others[effect.name]),
                 physics=effect.physics,

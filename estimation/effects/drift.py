@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.kinds import Kind
-from estimation.signals.free_air import zero_in_free_air
+from estimation.signals.free_air import is_one_way, zero_in_free_air
 from robot_io.types import FloatArray
 
 _OFF = 0.5  # of the rate, by which readings in free air may differ from it
@@ -35,6 +35,10 @@ class Drift(AdditiveEffect):
         "stress_relaxation": "free air: drift goes on there, relaxation does not",
         "bias": "wait: a bias stays",
     }
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: the motion returns, else time cannot be told from position."""
+        return super().applies_to(data) and not is_one_way(data.position, data.run)
 
     def is_misnamed(
         self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float

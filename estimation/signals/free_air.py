@@ -1,4 +1,4 @@
-"""What readings in free air, before and after the contact, say of a force sensor's zero."""
+"""What a recording says of a sensor's zero and its drift: readings in free air, and positions that return."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,13 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.signals.blocks import rows_of_runs
+from robot_io.types import FloatArray, IntArray
 
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _WINDOW = 50  # readings at most, at the end of a run
 _FEWEST = 5  # readings, at each end
 _HIDDEN = 0.5  # of the noise, below which a zero does not show
+_RETURNS = 0.02  # of the range, below which a position does not return
 _SIGMAS = 3.0  # standard errors, below which a rate is not known to differ from zero
 
 
@@ -69,3 +71,19 @@ def zero_in_free_air(data: ChannelData) -> FreeAirZero | None:
     rate = float(np.vdot(apart_s, apart)) / energy if energy > 0.0 else None
     error = noise * float(np.sqrt(max(spread) / energy)) if energy > 0.0 else np.inf
     return FreeAirZero(noise, bias, rate, error, float(np.ptp(data.time_s)))
+
+
+def is_one_way(position: FloatArray, run: IntArray) -> bool:
+    """Whether positions (n,) only go one way in each run (n,), so that time cannot be told from them.
+
+    What drifts with time then looks like a law of the position, which needs no sensor to fail.
+    """
+    return all(
+        min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])
+        for rows in rows_of_runs(run)
+    )
+
+
+def _way_back(position: FloatArray) -> float:
+    """How far a position (n,) falls behind the farthest that it was."""
+    return float(np.max(np.maximum.accumulate(position) - position))

@@ -152,7 +152,9 @@ def _with_numbers(
     names = [entry.effect for entry in accepted]
     stages = [study.fit(channel, names[:count]).training_fit for count in range(len(names) + 1)]
     entries = [
-        entry.model_copy(update=stage_numbers(entry.effect, before, after, entry.parameters.get("spread")))
+        entry.model_copy(
+            update=stage_numbers(entry.effect, before, after, stages[-1], entry.parameters.get("spread"))
+        )
         for entry, (before, after) in zip(accepted, pairwise(stages), strict=True)
     ]
     base, last, unit = found.baseline.rmse, stages[-1].rmse, found.effort_unit

@@ -9,7 +9,7 @@ from estimation.budget.laws import flexible_laws
 from estimation.effects import EFFECTS
 from estimation.fit.fit_result import fit_model
 from estimation.kinds import Kind
-from estimation.signals.free_air import zero_in_free_air
+from estimation.signals.free_air import is_one_way, zero_in_free_air
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
 from tests.estimation.swings import swings
@@ -63,3 +63,13 @@ def test_the_law_of_sensor_statics_has_a_bias_where_free_air_allows_one(bias_n, 
     laws = flexible_laws(blocked, effort, blocked.effort - effort)
     (statics,) = (law for law in laws if law.kinds == {Kind.SENSOR_STATICS})
     assert bool(np.any(np.all(statics.columns == 1.0, axis=0))) is there
+
+
+def test_time_cannot_be_told_from_a_position_that_goes_one_way():
+    data = session(1)
+    ramp = replace(data, position=np.linspace(-0.01, 0.01, len(data)))
+    assert [EFFECTS["drift"]().applies_to(one) for one in (data, ramp)] == [True, False]
+    jitter = 1e-7 * np.random.default_rng(0).standard_normal(len(data))
+    assert is_one_way(ramp.position, data.run)
+    assert is_one_way(jitter - ramp.position, data.run)
+    assert not is_one_way(data.position, data.run)

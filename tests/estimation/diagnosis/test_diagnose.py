@@ -229,7 +229,7 @@ def test_a_result_is_read_back_from_its_own_text_and_progress_is_told():
     told = []
     rng, effects = np.random.default_rng(1), [EFFECTS["cubic_stiffness"](), EFFECTS["bias"]()]
     found = diagnose(pressed(4, cubic), PRESS, effects, rng=rng, progress=lambda *what: told.append(what))
-    assert type(found).model_validate_json(found.model_dump_json()) == found
+    assert type(found).model_validate_json(found.model_dump_json()).model_dump() == found.model_dump()
     assert {"complete", "remaining", "accepted", "ranking", "depends_on"} <= found.model_dump()["channels"][
         0
     ].keys()
