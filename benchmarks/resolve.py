@@ -42,10 +42,10 @@ from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.study.undecided_models import is_undecided
 from palpate.planning.next_probe import NextProbe, feasible, next_probe
-from palpate.resolving.resolve import Budget, Decision, End, resolve
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.study import Study
+from palpate.workflows.resolve import Budget, Decision, End, resolve
 from robot_io.errors import PalpateError
 from sim_backend.hidden import noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection

@@ -17,11 +17,11 @@ import plotly.graph_objects as go
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.study.estimates import BEST, estimate_with
-from palpate.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
+from palpate.render.build import result_view
 from palpate.render.estimates import estimates_view
 from palpate.render.figures import fall_figure, position_figure
 from palpate.render.recording.viewer import take_picture
-from palpate.study_view import result_view
+from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from sim_backend.scenario import load_scenario
 
 PICTURES = Path(__file__).parent / "pictures"

@@ -8,7 +8,7 @@ import warnings
 from contextlib import suppress
 from typing import NoReturn
 
-from palpate import preflight
+from palpate.common import preflight
 
 INTERRUPTED = 130
 
@@ -69,7 +69,7 @@ def _check_and_run() -> None:
     if problem := preflight.first_problem():
         sys.exit(_refuse(problem))
     try:
-        from palpate.app import app  # noqa: PLC0415, only once the ground is known to be firm
+        from palpate.commands import app  # noqa: PLC0415, only once the ground is known to be firm
     except ModuleNotFoundError as error:
         missing = error.name or str(error)
         sys.exit(

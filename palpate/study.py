@@ -15,18 +15,17 @@ from estimation.study import Arm, Revision
 from estimation.study import Study as StudyBase
 from estimation.study.channels import ChannelKey
 from estimation.study.fitting import Progress
-from palpate.derived import derived_folder
+from palpate.common.files import existing_data, existing_file, write_text
+from palpate.common.foreign_code import LIMIT_S, foreign_code
+from palpate.common.output_paths import derived_folder
+from palpate.common.python_words import speaks_python
 from palpate.export import Export, export_scenario
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import FittedChannel
-from palpate.files import existing_data, existing_file, write_text
-from palpate.foreign_code import LIMIT_S, foreign_code
-from palpate.python_words import speaks_python
-from palpate.study_view import view_of
-from palpate.truth import scenario_of, true_parameters
+from palpate.render.build import view_of
+from palpate.runs.hidden_effects import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
-from palpate.user_effects.guard import rehearse, watched
-from palpate.user_effects.statement import place_of
+from palpate.user_effects.guard import place_of, rehearse, watched
 from robot_io.errors import InputError
 from robot_io.files.safe_yaml import read_text
 from robot_io.files.urdf_text import last_link, parse_urdf

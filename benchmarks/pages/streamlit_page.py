@@ -6,8 +6,8 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from palpate.study import Study
-from palpate.workbench.bench import Bench
 from palpate.workbench.curves import Motion, model_update, time_figure
+from palpate.workbench.state import Bench
 
 
 @st.cache_resource

@@ -10,16 +10,16 @@ import typer
 from estimation.study import Change, ChannelResult
 from estimation.study.channels import ALL_CHANNELS
 from estimation.study.comparison import AT_NOISE
-from palpate import console
-from palpate.completion import effect_names
-from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
-from palpate.derived import folder_to_fill
+from palpate.common import console
+from palpate.common.files import output_folder
+from palpate.common.formatting import safe
+from palpate.common.options import effect_names
+from palpate.common.output_paths import folder_to_fill
 from palpate.doctor.viewer import rerun_step
-from palpate.files import output_folder
-from palpate.outcome import NAMES, write_outcome
+from palpate.render.build import result_view
+from palpate.render.results import NAMES, write_outcome
 from palpate.render.terminal import print_files, print_stages
-from palpate.study_view import result_view
-from palpate.words import safe
+from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 
 
 @takes_data

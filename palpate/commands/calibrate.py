@@ -13,10 +13,11 @@ from calibration.arm.fit import ArmFit
 from calibration.force.fit import ForceFit, fit_force
 from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file, read_weighing
 from estimation.data.import_options import parse_pairs
-from palpate import console
-from palpate.console import command_group
-from palpate.files import different_files, existing_file, output_file, output_session, whole_set
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.console import command_group
+from palpate.common.files import different_files, existing_file, output_file, output_session, whole_set
+from palpate.common.formatting import AT_REST, shown
+from palpate.common.options import takes
 from palpate.render.calibration import (
     arm_figure,
     encoder_figure,
@@ -27,7 +28,8 @@ from palpate.render.calibration import (
 from palpate.render.progress import motion_progress, weighing_progress
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
-from palpate.runs.calibration_use import NamedRobot, say_how_to_use_it
+from palpate.runs.calibration_file import NamedRobot, say_how_to_use_it
+from palpate.runs.confirmation import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.runs.options import (
     SESSIONS,
     CalibrateOptions,
@@ -36,8 +38,6 @@ from palpate.runs.options import (
     pose_of,
     stops_of,
 )
-from palpate.runs.permission import Permission, ask_for_pose, ask_for_power, without_question
-from palpate.words import AT_REST, shown
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError, PalpateError
 

@@ -9,9 +9,19 @@ import typer
 from estimation.study import ChannelResult, Comparison, Revision
 from estimation.study.model_suggestions import FAR_BETTER, better_model
 from estimation.study.revisions import own_effects
-from palpate import console
-from palpate.completion import model_names
-from palpate.data_options import (
+from palpate.common import console
+from palpate.common.files import output_folder, spare_files
+from palpate.common.formatting import safe, shown, typed
+from palpate.common.options import model_names
+from palpate.common.output_paths import folder_to_fill, folder_to_read
+from palpate.render.build import view_of
+from palpate.render.paired import print_pair
+from palpate.render.results import NAMES, write_outcome
+from palpate.render.results import as_json as json_text
+from palpate.render.terminal import print_comparison, print_files
+from palpate.render.view import FAR
+from palpate.study import Study
+from palpate.workflows.data_options import (
     DataArguments,
     FolderOption,
     ForceOption,
@@ -19,18 +29,8 @@ from palpate.data_options import (
     ModelOption,
     takes_data,
 )
-from palpate.derived import folder_to_fill, folder_to_read
-from palpate.files import output_folder, spare_files
-from palpate.outcome import NAMES, write_outcome
-from palpate.outcome import as_json as json_text
-from palpate.render.sides import print_pair
-from palpate.render.terminal import print_comparison, print_files
-from palpate.render.view import FAR
-from palpate.side_by_side import NAMES as SIDES
-from palpate.side_by_side import Pair, chosen_revisions, write_pair
-from palpate.study import Study
-from palpate.study_view import view_of
-from palpate.words import safe, shown, typed
+from palpate.workflows.paired_comparison import NAMES as SIDES
+from palpate.workflows.paired_comparison import Pair, chosen_revisions, write_pair
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"

@@ -7,9 +7,17 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate import console
-from palpate.completion import scenario_names
-from palpate.demo import (
+from palpate.common import console
+from palpate.common.files import output_file, output_session
+from palpate.common.formatting import as_shell_word, shown, significant, typed
+from palpate.common.options import scenario_names
+from palpate.doctor.viewer import rerun_step
+from palpate.render.build import result_view
+from palpate.render.estimates import as_data, print_estimates
+from palpate.render.progress import diagnosis_progress, probing_progress
+from palpate.render.terminal import print_files, print_stages
+from palpate.runs.options import ENGINE
+from palpate.workflows.demo import (
     HIDDEN_PLAN,
     PLAN,
     Demo,
@@ -20,14 +28,6 @@ from palpate.demo import (
     show_demo,
     solve,
 )
-from palpate.doctor.viewer import rerun_step
-from palpate.files import output_file, output_session
-from palpate.render.estimates import as_data, print_estimates
-from palpate.render.progress import diagnosis_progress, probing_progress
-from palpate.render.terminal import print_files, print_stages
-from palpate.runs.options import ENGINE
-from palpate.study_view import result_view
-from palpate.words import as_shell_word, shown, significant, typed
 from sim_backend.contact_laws import KelvinVoigtLaw
 from sim_backend.engines import EngineName
 from sim_backend.imperfection import Imperfection

@@ -14,19 +14,19 @@ from estimation.study import StudyDiagnosis
 from estimation.study.channels import ALL_CHANNELS
 from estimation.study.model_suggestions import better_explanation
 from estimation.study.saved_diagnosis import RESULT
-from palpate import console
-from palpate.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
-from palpate.derived import folder_to_fill
-from palpate.files import output_folder
-from palpate.next_plan import plan_text, same_world
-from palpate.outcome import NAMES, write_outcome
-from palpate.outcome import as_json as json_text
+from palpate.common import console
+from palpate.common.files import output_folder
+from palpate.common.formatting import as_shell_word
+from palpate.common.formatting import typed as path_typed
+from palpate.common.output_paths import folder_to_fill
+from palpate.planning.next_probe import plan_text, same_world
+from palpate.render.build import view_of
 from palpate.render.progress import diagnosis_progress
+from palpate.render.results import NAMES, write_outcome
+from palpate.render.results import as_json as json_text
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.study import Study
-from palpate.study_view import view_of
-from palpate.words import as_shell_word
-from palpate.words import typed as path_typed
+from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures

@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from palpate import console
+from palpate.common import console
+from palpate.common.formatting import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from palpate.doctor import Finding, Level, examine_all
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import memory_lock, real_time
 from palpate.runs.robots import find_robot, importable, is_simulated, robot_names, wires_in_words
-from palpate.words import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from robot_io.errors import InputError
 
 MARKS = {

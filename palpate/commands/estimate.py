@@ -8,12 +8,12 @@ import typer
 from estimation.estimators import ESTIMATORS
 from estimation.study import ChannelEstimates
 from estimation.study.estimates import ALL, USUAL
-from palpate import console
-from palpate.completion import estimator_names
-from palpate.data_options import DataArguments, JsonOption, ModelOption, takes_data
+from palpate.common import console
+from palpate.common.formatting import count, safe, shown, typed
+from palpate.common.options import estimator_names
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.study import Study
-from palpate.words import count, safe, shown, typed
+from palpate.workflows.data_options import DataArguments, JsonOption, ModelOption, takes_data
 from robot_io.errors import InputError
 
 

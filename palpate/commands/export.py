@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.study.revisions import own_effects
-from palpate import console
-from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
-from palpate.derived import derived_folder, folder_to_read
+from palpate.common import console
+from palpate.common.files import existing_data, open_session, output_file, write_text
+from palpate.common.formatting import count, safe, shown, typed
+from palpate.common.output_paths import derived_folder, folder_to_read
 from palpate.export import Export
 from palpate.export.layout import ENDINGS, Program, layout_of
 from palpate.export.table import check_ending, recorded_table, write_table
-from palpate.files import existing_data, open_session, output_file, write_text
 from palpate.render.terminal import print_files
-from palpate.words import count, safe, shown, typed
+from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
 from robot_io.errors import InputError
 
 if TYPE_CHECKING:

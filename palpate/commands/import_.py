@@ -13,13 +13,13 @@ from estimation.data.file_kind import is_session
 from estimation.data.import_file import Imported
 from estimation.data.import_files import data_files, import_files
 from estimation.data.session_streams import import_extra, import_streams
-from palpate import console
-from palpate.data_options import ReadOptions, retyped
-from palpate.files import existing_file, open_session, output_session
-from palpate.look import facts, implausible, look_as_data, look_at
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.files import existing_file, open_session, output_session
+from palpate.common.formatting import as_command, count, duration, shown, typed
+from palpate.common.options import takes
 from palpate.render.progress import import_progress
-from palpate.words import as_command, count, duration, shown, typed
+from palpate.workflows.data_options import ReadOptions, retyped
+from palpate.workflows.import_preview import facts, implausible, look_as_data, look_at
 from robot_io.errors import InputError
 from robot_io.session import SessionMetadata, write_session
 

@@ -9,10 +9,10 @@ import typer
 from rich.table import Table
 
 from estimation.data.session_streams import RUN_LABELS
-from palpate import console
-from palpate.files import open_session
+from palpate.common import console
+from palpate.common.files import open_session
+from palpate.common.formatting import count, duration, safe, shown
 from palpate.runs.session import NOT_WHOLE
-from palpate.words import count, duration, safe, shown
 from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
 

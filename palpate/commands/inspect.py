@@ -5,15 +5,15 @@ from typing import Annotated
 
 import typer
 
-from palpate import console
+from palpate.common import console
+from palpate.common.files import different_files, open_session, output_file, output_folder, spare_files
+from palpate.common.formatting import shown, typed
 from palpate.doctor.viewer import has_display
-from palpate.files import different_files, open_session, output_file, output_folder, spare_files
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.viewer import open_window, take_picture
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.merged_sessions import merge_sessions
 from palpate.teleop.recording import record_both
-from palpate.words import shown, typed
 from robot_io.errors import InputError
 
 BOTH = "both.rrd"  # name of a leader's and a follower's recording

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from palpate import console
-from palpate.data_options import JsonOption
-from palpate.files import open_session, output_session
-from palpate.merging import merged_metadata, merged_streams, not_whole, surfaces_apart
-from palpate.words import as_command, count, shown, typed
+from palpate.common import console
+from palpate.common.files import open_session, output_session
+from palpate.common.formatting import as_command, count, shown, typed
+from palpate.workflows.data_options import JsonOption
+from palpate.workflows.merge_sessions import merged_metadata, merged_streams, not_whole, surfaces_apart
 from robot_io.errors import InputError
 from robot_io.session import write_session
 

@@ -8,15 +8,15 @@ from rich.markup import escape
 
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
-from palpate import console
-from palpate.files import existing_file, output_session
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.files import existing_file, output_session
+from palpate.common.formatting import count, duration, safe, shown, typed
+from palpate.common.options import takes
 from palpate.render.progress import probing_progress
+from palpate.runs.confirmation import ask_for_power, motion_in_words
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
-from palpate.runs.permission import ask_for_power, motion_in_words
 from palpate.runs.probing import ProbingJob, ProbingOutcome, online_estimators, run_probing
 from palpate.runs.robots import wires_in_words
-from palpate.words import count, duration, safe, shown, typed
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 

@@ -4,12 +4,12 @@ from typing import Annotated
 
 import typer
 
-from palpate import console
-from palpate.completion import effect_names
-from palpate.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
-from palpate.derived import folder_to_read
+from palpate.common import console
+from palpate.common.options import effect_names
+from palpate.common.output_paths import folder_to_read
+from palpate.render.build import result_view
 from palpate.render.terminal import print_stages
-from palpate.study_view import result_view
+from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 
 
 @takes_data

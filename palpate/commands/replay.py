@@ -8,16 +8,16 @@ import numpy as np
 import typer
 
 from control.loop.result import Outcome
-from palpate import console
-from palpate.files import open_session, output_session
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.files import open_session, output_session
+from palpate.common.formatting import count, duration, safe, shown, typed
+from palpate.common.options import takes
 from palpate.render.progress import motion_progress
+from palpate.runs.confirmation import ask_for_power
+from palpate.runs.hidden_effects import scenario_of
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
-from palpate.runs.permission import ask_for_power
-from palpate.runs.replaying import ReplayJob, references_of, run_replay
+from palpate.runs.probing import ReplayJob, references_of, run_replay
 from palpate.runs.session import raise_for_end
-from palpate.truth import scenario_of
-from palpate.words import count, duration, safe, shown, typed
 
 
 @takes(RunOptions, "robot")

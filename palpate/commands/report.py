@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from palpate import console
-from palpate.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
-from palpate.derived import folder_to_read
-from palpate.files import output_file
-from palpate.outcome import REPORT
+from palpate.common import console
+from palpate.common.files import output_file
+from palpate.common.formatting import shown
+from palpate.common.output_paths import folder_to_read
 from palpate.render.page import is_own_page
-from palpate.words import shown
+from palpate.render.results import REPORT
+from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 
 
 @takes_data

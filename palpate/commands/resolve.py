@@ -10,16 +10,16 @@ from typing import Annotated
 import typer
 
 from control.probing.plan import ProbingPlan, load_probing_plan
-from palpate import console
-from palpate.files import existing_file
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.files import existing_file
+from palpate.common.formatting import count, duration, safe, shown, typed
+from palpate.common.options import takes
 from palpate.planning.next_probe import next_probe
 from palpate.render.progress import diagnosis_progress, probing_progress
-from palpate.resolving.resolve import DECISIONS, Budget, Decision, Resolved, resolve
+from palpate.runs.confirmation import ask_for_power, motion_in_words
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
-from palpate.runs.permission import ask_for_power, motion_in_words
 from palpate.runs.probing import ProbingJob, Watcher
-from palpate.words import count, duration, safe, shown, typed
+from palpate.workflows.resolve import DECISIONS, Budget, Decision, Resolved, resolve
 from robot_io.errors import InputError
 
 

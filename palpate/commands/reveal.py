@@ -6,10 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from estimation.effects import EFFECTS
-from palpate import console
-from palpate.files import open_session
-from palpate.runs.hiding import open_answer, was_sealed
-from palpate.words import shown, significant, typed
+from palpate.common import console
+from palpate.common.files import open_session
+from palpate.common.formatting import shown, significant, typed
+from palpate.runs.hidden_effects import open_answer, was_sealed
 from sim_backend.imperfection import Imperfection
 from sim_backend.secret import SealedAnswer
 

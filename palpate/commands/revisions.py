@@ -2,11 +2,11 @@
 
 from estimation.study import Revisions
 from estimation.study.revisions import own_effects
-from palpate import console
-from palpate.data_options import DataArguments, FolderOption, JsonOption, takes_data
-from palpate.derived import folder_to_read
-from palpate.files import existing_data
+from palpate.common import console
+from palpate.common.files import existing_data
+from palpate.common.output_paths import folder_to_read
 from palpate.render.terminal import print_revisions
+from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
 
 
 @takes_data

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate import console
-from palpate.files import existing_file, output_folder
+from palpate.common import console
+from palpate.common.files import existing_file, output_folder
+from palpate.common.formatting import count, duration, shown, typed
 from palpate.render.progress import sweep_progress
-from palpate.words import count, duration, shown, typed
 from robot_io.errors import InputError, PalpateError
 
 PAPER = "paper"

@@ -13,21 +13,20 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
-from palpate import console
-from palpate.completion import scenario_names
-from palpate.console import command_group
-from palpate.files import existing_file, output_session
-from palpate.option_sets import takes
+from palpate.common import console
+from palpate.common.console import command_group
+from palpate.common.files import existing_file, output_session
+from palpate.common.formatting import as_command, count, safe, shown, typed
+from palpate.common.options import scenario_names, takes
 from palpate.render.terminal import print_files
+from palpate.runs.confirmation import ask_for_power
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
-from palpate.runs.permission import ask_for_power
 from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import raise_for_end
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
-from palpate.words import as_command, count, safe, shown, typed
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
 from robot_io.link import Impairment, LineSettings, load_seal

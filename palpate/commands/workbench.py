@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.data.import_options import ImportOptions
-from palpate import console
-from palpate.data_options import DataArguments, ModelOption, may_take_data
-from palpate.files import existing_file, output_folder
+from palpate.common import console
+from palpate.common.files import existing_file, output_folder
+from palpate.workbench.app_state import Home
 from palpate.workbench.early_server import EarlyServer
-from palpate.workbench.home import Home
-from palpate.workbench.picture import raw_curves
+from palpate.workbench.thumbnails import raw_curves
+from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 from robot_io.errors import InputError, PalpateError
 
 if TYPE_CHECKING:
-    from palpate.workbench.bench import Bench
+    from palpate.workbench.state import Bench
 
 LOOPBACK = "127.0.0.1"
 _MODEL = "kelvin_voigt"  # of a riddle
@@ -92,7 +92,7 @@ def command(
 
 
 def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str | None) -> "Bench":
-    from palpate.workbench.bench import Bench  # noqa: PLC0415, while the server begins
+    from palpate.workbench.state import Bench  # noqa: PLC0415, while the server begins
 
     given = replace(
         data,

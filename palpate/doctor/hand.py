@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate import console
+from palpate.common import console
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
 from sim_backend.emulators.plant import Plant

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from palpate import preflight
+from palpate.common import preflight
 from palpate.doctor.viewer import rerun
 from robot_io.examination import Finding, Level, fail, graded, ok, warn
 

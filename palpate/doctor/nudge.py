@@ -13,7 +13,7 @@ from control.loop.task import Phase, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.paths.trajectory import JointMotion
 from palpate.doctor.limits import random_poses_rad
-from palpate.runs.in_memory import TickRecords
+from palpate.runs.simulated_probe import TickRecords
 from robot_io.examination import Finding, Level, fail, graded
 from robot_io.guard import Guard, Limits
 from robot_io.robot import Robot

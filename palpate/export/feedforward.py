@@ -13,7 +13,7 @@ from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.fit.fit_result import FitResult
 from estimation.kinds import Kind
-from palpate.files import write_text
+from palpate.common.files import write_text
 
 EQUATION = (
     "effort = gravity.sine sin(q) + gravity.cosine cos(q) + inertia a + viscous v "

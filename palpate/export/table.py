@@ -14,7 +14,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.file_kind import is_session
 from estimation.data.import_options import ImportOptions
 from estimation.study.source import open_source
-from palpate.files import whole_file
+from palpate.common.files import whole_file
 from robot_io.errors import InputError
 from robot_io.session import Samples, Session
 

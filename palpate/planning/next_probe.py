@@ -1,11 +1,13 @@
 """The next probe of a session's arm: which feasible plan best sets apart what a diagnosis has not decided."""
 
 import math
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+import yaml
 
 from control.loop.tick_record import STREAM_NAME
 from control.probing.plan import ProbingPlan
@@ -19,8 +21,10 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study import Study, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
+from palpate.common.formatting import as_shell_word
 from palpate.planning.experiments import Candidate, both, candidates
 from palpate.planning.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
+from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
@@ -326,3 +330,38 @@ def _spring_and_damper(study: Study, contact: StudyChannel) -> tuple[float, floa
         return secant, 0.0
     stiffness, damping = found.get("stiffness.k"), found.get("damping.c")
     return stiffness.value if stiffness else secant, max(damping.value, 0.0) if damping else 0.0
+
+
+_WORLD = ("--robot", "--scenario", "--engine", "--seed", "--hidden", "--drivers")
+_WIRE = "--wire"
+
+
+def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
+    """The plan as YAML, with its purpose as a comment."""
+    words = f"# {experiment.instruction}\n# to {experiment.purpose}\n"
+    return words + yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
+
+
+def same_world(session: Session) -> str | None:
+    """The options of `palpate probe` that lead to the world in which a session was probed.
+
+    Returns:
+        Options for a shell; None where nobody but the session's maker can say them.
+    """
+    metadata = session.metadata
+    try:
+        words = shlex.split(metadata.command_line)
+    except ValueError:
+        return None
+    if words[:2] != ["palpate", "probe"] or SEALED in words:
+        return None
+    chosen: list[str] = []
+    for word, following in zip(words[2:], [*words[3:], ""], strict=True):
+        name, equals, _ = word.partition("=")
+        if name == _WIRE:
+            chosen.append(word)
+        elif name in _WORLD:
+            chosen += [word] if equals else [word, following]
+    if metadata.seed is not None and not any(word.startswith("--seed") for word in chosen):
+        chosen += ["--seed", str(metadata.seed)]
+    return " ".join(as_shell_word(word) for word in chosen)

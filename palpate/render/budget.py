@@ -1,6 +1,7 @@
-"""The error budget of a diagnosis: its parts, and the sentence that says them."""
+"""The error budget of a diagnosis: its parts, the sentence that states it, and an SVG picture."""
 
 from collections.abc import Iterator
+from html import escape
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.kinds import Kind
@@ -51,3 +52,131 @@ def _confusions(found: ChannelDiagnosis) -> Iterator[str]:
                 f"This data cannot tell {entry.kind.word} from {others}. To separate "
                 f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
             )
+
+
+_FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
+_BAR, _ROW, _TOP = 28, 22, 50  # heights of the stacked bar and of a row, and where the rows begin [px]
+_SECOND = 16  # height of a row's second line where the picture is narrow [px]
+_NARROW = 640  # [px]
+_TRACK = "rgba(128,140,155,0.25)"
+_LABELLED = 0.06  # share of the bar's width, from which a segment has its percentage in it
+_CHARACTER = 6.4  # width of a letter on average [px]
+
+
+def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") -> str:
+    """Draw a stacked bar of all parts, and below it a row for each with its range.
+
+    Args:
+        budget: what is drawn.
+        width: of the picture [px]; a narrow one has effects below their kind.
+        ink: colour of words; the page's own by default, a middle grey for a picture file.
+
+    Returns:
+        One `svg` element, all texts escaped.
+    """
+    is_narrow = width < _NARROW
+    heights = [_ROW + _SECOND * (is_narrow and bool(part.form)) for part in budget.parts]
+    height = _TOP + sum(heights) + 4
+    drawn = _stack(budget.parts, width)
+    names = 176  # width of the kinds' names
+    track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
+    place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
+    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
+    y = float(_TOP)
+    for part, own in zip(budget.parts, heights, strict=True):
+        drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
+        y += own
+    label = escape(budget.sentence, quote=True)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
+        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{_FONT}" font-size="13">'
+        f"{''.join(drawn)}</svg>"
+    )
+
+
+def _stack(parts: tuple[BudgetPart, ...], width: int) -> list[str]:
+    """The stacked bar; the shares fill it."""
+    total = sum(max(part.share, 0.0) for part in parts) or 1.0
+    drawn, left = list[str](), 0.0
+    for part in parts:
+        share = max(part.share, 0.0) / total
+        words = escape(f"{part.word} {part.share_text}{_interval(part)}")
+        drawn.append(
+            f'<rect x="{left:.1f}" y="0" width="{share * width:.1f}" height="{_BAR}" fill="{part.color}">'
+            f"<title>{words}</title></rect>"
+        )
+        if share > _LABELLED:
+            middle = left + share * width / 2
+            drawn.append(
+                _text(middle, 19, f"{100 * part.share:.0f} %", "#fff", size=12, anchor="middle", bold=True)
+            )
+        left += share * width
+    return drawn
+
+
+def _row(  # noqa: PLR0917, where it is drawn
+    part: BudgetPart,
+    y: float,
+    names: int,
+    track: tuple[int, int],
+    ink: str,
+    width: int,
+    *,
+    is_narrow: bool,
+) -> list[str]:
+    base, left, right = y + 15, *track
+    drawn = [
+        f'<rect x="0" y="{y + 4:.1f}" width="12" height="12" rx="2" fill="{part.color}"/>',
+        _text(20, base, part.word, ink),
+        _text(left - 12, base, part.share_text, ink, anchor="end", bold=True),
+    ]
+    if part.necessary is not None and part.sufficient is not None:
+        low, high, share = (
+            left + (right - left) * min(max(value, 0.0), 1.0)
+            for value in (part.necessary, part.sufficient, part.share)
+        )
+        low, high = min(low, high), max(low, high)
+        drawn += [
+            f'<rect x="{left}" y="{y + 9:.1f}" width="{right - left}" height="2" fill="{_TRACK}"/>',
+            f'<rect x="{low:.1f}" y="{y + 7:.1f}" width="{max(high - low, 2.0):.1f}" height="6" rx="2" '
+            f'fill="{part.color}" opacity="0.55"><title>{escape(part.range_text)}</title></rect>',
+            f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
+        ]
+    words = ": ".join(filter(None, [_form(part), ", ".join(part.effects)]))
+    x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
+    most = int(room / _CHARACTER)
+    cut = words if len(words) <= most else f"{words[: most - 1]}…"
+    title = f"<title>{escape(words)}</title>" if cut != words else ""
+    drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
+    return drawn
+
+
+def _form(part: BudgetPart) -> str:
+    """The form in words; of an unknown one the effects beside it are only the closest."""
+    closest = ", closest" if part.form == "unknown" and part.effects else ""
+    return f"form {part.form}{closest}" if part.form else ""
+
+
+def _interval(part: BudgetPart) -> str:
+    if part.interval is None:
+        return ""
+    return f" (95 % interval {100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %)"
+
+
+def _text(  # noqa: PLR0917, what a text is drawn from
+    x: float,
+    y: float,
+    words: str,
+    ink: str,
+    size: int = 13,
+    anchor: str = "start",
+    opacity: float = 1.0,
+    *,
+    bold: bool = False,
+    title: str = "",
+) -> str:
+    weight = ' font-weight="600"' if bold else ""
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" fill="{ink}" font-size="{size}" text-anchor="{anchor}" '
+        f'opacity="{opacity:g}"{weight}>{title}{escape(words)}</text>'
+    )

@@ -12,10 +12,10 @@ from rich.console import Console
 from calibration.arm.fit import ArmFit
 from calibration.encoder.fit import EncoderFit
 from calibration.force.fit import ForceFit
-from palpate.console import table
+from palpate.common.console import table
+from palpate.common.formatting import safe, significant
 from palpate.render import palette
 from palpate.render.figures import PLOT_CONFIG, styled
-from palpate.words import safe, significant
 from robot_io.calibration import Calibration, Quantities, Quantity, doubtful
 
 _MILLI = 1e3

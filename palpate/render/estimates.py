@@ -17,11 +17,11 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.rounding import in_steps, steps_spanned
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
-from palpate.console import natural_width, table
+from palpate.common.console import natural_width, table
+from palpate.common.formatting import AT_BOUND, NOT_DETERMINED, count, safe, significant
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
-from palpate.truth import SURFACE
-from palpate.words import AT_BOUND, NOT_DETERMINED, count, safe, significant
+from palpate.runs.hidden_effects import SURFACE
 from robot_io.calibration import parse_calibrations
 from robot_io.session import Session
 

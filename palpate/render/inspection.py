@@ -11,6 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
 from estimation.study.channels import CONTACT_MODEL
 from estimation.study.estimates import BEST, ChannelEstimates, estimate_with
+from palpate.common.formatting import count
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
@@ -18,8 +19,7 @@ from palpate.render.recording.scene import Columns, Scene, has_ticks, last_known
 from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
-from palpate.truth import SURFACE, true_parameters
-from palpate.words import count
+from palpate.runs.hidden_effects import SURFACE, true_parameters
 from robot_io.errors import InputError
 from robot_io.files.whole_file import as_utf8
 from robot_io.session import Session

@@ -18,9 +18,9 @@ from rich.progress import (
 
 from control.loop.task import Phase, TaskOutput
 from control.probing.plan import ProbingPlan
-from palpate import console
+from palpate.common import console
+from palpate.common.formatting import count, duration
 from palpate.runs.probing import Watcher
-from palpate.words import count, duration
 from robot_io.types import Measurement
 
 Report = Callable[[str, float], None]  # what is done, and the share of it that is done

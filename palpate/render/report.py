@@ -11,13 +11,13 @@ import yaml
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from palpate.files import write_text
+from palpate.common.files import write_text
+from palpate.common.formatting import chance
 from palpate.render import figures
-from palpate.render.budget_picture import budget_picture
+from palpate.render.budget import budget_picture
 from palpate.render.page import rendered
 from palpate.render.terminal import with_interval
 from palpate.render.view import BudgetView, ChannelView, StudyView
-from palpate.words import chance
 
 _TEMPLATE = Path(__file__).parent / "report.html"
 _BUDGET_WIDTH = 940  # [px]

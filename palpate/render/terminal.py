@@ -14,7 +14,8 @@ from estimation.diagnosis.forms import Form
 from estimation.diagnosis.result import Accepted
 from estimation.effects.contact_offset import ContactOffset
 from estimation.study import Revision
-from palpate.console import natural_width, table
+from palpate.common.console import natural_width, table
+from palpate.common.formatting import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant
 from palpate.render.view import (
     FAR,
     NOISE,
@@ -25,7 +26,6 @@ from palpate.render.view import (
     VerdictView,
     percent,
 )
-from palpate.words import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant
 
 COLORS = {
     "adequate": "green",

@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from control.arm.rigid_body import RigidBody
-from palpate.completion import scenario_names
-from palpate.runs.hiding import command_line, hidden_names
+from palpate.common.options import scenario_names
+from palpate.runs.hidden_effects import command_line, hidden_names
 from palpate.runs.robots import DEFAULT, find_robot, importable, robot_names, shipped_robots
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile

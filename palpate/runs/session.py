@@ -15,10 +15,10 @@ from control.loop.loop import run_loop
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import Task
 from control.loop.tick_record import Observer, tick_stream
-from palpate.runs.hiding import SEAL, hide, seal_hidden
-from palpate.runs.permission import Permission, without_question
+from palpate.common.formatting import as_shell_word
+from palpate.runs.confirmation import Permission, without_question
+from palpate.runs.hidden_effects import SEAL, hide, seal_hidden
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
-from palpate.words import as_shell_word
 from robot_io.calibration import Calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from robot_io.driver import DriverCatalogue
@@ -48,7 +48,7 @@ class ArmJob:
     engine: EngineName | None = None  # physics engine instead of the scenario's
     seed: int | None = None  # of all simulated noise instead of the scenario's
     again: int = 0  # how often the same world was run before: the same is hidden in it, its noise is other
-    hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hiding`
+    hidden: str | None = None  # what to hide in the simulated world, see `palpate.runs.hidden_effects`
     wired: bool = False  # emulate the devices of a robot of hardware drivers, and the world behind them
     paced: bool = False  # let simulated time pass as fast as real time, not as fast as possible
     drivers: tuple[str, ...] = ()  # packages or modules with drivers beside palpate's own

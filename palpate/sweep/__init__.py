@@ -3,8 +3,7 @@
 A sweep is what `palpate sweep` runs. It is not a `Study`: that is one measurement with its models.
 """
 
-from palpate.sweep.case import Case
+from palpate.sweep.case import Case, ResultStore
 from palpate.sweep.runner import Cluster, run_cases
-from palpate.sweep.store import ResultStore
 
 __all__ = ["Case", "Cluster", "ResultStore", "run_cases"]

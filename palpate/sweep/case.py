@@ -8,15 +8,23 @@ old is taken for new.
 import importlib
 import importlib.util
 import json
-from collections.abc import Callable, Mapping
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from palpate.common.created_folders import make_folder
 from robot_io.errors import InputError
+from robot_io.files.safe_yaml import one_line
 
 Row = dict[str, Any]
 Work = Callable[[Mapping[str, Any], int], list[Row]]
@@ -76,3 +84,131 @@ def _folder_of(module: str) -> Path:
     if found is None or found.origin is None:
         raise InputError(f"work '{module}': Python finds no such module")
     return Path(found.origin).parent
+
+
+ADDRESS = "address"
+_PACK = "pack-"
+_ENDING = ".parquet"
+_SECONDS = "seconds"  # column of the time that a case took
+_MOST_ROWS = 10_000_000
+_ROUNDING = 1e-6  # by which machines may differ
+
+
+class ResultStore:
+    """The results of one sweep.
+
+    Args:
+        folder: made if needed.
+
+    Raises:
+        InputError: the folder cannot be made.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        try:
+            make_folder(folder)
+        except OSError as error:
+            raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
+
+    def land(self, address: str, rows: Sequence[Row]) -> None:
+        """Keep the rows of one case, at least one; OSError if they cannot be written."""
+        _write(
+            self.folder / f"{address}{_ENDING}",
+            pa.Table.from_pylist([{ADDRESS: address} | row for row in rows]),
+        )
+
+    def finished(self) -> set[str]:
+        """Addresses of all results that are here. InputError: a file is damaged."""
+        found: set[str] = set()
+        for path in (*self._packs(), *self._landed()):
+            found.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
+        return found
+
+    def rows(self, addresses: Iterable[str]) -> list[Row]:
+        """Rows of these cases, in their order; cases that are not here are left out, as are values of None.
+
+        A pack has the columns of all its cases; those that a case does not have are None in it.
+
+        Raises:
+            InputError: a file is damaged, or two of them disagree about a case.
+        """
+        kept: dict[str, list[Row]] = {address: [] for address in addresses}
+        for path in (*self._packs(), *self._landed()):
+            new: dict[str, list[Row]] = {}
+            for row in _read(path).to_pylist():
+                known = {name: value for name, value in row.items() if value is not None}
+                new.setdefault(known.pop(ADDRESS), []).append(known)
+            for address, rows in new.items():
+                if kept.get(address) and not _agree(kept[address], rows):
+                    raise _damaged(path, f"another file says otherwise of case {address[:12]}...")
+                if address in kept:
+                    kept[address] = rows
+        return [row for rows in kept.values() for row in rows]
+
+    def pack(self) -> None:
+        """Join all single files into one more pack."""
+        landed = self._landed()
+        if len(landed) < 2:
+            return
+        table = pa.concat_tables(map(_read, landed), promote_options="permissive")
+        _write(self.folder / f"{_PACK}{uuid4().hex}{_ENDING}", table)
+        for path in landed:
+            path.unlink(missing_ok=True)
+
+    def _landed(self) -> list[Path]:
+        return sorted(
+            path for path in self.folder.glob(f"*{_ENDING}") if not path.name.startswith((_PACK, "."))
+        )
+
+    def _packs(self) -> list[Path]:
+        return sorted(self.folder.glob(f"{_PACK}*{_ENDING}"))
+
+
+def _write(path: Path, table: pa.Table) -> None:
+    unfinished = path.with_name(f".{os.getpid()}.{path.name}")
+    pq.write_table(table, unfinished)
+    unfinished.replace(path)
+
+
+def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """The rows of a file. InputError: it is damaged, or its rows are not those of the cases that it names."""
+    if not path.is_file():  # a pipe might never end
+        raise _damaged(path, "is no regular file")
+    try:
+        with pq.ParquetFile(path) as file:
+            if file.metadata.num_rows > _MOST_ROWS:
+                raise _damaged(path, f"has {file.metadata.num_rows} rows, at most {_MOST_ROWS}")
+            table = file.read(columns)
+    except (OSError, pa.ArrowException) as error:
+        raise _damaged(path, f"not a readable result ({one_line(error)})") from error
+    names = table.column_names
+    if names.count(ADDRESS) != 1 or len(set(names)) < len(names):
+        raise _damaged(path, f"has no column '{ADDRESS}', or a column twice")
+    address = table[ADDRESS]
+    if not pa.types.is_string(address.type) or address.null_count:
+        raise _damaged(path, f"its column '{ADDRESS}' is not text")
+    cases = address.unique().to_pylist()
+    if not path.name.startswith(_PACK) and cases != [path.stem]:
+        there = ", ".join(one_line(case[:12]) for case in cases[:3]) or "none"
+        raise _damaged(path, f"holds results of other cases than its name says ({there})")
+    return table
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(f"{path}: {why}; delete it to have it worked out again")
+
+
+def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
+    """Whether two results of one case are the same; they may have taken different times."""
+    pairs = zip(rows, others, strict=False)
+    return len(rows) == len(others) and all(
+        one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one.keys() - {_SECONDS})
+        for one, other in pairs
+    )
+
+
+def _equal(value: object, other: object) -> bool:
+    if isinstance(value, float) and isinstance(other, float):
+        return math.isnan(value) or math.isclose(value, other, rel_tol=_ROUNDING)
+    return value == other

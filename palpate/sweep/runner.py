@@ -1,24 +1,111 @@
-"""Runs the cases of a sweep on the cores of this machine or on dask workers; nothing finished is repeated.
+"""Run the cases of a sweep in processes of this machine or on dask workers; nothing finished is repeated.
 
-The worker that worked a case out puts the result into the store before it says that it is done. Whoever is
-killed, client, scheduler or worker, the cases that were just running are all that is lost.
+Processes of this machine communicate over pipes that no other program can open: no port listens.
 """
 
 import os
+import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from palpate.sweep.case import Case, code_version
-from palpate.sweep.store import ResultStore
-from palpate.sweep.worker_pool import run_in_processes
+from threadpoolctl import threadpool_limits
+
+from estimation.end_workers import end_with_parent
+from palpate.sweep.case import Case, ResultStore, code_version
 from robot_io.errors import InputError, PalpateError, describe_error
+
+_MOST_ENDS = 4  # of workers by one case, before it is given up
+_END_LIMIT_S = 5.0  # for a worker to end that was told to
+
+Run = Callable[[Case, str, Path], None]  # works out a case, by its address, for the store in a folder
+
+
+def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
+    """Work out all cases, by address; a worker that ends is replaced, and its case begins again.
+
+    Yields:
+        An empty text for each case that is done, and for any other why it is not.
+    """
+    waiting, ends = deque(todo), Counter[str]()
+    pool = [_Worker.start(run, folder) for _ in range(min(workers, len(todo)))]
+    idle, busy = list(pool), dict[object, tuple[_Worker, str]]()
+    try:
+        while waiting or busy:
+            while waiting and idle:
+                worker, address = idle.pop(), waiting.popleft()
+                busy[worker.pipe] = worker, address
+                worker.give(todo[address], address)
+            for pipe in wait([worker.pipe for worker, _ in busy.values()]):
+                worker, address = busy.pop(pipe)
+                try:
+                    problem = worker.pipe.recv()
+                except (EOFError, OSError):  # it was killed, or the memory was full
+                    pool.remove(worker)
+                    pool.append(worker := _Worker.start(run, folder))
+                    ends[address] += 1
+                    problem = f"ended its worker {ends[address]} times"
+                    if ends[address] < _MOST_ENDS:
+                        waiting.append(address)
+                        problem = None
+                idle.append(worker)
+                if problem is not None:
+                    yield f"case {dict(todo[address].parameters)}: {problem}" if problem else ""
+    finally:
+        for worker in pool:
+            worker.process.terminate()
+        for worker in pool:
+            worker.process.join(_END_LIMIT_S)
+
+
+@dataclass(frozen=True)
+class _Worker:
+    """A process, and the pipe to it."""
+
+    process: BaseProcess
+    pipe: "Connection[tuple[Case, str], str]"
+
+    @classmethod
+    def start(cls, run: Run, folder: Path) -> "_Worker":
+        """A new process, which waits for its first case."""
+        context = get_context("spawn")
+        own, other = context.Pipe()
+        process = context.Process(target=_serve, args=(other, run, folder), daemon=True)
+        process.start()
+        other.close()
+        return cls(process, own)
+
+    def give(self, case: Case, address: str) -> None:
+        """Let it work out a case; that it has ended is seen when the answer is asked for."""
+        with suppress(OSError):
+            self.pipe.send((case, address))
+
+
+def _serve(pipe: "Connection[str, tuple[Case, str]]", run: Run, folder: Path) -> None:
+    """What a worker does: work out what comes, and say each time why it could not."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever began it
+    end_with_parent()
+    with threadpool_limits(1):  # there is a worker for each core
+        while True:
+            case, address = pipe.recv()
+            try:
+                run(case, address, folder)
+                pipe.send("")
+            except PalpateError as error:
+                pipe.send(str(error))
+            except Exception as error:
+                pipe.send(describe_error(error))
+
 
 _AHEAD = 500  # cases that the scheduler knows of at a time
 _PACK_EVERY = 500

@@ -24,7 +24,7 @@ from estimation.study import ChannelEstimates, Revision
 from estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
-from palpate.teleop.object_law import terms_of
+from palpate.teleop.virtual_object import terms_of
 from robot_io.errors import InputError
 from robot_io.link import EstimatedParameter, ObjectEstimate
 from robot_io.link.messages import MOST_TEXT

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.files import whole_file
+from palpate.common.files import whole_file
 from palpate.render import palette
 from palpate.teleop.merged_sessions import ForceComparison, MergedSessions
 

@@ -1,31 +1,300 @@
-"""The follower: an arm that holds still, probes what the leader asks for, and says what it found.
+"""The follower: an arm that rests, probes what the leader asks for, and reports what it measured.
 
-The control loop runs in the main thread, as for `palpate probe`; a second thread talks to the leader, and
-processes of their own estimate. Neither can hold the loop up, and only the queue of targets leads into it.
+The control loop runs in the main thread, as for `palpate probe`. A second thread exchanges messages with the
+leader, and estimates are made in processes of their own. Only the queue of targets leads into the loop.
 """
 
-from contextlib import ExitStack
-from dataclasses import KW_ONLY, dataclass, field
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
+from control.laws.touch import RunningMean
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult
+from control.loop.stop_handler import one_line
+from control.loop.task import NO_RUN, Phase, TaskOutput
+from control.loop.tick_record import NO_ESTIMATE, Estimates
 from control.probing.plan import ProbingPlan
 from control.probing.sites import check_against_guard
 from control.probing.task import ProbingTask
 from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
-from control.teleop.messaging import LINK_STREAM
+from control.teleop.messaging import LINK_STREAM, Messaging
+from control.teleop.target_queue import TargetQueue
 from palpate.runs.probing import PLAN
 from palpate.runs.session import ArmJob, arm_session, checked_body
-from palpate.teleop.follower_messaging import FollowerMessaging, Say
-from palpate.teleop.follower_observer import Observer
+from palpate.teleop.estimating import Estimator, sample_stream
+from palpate.teleop.virtual_object import summarize_estimate
 from robot_io.calibration import load_calibrations
+from robot_io.clock import Clock
 from robot_io.guard import Guard
-from robot_io.link import Line, LineSettings, Target, TargetState, short_number
+from robot_io.link import (
+    Intent,
+    Line,
+    LineSettings,
+    Message,
+    ObjectEstimate,
+    Report,
+    Target,
+    TargetState,
+    short_number,
+)
+from robot_io.link.messages import MOST_TARGETS, MOST_TEXT
+from robot_io.session import RecordArray, Samples, SessionWriter, Stream
+from robot_io.types import Measurement
+
+_MESSAGE_PERIOD_S = 0.02  # between two reports
+_RESEND_S = 0.2  # of an estimate that the leader has not seen
+_SETTLE_S = 25.0  # that the arm holds still for estimates and verdicts when all targets are over,
+_SEEN_S = 3.0  # and for the newest to be seen
+_FAREWELLS = 25  # times that the last report is sent
+ESTIMATE = "estimate"  # kind of the event that tells of one
+Say = Callable[[str], None]
+
+
+class Moment(NamedTuple):
+    """What a report says of the arm at one time."""
+
+    phase: Phase
+    tip_world_m: tuple[float, float, float]
+    speed_m_s: float
+    direction_world: tuple[float, float, float]
+    force_n: float
+
+
+class FollowerMessaging(threading.Thread):
+    """Listens to the leader and answers it, apart from the control loop.
+
+    Attributes:
+        queue: of targets, filled here.
+        moment: what the arm does and feels; the loop replaces it in every tick.
+        notes: for the session, (kind, text, data), which the loop takes.
+        estimates: how many were made.
+        error: why talking was given up; empty while it goes on.
+    """
+
+    def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
+        super().__init__(daemon=True)
+        self.queue = TargetQueue()
+        self.moment = Moment(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
+        self.notes: deque[tuple[str, str, dict[str, object]]] = deque()
+        self.estimates, self.error = 0, ""
+        self._clock, self._say, self._over = clock, say, threading.Event()
+        self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
+        self._quiet = True  # no estimate was to come when the thread last looked
+        self._estimator = Estimator(diagnose=diagnose)
+        self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
+        self._seen: tuple[int, ...] = ()  # revisions that the leader has
+        self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._on_new_peer)
+
+    def settled(self) -> bool:
+        """Whether no estimate is still to come, and none to be seen by a leader who can be heard.
+
+        The first are waited for `_SETTLE_S` from when this is first asked, the last one for `_SEEN_S`.
+        """
+        now_s = self._clock.now_s()
+        if math.isnan(self._asked_s):
+            self._asked_s = now_s
+        waiting = bool(self._work) or not self._quiet
+        unseen = self.queue.linked and bool(self._unseen()) and now_s < self._made_s + _SEEN_S
+        return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
+
+    def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
+        """Have a target's samples estimated; takes no time."""
+        self._work.append((stream, records, target, last))
+
+    def run(self) -> None:
+        """See `threading.Thread.run`."""
+        try:
+            while not self._over.wait(_MESSAGE_PERIOD_S):
+                self._exchange()
+        except Exception as error:  # a follower that cannot send goes on as if the link were silent
+            self.error = one_line(error)
+            self._say(f"the link was given up, nothing new is begun: {self.error}")
+        finally:
+            self.queue.linked = False
+
+    def farewell(self, cause: str) -> None:
+        """Say that the arm has ended, and why it was stopped if it was."""
+        self.close()
+        with suppress(Exception):  # nobody needs to hear it
+            for _ in range(_FAREWELLS):
+                self._messaging.send(replace(self._report(), remark=cause[:MOST_TEXT], ended=True))
+                time.sleep(_MESSAGE_PERIOD_S)
+
+    def close(self) -> None:
+        """Stop talking; can be called twice."""
+        self._over.set()
+        if self.is_alive():
+            self.join()
+        self._estimator.close()
+
+    def record(self, now_s: float) -> tuple[object, ...]:
+        """How things stand with the line, as one record of `LINK_STREAM`."""
+        return self._messaging.record(now_s)
+
+    def _exchange(self) -> None:
+        self._listen()
+        self._think()
+        self._messaging.send(self._report())
+        self._send_estimates()
+        self._quiet = not self._estimator.busy  # only now: all that was made is among the newest
+
+    def _listen(self) -> None:
+        changed, self.queue.linked = self._messaging.receive(), self._messaging.linked
+        if changed:
+            words = (
+                "the leader is heard" if self.queue.linked else "the leader is silent: nothing new is begun"
+            )
+            self._say(words)
+        if words := self._messaging.problem():
+            self.notes.append(("link", words, {}))
+            self._say(words)
+
+    def _take(self, message: Message, _sent_s: float) -> None:
+        if isinstance(message, Intent):
+            self.queue.take(message)
+            self._seen = message.seen
+
+    def _on_new_peer(self) -> None:
+        self._seen = ()
+        self.queue.clear()
+        self._say("another leader has begun: the targets of the last one are dropped")
+
+    def _think(self) -> None:
+        """Hand samples to the estimator, and take its answers."""
+        while self._work:
+            self._quiet = False
+            stream, records, target, last = self._work[0]
+            columns = {column.name: records[column.name].copy() for column in stream.columns}
+            self._estimator.look(Samples(stream, columns), target, last=last)
+            self._work.popleft()
+        for answer in self._estimator.answers():
+            if isinstance(answer, str):
+                self.notes.append(("no_estimate", answer, {}))
+                self._say(answer)
+                continue
+            self._keep(answer)
+
+    def _keep(self, estimate: ObjectEstimate) -> None:
+        kept = self._newest.pop(estimate.target, None)
+        if kept is not None and _rank(kept) > _rank(estimate):  # what has come is less, and late
+            self._newest[estimate.target] = kept
+            return
+        self._newest[estimate.target] = replace(estimate, revision=self.estimates)
+        self.estimates += 1
+        self._made_s = self._clock.now_s()
+        text = f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}"
+        self.notes.append((ESTIMATE, text, {"target": estimate.target, "verdict": estimate.verdict}))
+        self._say(text)
+        if len(self._newest) > MOST_TARGETS:
+            del self._newest[next(iter(self._newest))]
+
+    def _unseen(self) -> list[ObjectEstimate]:
+        return [one for one in list(self._newest.values()) if one.revision not in self._seen]
+
+    def _send_estimates(self) -> None:
+        """Those that the leader has not said to have; what is lost is sent again."""
+        now_s = self._clock.now_s()
+        if now_s >= self._resend_s:
+            self._resend_s = now_s + _RESEND_S
+            for estimate in self._unseen():
+                self._messaging.send(estimate)
+
+    def _report(self) -> Report:
+        moment, states = self.moment, self.queue.states()
+        return Report(
+            phase=int(moment.phase),
+            target=self.queue.current,
+            tip_world_m=moment.tip_world_m,
+            speed_m_s=moment.speed_m_s,
+            direction_world=moment.direction_world,
+            force_n=moment.force_n,
+            targets=tuple(states),
+            states=tuple(int(state) for state in states.values()),
+            remark=self.queue.remark[:MOST_TEXT],
+            ended=False,
+        )
+
+
+def _rank(estimate: ObjectEstimate) -> tuple[int, bool]:
+    return estimate.runs, bool(estimate.verdict)
+
+
+_LINK_RECORD_S = 0.1
+_MOST_SAMPLES = 200_000  # of one target that are kept for its estimate
+
+
+class Observer:
+    """One run's; `runs` is how many presses a target has."""
+
+    def __init__(self, messaging: FollowerMessaging, log: SessionWriter, joint_count: int, runs: int) -> None:
+        self._messaging, self._log, self._runs = messaging, log, runs
+        self._stream = sample_stream(joint_count)
+        self._records = np.zeros(_MOST_SAMPLES, self._stream.dtype)
+        self._count, self._target, self._run, self._first_run = 0, -1, NO_RUN, 0
+        self._air, self._phase = RunningMean(), Phase.IDLE
+        self._record_s = 0.0
+
+    def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
+        """See `control.loop.tick_record.Observer`."""
+        self._tare(measurement, output)
+        self._collect(measurement, output)
+        speed_m_s = float(output.tip_velocity_world_m_s.dot(output.press_direction_world))
+        tip, direction = output.tip_position_world_m.tolist(), output.press_direction_world.tolist()
+        force_n = measurement.force_n - self._air.mean
+        self._messaging.moment = Moment(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
+        if measurement.time_s >= self._record_s:
+            self._record_s = measurement.time_s + _LINK_RECORD_S
+            record = self._messaging.record(measurement.time_s)
+            self._log.append(LINK_STREAM.name, record)
+        while self._messaging.notes:
+            self._log.event(measurement.time_s, *self._messaging.notes.popleft())
+        return NO_ESTIMATE
+
+    def _tare(self, measurement: Measurement, output: TaskOutput) -> None:
+        if output.phase is Phase.FREE_AIR:
+            if self._phase is not Phase.FREE_AIR:
+                self._air = RunningMean()
+            self._air.add(measurement.force_n)
+        self._phase = output.phase
+
+    def _collect(self, measurement: Measurement, output: TaskOutput) -> None:
+        """Keep the samples of the target under way, and have them looked at whenever a run has ended."""
+        if self._run not in {NO_RUN, output.run}:
+            last = self._run - self._first_run + 1 == self._runs
+            self._messaging.look(self._stream, self._records[: self._count].copy(), self._target, last=last)
+        self._run = output.run
+        if output.run == NO_RUN:
+            return
+        target = self._messaging.queue.current
+        if target != self._target:
+            self._count, self._target, self._first_run = 0, target, output.run
+        if self._count < _MOST_SAMPLES:
+            self._records[self._count] = (
+                measurement.time_s,
+                output.run,
+                output.phase,
+                measurement.joint_position_rad,
+                measurement.force_n,
+                output.tip_position_world_m,
+                output.press_direction_world,
+                measurement.encoder_at_s,
+                measurement.force_at_s,
+                measurement.encoder_status,
+                measurement.force_status,
+            )
+            self._count += 1
 
 
 @dataclass(frozen=True)

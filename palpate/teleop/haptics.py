@@ -23,8 +23,7 @@ from control.teleop.operator_devices import build_operator
 from control.teleop.virtual_arm import VirtualArm
 from control.teleop.virtual_object import RenderedForce, VirtualObject
 from palpate.runs.robots import find_robot
-from palpate.teleop.object_law import felt_data, force_law, terms_of
-from palpate.teleop.summaries import summarize_estimate
+from palpate.teleop.virtual_object import felt_data, force_law, summarize_estimate, terms_of
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number

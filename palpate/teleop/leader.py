@@ -18,8 +18,7 @@ from control.loop.timing import SectionTiming
 from control.teleop.messaging import Messaging
 from palpate.runs.session import SOURCE
 from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
-from palpate.teleop.summaries import summarize_estimate
-from palpate.teleop.target_state import DOWN, TargetStates
+from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import (

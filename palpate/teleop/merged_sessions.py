@@ -10,11 +10,11 @@ import numpy as np
 from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME as TICK
 from control.teleop.messaging import STREAM_NAME as LINK
-from palpate.teleop.follower_messaging import ESTIMATE
+from palpate.common.formatting import significant
+from palpate.teleop.follower import ESTIMATE
 from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
-from palpate.teleop.object_law import force_law, terms_in, terms_of
-from palpate.words import significant
+from palpate.teleop.virtual_object import force_law, terms_in, terms_of
 from robot_io.errors import InputError
 from robot_io.link import short_number
 from robot_io.session import Event, Samples, Session

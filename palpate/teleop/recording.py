@@ -21,7 +21,7 @@ from palpate.render.recording.stream import (
 )
 from palpate.teleop.haptics import GUESS
 from palpate.teleop.merged_sessions import MergedSessions
-from palpate.teleop.summaries import GEOMETRY
+from palpate.teleop.virtual_object import GEOMETRY
 from robot_io.session import Event
 from robot_io.types import FloatArray
 

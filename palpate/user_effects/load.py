@@ -10,10 +10,9 @@ from typing import Any
 
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
-from palpate.files import existing_file
-from palpate.foreign_code import LIMIT_S, foreign_code
-from palpate.user_effects.guard import watched
-from palpate.user_effects.statement import file_of, flaw
+from palpate.common.files import existing_file
+from palpate.common.foreign_code import LIMIT_S, foreign_code
+from palpate.user_effects.guard import file_of, flaw, watched
 from robot_io.errors import InputError
 
 FORM = "FILE.py:Class"

@@ -11,7 +11,7 @@ from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
 from palpate.render.thinning import peaks
 from palpate.render.view import Axes, ResidualMap, residual_map
-from palpate.workbench.plot import Figure, Restyle
+from palpate.workbench.elements import Figure, Restyle
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 MOST_POINTS = 1200  # of a curve over time

@@ -8,15 +8,14 @@ from functools import partial
 from nicegui import ui
 
 from estimation.study.saved_diagnosis import RESULT
-from palpate.files import output_folder, write_text
-from palpate.outcome import as_json
-from palpate.render.budget import budget_view
-from palpate.render.budget_picture import budget_picture
+from palpate.common.files import output_folder, write_text
+from palpate.render.budget import budget_picture, budget_view
+from palpate.render.results import as_json
 from palpate.render.sentences import diagnosed
-from palpate.workbench import words
-from palpate.workbench.bench import Bench
+from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.elsewhere import Elsewhere
+from palpate.workbench.processes import Elsewhere
+from palpate.workbench.state import Bench
 from robot_io.errors import InputError, PalpateError
 
 _POLL_S = 0.2
@@ -38,12 +37,12 @@ class DiagnosisCard:
         self._more = more
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
-                heading("What is missing?", words.DIAGNOSE)
+                heading("What is missing?", elements.DIAGNOSE)
                 ui.space()
                 self._start = ui.button("Diagnose", on_click=self.start).mark("diagnose")
-                set_props(self._start.props("dense unelevated no-caps"), title=words.DIAGNOSE)
+                set_props(self._start.props("dense unelevated no-caps"), title=elements.DIAGNOSE)
                 self._stop = ui.button("Stop", on_click=self._stopped).mark("stop")
-                set_props(self._stop.props("dense outline no-caps"), title=words.STOP)
+                set_props(self._stop.props("dense outline no-caps"), title=elements.STOP)
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
             self._what = ui.label().classes("quiet").mark("progress")
             self._answer = ui.element("div")
@@ -126,7 +125,7 @@ class DiagnosisCard:
         said, budget = diagnosed(found), budget_view(found)
         with self._answer:
             if budget is not None:
-                with set_props(ui.element("div").classes("budget").mark("budget"), title=words.BUDGET):
+                with set_props(ui.element("div").classes("budget").mark("budget"), title=elements.BUDGET):
                     ui.label(budget.sentence)
                     if len(budget.parts) > 1:
                         # As an image: what is drawn in one never runs.
@@ -136,7 +135,7 @@ class DiagnosisCard:
                     for confusion in budget.confusions:
                         ui.label(confusion).classes("quiet")
             verdict = ui.element("div").classes("verdict").classes(said.word).mark("verdict")
-            with set_props(verdict, title=words.VERDICTS[said.word]):
+            with set_props(verdict, title=elements.VERDICTS[said.word]):
                 ui.label(said.sentence)
                 for remark in said.remarks:
                     ui.label(remark).classes("quiet")

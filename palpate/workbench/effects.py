@@ -9,13 +9,13 @@ from nicegui.element import Element
 
 from estimation.channel import ChannelKind
 from estimation.effect import Effect
-from palpate.example import Example
 from palpate.render import palette
-from palpate.workbench import words
-from palpate.workbench.ahead import Ahead
-from palpate.workbench.bench import TELLING, Bench, Evidence, evidence_of, groups
+from palpate.render.example import Example
+from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.picture import picture
+from palpate.workbench.processes import Ahead
+from palpate.workbench.state import TELLING, Bench, Evidence, evidence_of, groups
+from palpate.workbench.thumbnails import picture
 from robot_io.errors import PalpateError
 
 _BAR_PX = 44  # what takes all of the error away
@@ -32,7 +32,7 @@ class Rows(Element, component="effects.js"):
         super().__init__()
         self._rows = {row["name"]: row for row in rows}
         self._is_ready = False
-        self._props |= {"effects": rows, "hint": words.PICTURE, "alike": words.ALIKE}
+        self._props |= {"effects": rows, "hint": elements.PICTURE, "alike": elements.ALIKE}
         self.on("ready", self._begin)
 
     def __getitem__(self, name: str) -> Row:
@@ -73,7 +73,7 @@ class Effects:
     def build(self) -> None:
         """Put the heading and the place of the list."""
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
-            heading("Effects", words.EFFECTS)
+            heading("Effects", elements.EFFECTS)
             ui.space()
             narrow = ui.input(placeholder="filter", on_change=self._narrow).classes("filter")
             set_props(narrow.props("dense outlined clearable"), aria_label="filter effects")
@@ -171,7 +171,7 @@ class Effects:
         change: Row = {
             "mark": f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %",
             "look": "strong" if one.falls > TELLING else "quiet",
-            "about": words.EVIDENCE,
+            "about": elements.EVIDENCE,
             "share": round(_BAR_PX * falls),
         }
         if not self._evidence:  # later the list keeps still until all are weighed again

@@ -7,13 +7,12 @@ import numpy as np
 from nicegui import events, ui
 
 from estimation.effect import Effect, Parameter
-from palpate.example import Example
 from palpate.render import palette
 from palpate.render.build import axes_of
-from palpate.workbench.bench import Bench
+from palpate.render.example import Example
 from palpate.workbench.curves import Motion, axis, curve, layout_of, near, picked
-from palpate.workbench.elements import heading, set_props
-from palpate.workbench.plot import Figure, Plot, Restyle
+from palpate.workbench.elements import Figure, Plot, Restyle, heading, set_props
+from palpate.workbench.state import Bench
 from robot_io.errors import PalpateError
 
 _POINTS = 600  # samples drawn

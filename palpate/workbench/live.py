@@ -17,9 +17,8 @@ from control.loop.tick_record import STREAM_NAME
 from palpate.render import palette
 from palpate.render.thinning import peaks
 from palpate.workbench.curves import axis, curve, layout_of, picked
-from palpate.workbench.elements import heading
+from palpate.workbench.elements import Figure, Plot, heading
 from palpate.workbench.foxglove_feed import Feed, online_residual
-from palpate.workbench.plot import Figure, Plot
 from robot_io.errors import PalpateError
 from robot_io.session import Follower, Samples, Session
 

@@ -17,7 +17,7 @@ from estimation.data.import_options import ImportOptions
 from estimation.data.quantities import QUANTITIES, RUN, si_unit
 from estimation.data.table import Table, read_table
 from estimation.data.units import SI
-from palpate.files import output_folder, whole_file
+from palpate.common.files import output_folder, whole_file
 from palpate.workbench.elements import set_props
 from robot_io.errors import InputError, PalpateError
 

@@ -9,16 +9,16 @@ from typing import Any
 
 from nicegui import events, ui
 
-from palpate.derived import derived_folder
-from palpate.files import output_folder
-from palpate.outcome import REPORT
+from palpate.common.files import output_folder
+from palpate.common.output_paths import derived_folder
 from palpate.render.build import axes_of
-from palpate.workbench import words
-from palpate.workbench.bench import Bench, Choice, Shown, kind_in_words
-from palpate.workbench.centre import Centre, UseRuns
+from palpate.render.results import REPORT
+from palpate.workbench import elements
 from palpate.workbench.effects import Effects
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.parameters import Error, Lines, Parameters, judged
+from palpate.workbench.plot_panel import Centre, UseRuns
+from palpate.workbench.state import Bench, Choice, Shown, kind_in_words
 from robot_io.errors import InputError, PalpateError
 
 _FOLLOW_S = 0.5
@@ -245,7 +245,7 @@ class Page:
             self._undo = _button("Undo", "undo", self._undone, "Ctrl+Z")
             self._redo = _button("Redo", "redo", self._redone, "Ctrl+Shift+Z")
             self._enable_steps()
-            _button("Keep", "bookmark_add", self._keep, words.KEEP)
+            _button("Keep", "bookmark_add", self._keep, elements.KEEP)
             about = "Write report.html with all that is shown"
             _button("Report", "description", self._report, about, look="unelevated")
 
@@ -309,7 +309,7 @@ class Page:
     def _list_revisions(self) -> None:
         self._revisions.clear()
         with self._revisions:
-            heading("Revisions", words.REVISIONS)
+            heading("Revisions", elements.REVISIONS)
             kept = [one for one in self.bench.study.revisions if one.channel == self.bench.choice.channel][
                 -8:
             ]
@@ -337,9 +337,9 @@ def gates(bench: Bench) -> None:
     one = bench.channel
     found = checklist(one.to_fit, one.model)
     with ui.element("section").classes("card"):
-        heading("Is this data fit to be judged?", words.GATES)
+        heading("Is this data fit to be judged?", elements.GATES)
         rows = []
-        for kind, text in words.GATE.items():
+        for kind, text in elements.GATE.items():
             if kind not in found:
                 rows.append(f'<li class="quiet">· {text}: not checked</li>')
             elif found[kind]:

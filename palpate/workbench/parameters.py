@@ -8,12 +8,12 @@ from html import escape
 from nicegui import ui
 
 from estimation.estimate import ParameterEstimate
+from palpate.common.formatting import NOT_DETERMINED
 from palpate.render.sentences import impossible
 from palpate.render.view import NOISE
-from palpate.words import NOT_DETERMINED
-from palpate.workbench import words
-from palpate.workbench.bench import Bench, Choice, Shown
+from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
+from palpate.workbench.state import Bench, Choice, Shown
 from robot_io.errors import InputError
 
 Choose = Callable[[Choice], Awaitable[None]]
@@ -49,14 +49,14 @@ class Error:
     def build(self) -> None:
         """Put what explains the number."""
         with ui.element("section").classes("card waterfall"):
-            heading("Error in held-out runs", words.ERROR)
+            heading("Error in held-out runs", elements.ERROR)
             self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
-            self._fall = set_props(ui.html("").mark("waterfall"), title=words.FALL)
+            self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
     def show(self, shown: Shown) -> None:
         """State the error of a fit; whether that is good is said by `judge`."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
-        self._number.set_content(_number(error, unit, shown.floor, words.ROUGH if shown.is_rough else ""))
+        self._number.set_content(_number(error, unit, shown.floor, elements.ROUGH if shown.is_rough else ""))
         self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
         self._wrong.set_text("")
         if self._judged is not None and shown.fitted is self._judged.shown.fitted:
@@ -82,11 +82,11 @@ def _number(error: float, unit: str, floor: float, what: str = "", kind: str = "
     times = error / floor if floor > 0.0 else math.inf
     at_floor = times < NOISE
     beside = "at the noise level" if at_floor else f"{times:.1f} × noise level"
-    is_rough = what == words.ROUGH
+    is_rough = what == elements.ROUGH
     return (
         f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_floor else ""}" '
-        f'title="{words.ERROR}">{"≈ " * is_rough}{error:.3g} {unit}</b> '
-        f'<span class="quiet" title="{words.FLOOR}">{what or beside}</span>'
+        f'title="{elements.ERROR}">{"≈ " * is_rough}{error:.3g} {unit}</b> '
+        f'<span class="quiet" title="{elements.FLOOR}">{what or beside}</span>'
     )
 
 
@@ -124,10 +124,10 @@ class Parameters:
         """Put the elements."""
         with ui.element("section").classes("card sliders"):
             with ui.row().classes("bar"):
-                heading("Parameters", words.SLIDER)
+                heading("Parameters", elements.SLIDER)
                 ui.space()
                 self._back = ui.button("back to the fit", on_click=self._reset).props("flat dense no-caps")
-                set_props(self._back, title=words.BACK)
+                set_props(self._back, title=elements.BACK)
                 self._back.set_visibility(False)
             self._list = ui.element("div").classes("parameters")
 
@@ -206,10 +206,10 @@ class Parameters:
             ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>").classes("name")
             self._numbers[name] = ui.label(self._worded(name, value)).classes("value")
             interval = ui.label(self._interval(name)).classes("interval")
-            self._intervals[name] = set_props(interval, title=words.INTERVAL)
+            self._intervals[name] = set_props(interval, title=elements.INTERVAL)
             low, high = self._ends(name, self._shown.fitted.values[name])
             slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props("dense")
-            set_props(slider, aria_label=name, title=words.SLIDER)
+            set_props(slider, aria_label=name, title=elements.SLIDER)
             slider.on(
                 "update:model-value",
                 lambda event, name=name: self._pulled(name, float(event.args)),
@@ -221,9 +221,9 @@ class Parameters:
             lock = ui.button(
                 icon="lock" if held else "lock_open", on_click=lambda name=name: self._hold(name)
             )
-            set_props(lock.props("flat dense size=sm"), title=words.HOLD, aria_label=f"hold {name}")
+            set_props(lock.props("flat dense size=sm"), title=elements.HOLD, aria_label=f"hold {name}")
             arrows = ui.button(icon="unfold_more", on_click=lambda: self._ask_bounds(name, low, high))
-            set_props(arrows.props("flat dense size=sm"), title=words.BOUND, aria_label=f"bound {name}")
+            set_props(arrows.props("flat dense size=sm"), title=elements.BOUND, aria_label=f"bound {name}")
 
     def _ask_bounds(self, name: str, low: float, high: float) -> None:
         with self._list, ui.dialog() as dialog, ui.card().classes("bounds"):
@@ -281,7 +281,7 @@ class Lines:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card same"):
-            heading("The same without this page", words.SAME)
+            heading("The same without this page", elements.SAME)
             self._command = ui.label().classes("code").mark("command")
             self._python = ui.label().classes("code").mark("python")
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from nicegui import ui
 
-from palpate.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo
-from palpate.runs.hiding import open_answer
+from palpate.runs.hidden_effects import open_answer
 from palpate.runs.robots import DEFAULT_SCENARIO
-from palpate.workbench.bench import Bench
 from palpate.workbench.elements import heading
+from palpate.workbench.state import Bench
+from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.scenario import load_scenario

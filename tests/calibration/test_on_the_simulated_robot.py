@@ -15,7 +15,7 @@ from control.probing.plan import ProbingPlan
 from estimation.study.estimates import estimate_with
 from estimation.study.sessions import arm_of
 from estimation.study.source import open_source
-from palpate.files import write_text
+from palpate.common.files import write_text
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import open_recorded

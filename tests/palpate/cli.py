@@ -9,7 +9,7 @@ from typing import Any
 
 from typer.testing import CliRunner, Result
 
-from palpate.app import app
+from palpate.commands import app
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,9 +7,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate import main, preflight
-from palpate.app import load_command
-from palpate.failures import OneLineGroup
+from palpate import main
+from palpate.commands import load_command
+from palpate.common import preflight
+from palpate.common.failures import OneLineGroup
 from robot_io.errors import DeviceError, InputError
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 

@@ -6,8 +6,8 @@ from rich.console import Console
 
 from estimation.effect import Parameter
 from estimation.study import Study
+from palpate.render.build import result_view
 from palpate.render.terminal import print_stages
-from palpate.study_view import result_view
 from tests.palpate.cli import run
 from tests.palpate.presses import write_presses
 

@@ -11,9 +11,8 @@ from rich.console import Console
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.kinds import Kind
 from palpate.render import palette, sentences, terminal
-from palpate.render.budget import budget_view
-from palpate.render.budget_picture import budget_picture
-from palpate.render.recording.budget import budget_tab, log_budget
+from palpate.render.budget import budget_picture, budget_view
+from palpate.render.recording.revisions import budget_tab, log_budget
 from palpate.render.recording.stream import TIME, recording_file, shown_on
 
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from estimation.diagnosis import Verdict
 from estimation.effects import EFFECTS
-from palpate.app import app
+from palpate.commands import app
 from palpate.commands.diagnose import exit_code_of
 from tests.palpate.cli import ROOT, run, run_process
 

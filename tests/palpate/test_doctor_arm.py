@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
+from palpate.common.formatting import AT_REST, FIRST_PROBE
 from palpate.doctor import Level, rates, signs
 from palpate.doctor import arm as arm_check
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
@@ -17,7 +18,6 @@ from palpate.doctor.hand import EmulatedHand, Hand
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
 from palpate.doctor.signs import is_still
-from palpate.words import AT_REST, FIRST_PROBE
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
 from robot_io.robot_file import load_robot_file, parse_robot_file

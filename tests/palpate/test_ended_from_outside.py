@@ -63,7 +63,7 @@ def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
 FITTING_AHEAD = """
 import asyncio, sys, time
 from palpate.study import Study
-from palpate.workbench.ahead import Ahead
+from palpate.workbench.processes import Ahead
 study = Study(sys.argv[1], keep=False)
 ahead = Ahead(study, study.channels[0])
 asyncio.run(ahead.fit(("cubic_stiffness",)))

@@ -9,8 +9,8 @@ import pytest
 from estimation.estimate import ParameterEstimate
 from estimation.estimators import ESTIMATORS
 from estimation.study.estimates import choose_estimators
+from palpate.common.formatting import significant
 from palpate.render.estimates import with_interval
-from palpate.words import significant
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses, write_table
 

@@ -7,8 +7,7 @@ from control.loop.task import Phase
 from estimation.effects import EFFECTS
 from estimation.surface import Surface
 from palpate.export import export_scenario
-from palpate.export.scenario import FittedChannel
-from palpate.export.terms import ARM, CONTACT, JOINT, SENSOR
+from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel
 from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.session import Session

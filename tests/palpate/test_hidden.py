@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from control.probing.plan import ProbingPlan
-from palpate.runs.hiding import hide
+from palpate.runs.hidden_effects import hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session

@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from palpate import demo as demo_runs
 from palpate.commands import demo
 from palpate.doctor.viewer import has_vulkan_driver
 from palpate.render.recording import viewer
+from palpate.workflows import demo as demo_runs
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from tests.palpate.cli import as_json, done, run, run_process

@@ -11,9 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from palpate import console
-from palpate.files import different_files, existing_file, output_file, spare_files, whole_file, whole_set
-from palpate.words import as_shell_word, shown, typed
+from palpate.common import console
+from palpate.common.files import (
+    different_files,
+    existing_file,
+    output_file,
+    spare_files,
+    whole_file,
+    whole_set,
+)
+from palpate.common.formatting import as_shell_word, shown, typed
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process

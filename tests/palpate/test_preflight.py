@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import control
-from palpate import preflight
+from palpate.common import preflight
 from tests.palpate.cli import ROOT, assert_refused
 
 OURS = control.__file__

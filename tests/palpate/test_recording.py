@@ -5,7 +5,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from palpate.render.recording import arm
-from palpate.render.recording.block import Block
+from palpate.render.recording.arm import Block
 from palpate.render.recording.scene import PICTURES_HZ, Scene
 from palpate.render.recording.session import record_session
 from robot_io.errors import InputError

@@ -10,7 +10,7 @@ from control.laws.gains import Gains
 from control.loop.task import Phase
 from control.probing.replay import References, ReplayTask
 from estimation.study.paired_comparison import side_by_side
-from palpate.runs import replaying
+from palpate.runs import probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
 from robot_io.errors import InputError
@@ -61,7 +61,7 @@ def test_in_another_world_the_other_object_shows_and_json_names_the_session(prob
 
 
 def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypatch):
-    monkeypatch.setattr(replaying, "_check_arm", lambda *_: None)  # as if this arm had made the session
+    monkeypatch.setattr(probing, "_check_arm", lambda *_: None)  # as if this arm had made the session
     result = run("replay", probed[0], "--robot", "robots/dynamixel_3dof.yaml", "-o", tmp_path / "t.mcap")
     assert_refused(result, "a real arm would get power", "--yes")
     assert list(tmp_path.iterdir()) == []
@@ -96,8 +96,8 @@ def cut(recorded, path, share):
 
 
 def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(probed, tmp_path):
-    whole = replaying.references_of(Session.open(probed[0]))
-    part = replaying.references_of(Session.open(cut(probed[0], tmp_path / "part.mcap", 0.7)))
+    whole = probing.references_of(Session.open(probed[0]))
+    part = probing.references_of(Session.open(cut(probed[0], tmp_path / "part.mcap", 0.7)))
     for one in (whole, part):
         assert one.run[-1] == -1
         assert np.abs(one.velocity_rad_s[-1]).max() < 1e-3

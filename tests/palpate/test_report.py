@@ -11,13 +11,12 @@ import pytest
 from PIL import Image
 
 from estimation.diagnosis.candidates import effect_library
-from palpate.outcome import write_outcome
 from palpate.render import figures
-from palpate.render.build import equation_of
+from palpate.render.build import equation_of, result_view
 from palpate.render.report import bold, document, typeset, write_report
+from palpate.render.results import write_outcome
 from palpate.render.view import StudyView
 from palpate.study import Study
-from palpate.study_view import result_view
 from robot_io.errors import InputError
 from tests.palpate.presses import write_presses
 

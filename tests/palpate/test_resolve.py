@@ -11,16 +11,15 @@ from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.design import Choice, Experiment
 from estimation.design.next_experiment import NextExperiment
 from estimation.diagnosis import Verdict
-from palpate.next_plan import plan_text
 from palpate.planning import rehearsal
 from palpate.planning.experiments import candidates
-from palpate.planning.next_probe import NextProbe, feasible, next_probe
+from palpate.planning.next_probe import NextProbe, feasible, next_probe, plan_text
 from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
-from palpate.resolving.resolve import DECISIONS, Budget, End, resolve
-from palpate.runs.hiding import open_answer
+from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
+from palpate.workflows.resolve import DECISIONS, Budget, End, resolve
 from robot_io.errors import InputError
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, done, run
@@ -187,7 +186,7 @@ def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, m
     said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
     monkeypatch.setattr(
-        "palpate.resolving.resolve._simplest", lambda study, found: (End.INSEPARABLE, list(found))
+        "palpate.workflows.resolve._simplest", lambda study, found: (End.INSEPARABLE, list(found))
     )
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     (decision,) = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: None).decisions

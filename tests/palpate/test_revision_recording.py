@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, ticks
-from palpate.render.recording.revisions import record_rerun
+from palpate.render.build import result_view
+from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, record_rerun, ticks
 from palpate.render.recording.stream import REVISION, TIME, shown_on
 from palpate.render.view import StudyView
 from palpate.study import Study
-from palpate.study_view import result_view
 from tests.palpate.presses import write_presses
 
 

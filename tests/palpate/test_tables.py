@@ -10,9 +10,11 @@ from rich.console import Console
 from estimation.effects import EFFECTS
 from estimation.estimate import ParameterEstimate
 from estimation.study.paired_comparison import ParameterDifference
-from palpate import console
+from palpate.common import console
+from palpate.common.formatting import count, safe
+from palpate.render.build import view_of
 from palpate.render.estimates import estimate_table
-from palpate.render.sides import difference_table
+from palpate.render.paired import difference_table
 from palpate.render.terminal import (
     fall_table,
     parameter_table,
@@ -22,8 +24,6 @@ from palpate.render.terminal import (
 )
 from palpate.render.view import ParameterView
 from palpate.study import Study
-from palpate.study_view import view_of
-from palpate.words import count, safe
 from tests.revisions import revision
 
 

@@ -7,10 +7,9 @@ import pytest
 
 from estimation.data.channels import session_channels
 from estimation.study.estimates import estimate_with
-from palpate.runs.hiding import open_answer
+from palpate.common.formatting import FIRST_PROBE
+from palpate.runs.hidden_effects import open_answer, true_parameters
 from palpate.runs.robots import EMULATED, is_simulated
-from palpate.truth import true_parameters
-from palpate.words import FIRST_PROBE
 from robot_io.calibration import load_calibration
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file

@@ -1,5 +1,11 @@
-"""A model growing stage by stage, on a timeline of revisions, and its channels over time."""
+"""A model growing stage by stage in Rerun: its channels over time, its plots and its error budget.
 
+Rerun's own plots run along a timeline. Here the timeline is the revision, and each revision has whole
+curves, which are drawn as lines.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +13,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from palpate.render import palette
-from palpate.render.recording.budget import budget_tab, log_budget
-from palpate.render.recording.chart import HEIGHT, WIDTH, Chart, label, span_of
 from palpate.render.recording.stream import (
     BACKGROUND,
     REVISION,
@@ -20,7 +24,179 @@ from palpate.render.recording.stream import (
 )
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
-from palpate.render.view import ChannelView, StudyView
+from palpate.render.view import BudgetPart, BudgetView, ChannelView, StudyView
+from robot_io.types import FloatArray
+
+WIDTH, HEIGHT = 160.0, 90.0  # of the frame in the view's own units
+_RULE, _INK = (62, 72, 84), (190, 200, 210)
+_TICKS = 5
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+_LABEL_DROP = 3.5  # Rerun writes words below their point
+_FILL = 0.6  # height of the lines that fill a bar: Rerun only outlines boxes
+_BAR_WIDTH = 24.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A frame with axes."""
+
+    entity: str  # path below which everything of it lies
+    x: tuple[float, float]  # least and largest value of the horizontal axis
+    y: tuple[float, float]  # the same for the vertical one
+    x_label: str  # what runs along it, with unit
+    y_label: str  # the same for the vertical one
+    width: float = WIDTH  # of the frame, in the view's own units
+
+    def place(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Points (n, 2) in the view, whose vertical axis runs downwards; cut off at the frame."""
+        across = (np.asarray(x) - self.x[0]) / (self.x[1] - self.x[0])
+        up = np.clip((np.asarray(y) - self.y[0]) / (self.y[1] - self.y[0]), -0.02, 1.02)
+        placed: FloatArray = np.column_stack([self.width * across, HEIGHT * (1.0 - up)])
+        return placed
+
+    def draw_frame(self, recording: rr.RecordingStream, *, upright: bool = True) -> None:
+        """Draw rules and labels, once for all revisions; of the vertical axis alone without `upright`."""
+        rules = [self.place(np.array(self.x), np.full(2, value)) for value in ticks(*self.y)]
+        words = [
+            ((-7.0, float(rule[0, 1]) - _LABEL_DROP), f"{value:g}")
+            for rule, value in zip(rules, ticks(*self.y), strict=True)
+        ]
+        words.append(((14.0, -11.0), self.y_label))
+        if upright:
+            across = [self.place(np.full(2, value), np.array(self.y)) for value in ticks(*self.x)]
+            below = zip(across, ticks(*self.x), strict=True)
+            words += [((float(rule[0, 0]), HEIGHT + 1.0), f"{value:g}") for rule, value in below]
+            words.append(((self.width / 2, HEIGHT + 8.0), self.x_label))
+            rules += across
+        lines = rr.LineStrips2D(rules, colors=_RULE, radii=rr.Radius.ui_points(0.5))
+        recording.log(f"{self.entity}/frame", lines, static=True)
+        places, labels = zip(*words, strict=True)
+        written = rr.Points2D(places, labels=labels, colors=_INK, radii=0.0, show_labels=True)
+        recording.log(f"{self.entity}/words", written, static=True)
+
+    def strips(
+        self, curves: Sequence[tuple[FloatArray, FloatArray]], color: str, width: float
+    ) -> rr.LineStrips2D:
+        """Curves (x, y) of one colour; values that are not finite are left out."""
+        finite = [(x[np.isfinite(y)], y[np.isfinite(y)]) for x, y in curves]
+        placed = [self.place(x, y) for x, y in finite if len(x) > 1]
+        return rr.LineStrips2D(placed, colors=palette.rgb(color), radii=rr.Radius.ui_points(width / 2))
+
+    def log_bar(  # noqa: PLR0917, what a bar is drawn from
+        self,
+        recording: rr.RecordingStream,
+        name: str,
+        middle: float,
+        height: float,
+        color: str,
+        text: str,
+        *,
+        static: bool,
+    ) -> None:
+        """A bar from zero up to a value, with its words above."""
+        entity, top = f"{self.entity}/{name}", float(self.place(np.zeros(1), np.array([height]))[0, 1])
+        left, right = middle - _BAR_WIDTH / 2, middle + _BAR_WIDTH / 2
+        heights = np.linspace(HEIGHT, top, max(2, round((HEIGHT - top) / _FILL)))
+        lines = [[[left, y], [right, y]] for y in heights]
+        filled = rr.LineStrips2D(lines, colors=palette.rgb(color), radii=_FILL / 2 + 0.1)
+        recording.log(entity, filled, static=static)
+        recording.log(f"{entity}/word", label((middle, top - 9.0), text, color), static=static)
+
+
+def label(place: tuple[float, float], text: str, color: str) -> rr.Points2D:
+    """Words at a place in a chart."""
+    return rr.Points2D([place], labels=[text], colors=palette.rgb(color), radii=0.0, show_labels=True)
+
+
+def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
+    """Least and largest of finite values, with room around them."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    room = margin * (high - low) or 1.0
+    return low - room, high + room
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Round values from low to high, about five."""
+    least = (high - low) / _TICKS
+    unit = 10.0 ** np.floor(np.log10(least))
+    step = next(factor * unit for factor in _STEPS if factor * unit >= least * (1.0 - 1e-9))
+    counts = np.arange(np.ceil(low / step), np.floor(high / step) + 1.0)
+    return [round(float(value), 12) + 0.0 for value in counts * step]  # no -0
+
+
+_WIDTH = 160.0  # of a share of 1, in the view's own units
+_STACK, _ROW = 14.0, 13.0  # heights of the stacked bar and of a row
+_NAMES = -62.0  # left end of the rows' names
+_STEP = 0.5  # between the lines that fill a bar: Rerun only outlines boxes
+_THICK = 5.0  # of a row's bar
+_TEXT_COLOUR = "#bec8d2"
+
+
+def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -> None:
+    """Log an error budget, the same at all times."""
+    total = sum(max(part.share, 0.0) for part in budget.parts) or 1.0
+    left = 0.0
+    for number, part in enumerate(budget.parts):
+        right = left + max(part.share, 0.0) / total * _WIDTH
+        _fill(recording, f"{entity}/chart/stack/{number}", (left, right), (0.0, _STACK), part.color)
+        left = right
+        _log_row(recording, f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW, part)
+    words = rr.TextDocument(_budget_markdown(budget), media_type=rr.MediaType.MARKDOWN)
+    recording.log(f"{entity}/words", words, static=True)
+
+
+def _log_row(recording: rr.RecordingStream, entity: str, y: float, part: BudgetPart) -> None:
+    """Name and share of a part; its bar, and a line from the necessary to the sufficient share."""
+    name = label((_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}", _TEXT_COLOUR)
+    recording.log(f"{entity}/name", name, static=True)
+    end = max(part.share, 0.0) * _WIDTH
+    _fill(recording, f"{entity}/bar", (0.0, end), (y - _THICK / 2, y + _THICK / 2), part.color)
+    if part.necessary is not None and part.sufficient is not None:
+        ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in (part.necessary, part.sufficient)]
+        line = rr.LineStrips2D([ends], colors=palette.rgb(part.color), radii=rr.Radius.ui_points(1.0))
+        recording.log(f"{entity}/range", line, static=True)
+
+
+def _fill(
+    recording: rr.RecordingStream,
+    entity: str,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    color: str,
+) -> None:
+    count = max(round((y[1] - y[0]) / _STEP), 1)
+    heights = [y[0] + (place + 0.5) * _STEP for place in range(count)]
+    lines = [[[x[0], height], [x[1], height]] for height in heights]
+    filled = rr.LineStrips2D(lines, colors=palette.rgb(color), radii=_STEP / 2 + 0.05)
+    recording.log(entity, filled, static=True)
+
+
+def _budget_markdown(budget: BudgetView) -> str:
+    lines = ["### Error budget", budget.sentence, ""]
+    lines += ["| kind | share | 95 % interval | necessary to sufficient | form | effects |", "|---" * 6 + "|"]
+    for part in budget.parts:
+        interval = f"{100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %" if part.interval else ""
+        cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += [
+        "",
+        "Shares of the base model's squared error in held-out runs. The line below a bar goes from ",
+    ]
+    lines[-1] += "what only this kind explains to what it explains alone."
+    return "\n".join([*lines, *(f"\n{confusion}" for confusion in budget.confusions)])
+
+
+def budget_tab(entity: str, name: str) -> rrb.Horizontal:
+    """The tab of an error budget."""
+    frame = rrb.VisualBounds2D(x_range=[_NAMES - 8.0, _WIDTH + 8.0], y_range=[-8.0, _STACK + 9 * _ROW])
+    background = rrb.Background(color=BACKGROUND)
+    chart = rrb.Spatial2DView(
+        origin=f"{entity}/chart", name="Shares", visual_bounds=frame, background=background
+    )
+    words = rrb.TextDocumentView(origin=f"{entity}/words", name="In words")
+    return rrb.Horizontal(chart, words, column_shares=[3, 2], name=name)
+
 
 _WIDE = 300.0
 _FIRST, _NOW = 42.0, 92.0  # middles of the two bars
@@ -54,7 +230,7 @@ def record_rerun(view: StudyView, path: Path) -> None:
             _log_errors(recording, channel)
             for number in range(len(channel.stages)):
                 recording.set_time(REVISION, sequence=number)
-                words = rr.TextDocument(_words(channel, number), media_type=rr.MediaType.MARKDOWN)
+                words = rr.TextDocument(_stage_markdown(channel, number), media_type=rr.MediaType.MARKDOWN)
                 recording.log(f"{channel.name}/words", words)
             recording.reset_time()
         for channel in drawn:
@@ -119,7 +295,7 @@ def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
     recording.reset_time()
 
 
-def _words(channel: ChannelView, number: int) -> str:
+def _stage_markdown(channel: ChannelView, number: int) -> str:
     stage, unit = channel.stages[number], channel.axes.effort_unit
     lines = [f"### Revision {number}", f"**{stage.label}**{'' if number else ', the base model'}", ""]
     lines += [f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}", ""]

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from palpate.files import whole_file
+from palpate.common.files import whole_file
 from palpate.render import palette
 from robot_io.files.whole_file import as_utf8
 from robot_io.types import FloatArray

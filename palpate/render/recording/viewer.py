@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import rerun_cli  # type: ignore[import-untyped]
 from rerun.experimental import ViewerClient
 
-from palpate.files import whole_file
+from palpate.common.files import whole_file
 from palpate.render.recording.stream import REVISION, TIME
 from robot_io.errors import PalpateError
 

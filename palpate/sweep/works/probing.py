@@ -25,12 +25,11 @@ from estimation.model import Model
 from estimation.models import MODELS
 from estimation.statistics.uncertainty import cramer_rao
 from estimation.study.channels import CONTACT_MODEL
-from palpate.runs.hiding import hide
-from palpate.runs.in_memory import probe_in_memory
+from palpate.runs.hidden_effects import SURFACE, hide, truth_of
 from palpate.runs.robots import find_robot
+from palpate.runs.simulated_probe import probe_in_memory
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row
-from palpate.truth import SURFACE, truth_of
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.session import Samples

@@ -9,9 +9,9 @@ from estimation.estimate_channel import fitting_rows
 from estimation.estimators.ransac import Ransac
 from estimation.regression import Regression
 from estimation.statistics.uncertainty import cramer_rao
+from palpate.runs.hidden_effects import SURFACE, truth_of
 from palpate.sweep.case import Row
 from palpate.sweep.works.probing import contact_channel, probed
-from palpate.truth import SURFACE, truth_of
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

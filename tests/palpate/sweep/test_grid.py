@@ -5,8 +5,7 @@ import yaml
 
 from estimation.estimators.ransac import Ransac
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
-from palpate.sweep.paper import paper_cases
-from palpate.sweep.paper_sections import CUBES
+from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.works.probing import made_estimator
 from robot_io.errors import InputError
 from tests.palpate.cli import ROOT

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from control.teleop.messaging import Messaging
 from control.teleop.peer import Arrival
 from control.teleop.target_queue import TargetQueue
-from palpate.teleop.target_state import TargetStates
+from palpate.teleop.virtual_object import TargetStates
 from robot_io.clock import SimulatedClock
 from robot_io.errors import InputError
 from robot_io.link import (

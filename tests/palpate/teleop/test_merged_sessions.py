@@ -5,7 +5,7 @@ import pytest
 
 from palpate.teleop.demo import TeleopDemo
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions
-from palpate.teleop.object_law import felt_data, force_law, terms_of
+from palpate.teleop.virtual_object import felt_data, force_law, terms_of
 from sim_backend.scenario import Scenario
 from tests.robot_io.link.link_parts import estimate
 

@@ -6,8 +6,14 @@ import pytest
 from control.loop.tick_record import tick_stream
 from control.probing.plan import ProbingPlan
 from palpate.teleop.estimating import first_look, second_look
-from palpate.teleop.object_law import felt_data, force_law, terms_in, terms_of
-from palpate.teleop.summaries import summarize_estimate, summarize_trust
+from palpate.teleop.virtual_object import (
+    felt_data,
+    force_law,
+    summarize_estimate,
+    summarize_trust,
+    terms_in,
+    terms_of,
+)
 from robot_io.errors import InputError
 from robot_io.link import ContactModel
 from robot_io.session import Samples

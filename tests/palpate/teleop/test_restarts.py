@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.teleop import follower_messaging, leader
+from palpate.teleop import follower, leader
 from palpate.teleop.estimating import sample_stream
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
@@ -61,8 +61,8 @@ def led(line):
 def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
-    monkeypatch.setattr(follower_messaging, "Estimator", lambda *, diagnose: fake)
-    messaging = follower_messaging.FollowerMessaging(line, line, [].append, diagnose=True)
+    monkeypatch.setattr(follower, "Estimator", lambda *, diagnose: fake)
+    messaging = follower.FollowerMessaging(line, line, [].append, diagnose=True)
     return messaging, answers
 
 

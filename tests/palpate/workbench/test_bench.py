@@ -16,18 +16,18 @@ from estimation.effects import EFFECTS
 from estimation.fit import long_data
 from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _bench
-from palpate.data_options import DataArguments
-from palpate.example import Example, plain, sized
+from palpate.render.example import Example, plain, sized
 from palpate.study import Study
-from palpate.workbench import words
-from palpate.workbench.ahead import Ahead
-from palpate.workbench.bench import Bench, evidence_of, groups
-from palpate.workbench.compose import _unused
+from palpate.workbench import elements
+from palpate.workbench.app_state import Home
 from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
-from palpate.workbench.home import Home
+from palpate.workbench.layout import _unused
 from palpate.workbench.live import ran
 from palpate.workbench.load import guess, options_of, units_of
+from palpate.workbench.processes import Ahead
 from palpate.workbench.riddle import Score
+from palpate.workbench.state import Bench, evidence_of, groups
+from palpate.workflows.data_options import DataArguments
 from robot_io.errors import InputError
 from robot_io.session import Session
 from tests.palpate.presses import write_own_effect, write_presses
@@ -263,7 +263,7 @@ def test_the_checklist_says_what_refuse_says(press):
 
     data = Study(press, keep=False).channels[0].data
     assert set(checklist(data).values()) == {""}
-    assert set(checklist(data)) == set(words.GATE)
+    assert set(checklist(data)) == set(elements.GATE)
     assert "check the sign" in checklist(replace(data, effort=-data.effort))["excitation"]
     large = {name: 1e3 * getattr(data, name) for name in ("position", "velocity", "acceleration")}
     assert "millimetres" in checklist(replace(data, **large))["units"]

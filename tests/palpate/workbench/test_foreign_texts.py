@@ -16,9 +16,9 @@ import palpate.workbench
 from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
-from palpate.workbench.bench import Bench
-from palpate.workbench.compose import compose
-from palpate.workbench.home import Home
+from palpate.workbench.app_state import Home
+from palpate.workbench.layout import compose
+from palpate.workbench.state import Bench
 from robot_io.session import Session, write_session
 from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses

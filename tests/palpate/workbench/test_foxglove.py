@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from control.loop.tick_record import tick_stream
+from palpate.workbench.app_state import Home
 from palpate.workbench.foxglove_feed import TOPIC, Feed
-from palpate.workbench.home import Home
 from palpate.workbench.server import _end
 from robot_io.errors import InputError
 from robot_io.session import Samples

@@ -7,7 +7,7 @@ import pytest
 from nicegui import Client, core, ui
 from nicegui.page import page
 
-from palpate.workbench.compose import _permitted
+from palpate.workbench.layout import _permitted
 
 
 def answered(capsys, typed, *, yes=True):

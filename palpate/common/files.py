@@ -1,0 +1,179 @@
+"""Files that the user names: checked before any work is done, so that nothing is half done.
+
+One rule for what is there already: nobody's file is replaced without `--force`, and what is read never. Only
+what palpate derives into a folder of its own, and its own report, are renewed.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from palpate.common.created_folders import make_folder
+from palpate.common.formatting import typed
+from robot_io.errors import InputError, SessionError
+from robot_io.files.whole_file import as_utf8
+from robot_io.files.whole_file import whole_file as written_whole
+from robot_io.session import Session
+
+SESSION = ".mcap"
+
+
+def existing_file(path: Path, what: str) -> Path:
+    """The path, if a readable file is there; no device and no pipe, which might never end.
+
+    Args:
+        path: as the user gave it.
+        what: what it should be, such as "session".
+
+    Raises:
+        InputError: nothing is there, or no file, or it may not be read.
+    """
+    if path.is_dir():
+        raise InputError(f"{what} {path}: is a directory, not a file")
+    if not path.exists():
+        raise InputError(f"{what} {path}: no such file")
+    if not path.is_file():
+        raise InputError(f"{what} {path}: is a device or a pipe, not a file")
+    if not os.access(path, os.R_OK):
+        raise InputError(f"{what} {path}: permission denied")
+    return path
+
+
+def existing_data(path: Path) -> Path:
+    """The path, if it is a folder or a readable file; `InputError` if not."""
+    return path if path.is_dir() else existing_file(path, "session or data file")
+
+
+def open_session(path: Path) -> Session:
+    """Read a session file; `InputError` if it is not there or is no session."""
+    try:
+        return Session.open(existing_file(path, "session"))
+    except SessionError as error:
+        if path.suffix == ".mcap":
+            raise
+        data = typed(path)
+        raise InputError(
+            f"{error}. If it holds measurements: palpate import {data} --look shows what is in it, without "
+            f"--look it makes a session of it, and palpate compare {data} reads it as it is"
+        ) from error
+
+
+def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] = ()) -> Path:
+    """The path, if a file can be written there; its folder is made.
+
+    A folder that is empty when the command ends is taken away again: see `remove_empty_folders`.
+
+    Args:
+        path: as the user gave it.
+        force: whether a file that is there already may be replaced; None where that is not offered.
+        keep: what is read, which is never replaced.
+
+    Raises:
+        InputError: something is in the way and may not be replaced, or the folder cannot be written to.
+    """
+    if path.is_dir():
+        raise InputError(f"output {path}: is a directory")
+    if path.exists() or path.is_symlink():
+        if any(_same(path, read) for read in keep):
+            raise InputError(f"output {path}: is what is read; choose another name")
+        if not force:
+            remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
+            raise InputError(f"output {path}: exists already; {remedy}")
+        if not path.is_file():
+            raise InputError(f"output {path}: is no file that could be replaced")
+    output_folder(path.parent)
+    return path
+
+
+def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
+    """The path, if a session can be written there; see `output_file`. InputError: it is not called one."""
+    if path.suffix != SESSION and not path.is_dir():
+        raise InputError(
+            f"output {path}: a session's name ends in {SESSION}, such as {path.with_suffix(SESSION)}; "
+            "palpate export writes tables"
+        )
+    return output_file(path, keep=keep)
+
+
+def output_folder(folder: Path) -> Path:
+    """The folder, made if needed, if files can be written in it.
+
+    Raises:
+        InputError: it cannot be made or written to.
+    """
+    try:
+        make_folder(folder)
+        with tempfile.TemporaryFile(dir=folder):  # rights alone do not tell: think of /proc
+            pass
+    except FileExistsError as error:
+        raise InputError(f"output folder {folder}: is a file, not a folder; choose another name") from error
+    except OSError as error:
+        raise InputError(f"output folder {folder}: cannot be written to ({error.strerror})") from error
+    return folder
+
+
+def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterable[Path] = ()) -> None:
+    """Refuse to fill a folder where that would replace what must not be replaced.
+
+    Args:
+        folder: it need not be there yet.
+        names: of the files that may be written; patterns as of `Path.glob`.
+        force: whether files of these names may be replaced.
+        keep: what is read, which is never replaced.
+
+    Raises:
+        InputError: something is in the way.
+    """
+    kept = tuple(keep)
+    for taken in (found for name in names for found in folder.glob(name)):
+        output_file(taken, force=force, keep=kept)
+
+
+def different_files(*paths: Path | None) -> None:
+    """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
+    places = [path for path in paths if path is not None]
+    for number, path in enumerate(places):
+        if any(path.resolve() == other.resolve() for other in places[:number]):
+            raise InputError(f"output {path}: is named twice; give each output a name of its own")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A name to write under; when all is written, the file gets its own name, replacing what was there.
+
+    Args:
+        path: the file; it appears whole or not at all.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        with written_whole(path) as unfinished:
+            yield unfinished
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+@contextmanager
+def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
+    """Files of text that appear together after what stands within the `with`, or not at all if that fails.
+
+    Raises:
+        InputError: one of them cannot be written.
+    """
+    with ExitStack() as files:
+        for path, text in texts.items():
+            files.enter_context(whole_file(path)).write_text(as_utf8(text), encoding="utf-8")
+        yield
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
+    with whole_set({path: text}):
+        pass
+
+
+def _same(path: Path, other: Path) -> bool:
+    return path.exists() and other.exists() and path.samefile(other)

@@ -1,0 +1,87 @@
+"""Options that several commands share, and the names that a shell completes.
+
+Each field of a dataclass is an option, with typer's own annotation. What a completion needs is imported when
+the shell asks for it, so that help stays quick.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import MISSING, fields
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Any, get_type_hints
+
+_KEYWORD, _NONE = Parameter.KEYWORD_ONLY, Parameter.empty
+
+
+def takes(
+    options: type, lead: str = "", **defaults: object
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Gives a command one option for each field of `options`; they come as its first argument.
+
+    Args:
+        options: a dataclass of keywords.
+        lead: the one that comes before the command's own, where the others come after; by default all do.
+        defaults: of fields, where they are others than the class says.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        hints = get_type_hints(options, include_extras=True)
+        shared: dict[str, Parameter] = {}
+        for field in fields(options):
+            default = defaults.get(field.name, field.default)
+            default = _NONE if default is MISSING else default
+            shared[field.name] = Parameter(
+                field.name, _KEYWORD, default=default, annotation=hints[field.name]
+            )
+        own = [one.replace(kind=_KEYWORD) for one in list(signature(command).parameters.values())[1:]]
+
+        @functools.wraps(command)
+        def call(**values: Any) -> None:  # noqa: ANN401
+            command(options(**{name: values.pop(name) for name in shared}), **values)
+
+        first = [shared[lead]] if lead else list(shared.values())
+        last = [parameter for parameter in shared.values() if parameter not in first]
+        every = [*first, *own, *last]
+        call.__signature__ = Signature(every)  # type: ignore[attr-defined]
+        call.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
+        return call
+
+    return decorate
+
+
+_YAML = ("*.yaml", "*.yml")
+
+
+def effect_names() -> list[str]:
+    """All effects of the library."""
+    from estimation.effects import EFFECTS  # noqa: PLC0415
+
+    return list(EFFECTS)
+
+
+def estimator_names() -> list[str]:
+    """All estimators."""
+    from estimation.estimators import ESTIMATORS  # noqa: PLC0415
+    from estimation.study.estimates import ALL  # noqa: PLC0415
+
+    return [ALL, *ESTIMATORS]
+
+
+def model_names() -> list[str]:
+    """All base models."""
+    from estimation.models import MODELS  # noqa: PLC0415
+
+    return list(MODELS)
+
+
+def scenario_names() -> list[str]:
+    """The shipped worlds, and files of one's own."""
+    from sim_backend.scenario import shipped_scenarios  # noqa: PLC0415
+
+    return [*shipped_scenarios(), *own_files()]
+
+
+def own_files() -> list[str]:
+    """The YAML files of the current folder."""
+    return sorted(path.name for pattern in _YAML for path in Path().glob(pattern))

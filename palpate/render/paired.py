@@ -1,0 +1,266 @@
+"""Two measurements or models side by side, as every medium shows them, and in a terminal."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from estimation.statistics.correlation import Correlation
+from estimation.study.paired_comparison import ParameterDifference, Side, Sides
+from palpate.common.console import natural_width, table
+from palpate.common.formatting import safe, significant
+from palpate.render.terminal import safe_text
+from palpate.render.view import FAR, ChannelView
+
+LETTERS = ("A", "B")
+_CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
+_POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise levels, that together are worth a word
+_PERCENT = 100.0
+_NOISE_ALONE = "only noise"  # is left
+PAIRED = "The intervals of the differences are paired: what both models lack alike cancels."
+
+
+@dataclass(frozen=True)
+class SidesView:
+    """One channel on both sides."""
+
+    channel: str  # its name
+    views: tuple[ChannelView, ChannelView]  # both, with measurement and model
+    found: Sides  # what was compared
+    words: tuple[str, ...]  # what comes of it, in sentences
+
+    @property
+    def pair(self) -> tuple[Side, Side]:
+        """Both sides."""
+        return self.found.first, self.found.second
+
+    @property
+    def on_intervals(self) -> str:
+        """What the intervals of differences are."""
+        if self.found.is_same_data:
+            return "Of one measurement, so the errors are not independent: differences have no intervals."
+        if any(one.paired_std_err is not None for one in self.found.differences):
+            return PAIRED
+        return "95 % intervals of independent errors; SI units."
+
+    @property
+    def fit_columns(self) -> tuple[str, ...]:
+        """To which measurements fits are stated."""
+        return ("fit [%]",) if self.found.is_same_data else ("to A [%]", "to B [%]")
+
+    @property
+    def fit_rows(self) -> list[tuple[str, tuple[str, ...]]]:
+        """What describes, and its fit to each of these measurements [%], in text."""
+        rows = []
+        for letter, side in zip(LETTERS, self.pair, strict=True):
+            measured = (side,) if self.found.is_same_data else self.pair
+            rows.append((f"{letter}'s model", tuple(fit_text(side, other) for other in measured)))
+        if np.isfinite(self.found.followed):
+            only_noise = self.found.apart < _ONLY_NOISE
+            followed = _NOISE_ALONE if only_noise else percent_text(self.found.followed)
+            rows.append(("B as measured", (followed, percent_text(_PERCENT))))
+        return rows
+
+
+@dataclass(frozen=True)
+class PairView:
+    """All channels that two files share, and the commands that lead here."""
+
+    names: tuple[str, str]
+    channels: tuple[SidesView, ...]
+    commands: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Both names."""
+        return f"{self.names[0]} and {self.names[1]}"
+
+
+def sides_view(found: Sides, views: tuple[ChannelView, ChannelView]) -> SidesView:
+    """The view of what was compared in one channel."""
+    return SidesView(found.channel, views, found, tuple(_words(found)))
+
+
+def _words(found: Sides) -> Iterator[str]:
+    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+        if side.compared is None:
+            yield f"{letter} has no model: {side.reason}."
+    if found.apart < _ONLY_NOISE:
+        yield "B repeats A, run by run: the two differ by no more than the noise of both."
+    elif np.isfinite(found.followed):
+        yield f"B follows A to {found.followed:.1f} % over time, run by run."
+    pair = tuple(zip(LETTERS, (found.first, found.second), strict=True))
+    if found.is_same_data:
+        texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
+        yield f"{' and '.join(texts)} of the measurement."
+    elif found.first.compared is not None and found.second.compared is not None:
+        for (letter, side), (other_letter, other) in (pair, pair[::-1]):
+            yield (
+                f"{letter}'s model {_described(side, other)} of {other_letter} ({_described(side, side)} of "
+                f"{letter})."
+            )
+    for letter, side in pair:
+        if side.compared is not None and side.compared.lack_of_fit > FAR:
+            yield (
+                f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
+                "parameters say little: add what is missing, and compare that (--revision)."
+            )
+    yield from _of_parameters(found)
+    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+        for what, one in (
+            ("is not white: of its autocorrelation,", side.autocorrelation),
+            ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
+        ):
+            if one.outside > _CHANCE:
+                share = f"{_PERCENT * one.outside:.0f} % of the lags are outside the 99 % band"
+                yield f"What {letter}'s model leaves {what} {share}."
+
+
+def _is_only_noise(model: Side, measured: Side) -> bool:
+    """Whether a model leaves no more than noise of a measurement that hardly rises above it.
+
+    How many percent of such a measurement a model describes tells its noise, and not the model.
+    """
+    fit = model.fit_of(measured)
+    return bool(fit < _POOR and model.floors_of(measured) < _ONLY_NOISE)
+
+
+def _described(model: Side, measured: Side) -> str:
+    if _is_only_noise(model, measured):
+        return "leaves nothing but noise"
+    fit = model.fit_of(measured)
+    return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
+
+
+def _of_parameters(found: Sides) -> Iterator[str]:
+    told = [one for one in found.differences if one.differs is not None]
+    for one in told:
+        if one.differs:
+            yield f"{one.name} differs: {difference_text(one)} {one.unit}{_relative(one)}."
+    if told and not any(one.differs for one in told):
+        yield "No parameter differs by more than its 95 % interval."
+    if any(one.paired_std_err is not None for one in told):
+        yield PAIRED
+
+
+def _relative(one: ParameterDifference) -> str:
+    if one.first is None or not one.first.value:
+        return ""
+    rounded = float(f"{_PERCENT * one.value / abs(one.first.value):.2g}")
+    return f" ({rounded:+z.6g} %)"
+
+
+def difference_text(one: ParameterDifference) -> str:
+    """A difference with half of its 95 % interval, or as much of it as is known."""
+    if not np.isfinite(one.value):
+        return "–"
+    half = f" ± {significant(one.half, one.half)}" if np.isfinite(one.half) else ""
+    return f"{significant(one.value, one.half)}{half}"
+
+
+def print_pair(console: Console, view: PairView) -> None:
+    """Which is A and B, then of each channel sentences, fits and parameters."""
+    for letter, name in zip(LETTERS, view.names, strict=True):
+        console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
+    for one in view.channels:
+        models = " and ".join(dict.fromkeys(side.model for side in one.pair))
+        console.print(f"\n[bold]{safe(one.channel)}[/bold]: {safe(models)}")
+        for sentence in one.words:
+            console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
+        console.print(_fit_table(one))
+        if one.found.differences:
+            console.print(difference_table(one.found.differences, console.width))
+
+
+def _fit_table(view: SidesView) -> Table:
+    columns = [safe(name) for name in view.fit_columns]
+    made = table("", "fit of", *columns, right=columns)
+    for what, fits in view.fit_rows:
+        made.add_row(what, *fits)
+    return made
+
+
+def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
+    """Each parameter on both sides, and by how much it differs; below each other where columns are few."""
+    names = ("A", "B", "B − A")
+    beside = _table_of_differences(differences, names)
+    below = _table_of_differences(differences, names, "\n")
+    narrow = _table_of_differences(differences, names, "\n", narrow=True)
+    return next((one for one in (beside, below) if natural_width(one) <= width), narrow)
+
+
+def _table_of_differences(
+    differences: Sequence[ParameterDifference],
+    names: tuple[str, ...],
+    between: str = "",
+    *,
+    narrow: bool = False,
+) -> Table:
+    """One row a parameter; with something `between`, its numbers are in one cell; narrow, its unit is not."""
+    right = (between.join(names),) if between else names
+    made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
+    for one in differences:
+        values = (significant(each.value, each.std_err) if each else "–" for each in (one.first, one.second))
+        color = "yellow" if one.differs else "default"
+        numbers = (*values, f"[{color}]{difference_text(one)}[/]")
+        cells = (between.join(numbers),) if between else numbers
+        effect, _, name = one.name.rpartition(".")
+        first, unit = f"[dim]{safe(effect)}.[/dim]", safe(one.unit)
+        if narrow:
+            made.add_row(f"{first}\n  {safe(f'{name} [{one.unit}]')}", *cells)
+        else:
+            made.add_row(first + safe(name), *cells, unit)
+    return made
+
+
+def fit_text(model: Side, measured: Side) -> str:
+    """How far a side's model describes a measurement [%], or that only noise is left of it."""
+    return _NOISE_ALONE if _is_only_noise(model, measured) else percent_text(model.fit_of(measured))
+
+
+def percent_text(fit: float) -> str:
+    """A fit, or that there is none."""
+    return "–" if np.isnan(fit) else f"{fit:.1f}"
+
+
+def as_data(found: Sides) -> dict[str, Any]:
+    """One channel as plain data; the keys are stable."""
+    pair = (found.first, found.second)
+    return {
+        "channel": found.channel,
+        "effort_unit": found.first.channel.effort_unit,
+        "models": [side.model for side in pair],
+        "reasons": [side.reason for side in pair],
+        "same_data": found.is_same_data,
+        "fit_percent": {"models": found.fits, "measured": found.followed},
+        "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
+        "parameters": [_difference_data(one) for one in found.differences],
+        "residuals": [
+            {
+                "autocorrelation": _correlation(a),
+                "cross_correlation": _correlation(b),
+                "step_s": side.step_s,
+            }
+            for side, a, b in ((side, side.autocorrelation, side.cross_correlation) for side in pair)
+        ],
+    }
+
+
+def _difference_data(one: ParameterDifference) -> dict[str, Any]:
+    sides = [
+        None if each is None else {"value": each.value, "std_err": each.std_err}
+        for each in (one.first, one.second)
+    ]
+    interval = [one.value - one.half, one.value + one.half]
+    difference: dict[str, Any] = {"value": one.value, "interval": interval, "differs": one.differs}
+    difference["paired"] = one.paired_std_err is not None
+    return {"name": one.name, "unit": one.unit, "sides": sides, "difference": difference}
+
+
+def _correlation(one: Correlation) -> dict[str, Any]:
+    return {"lag": one.lag, "value": one.value, "band_99": one.band, "outside": one.outside}

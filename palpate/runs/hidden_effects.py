@@ -1,0 +1,135 @@
+"""Hide effects in a simulated world, seal them beside the session, and read the true parameters."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from palpate.common.files import existing_file
+from palpate.common.formatting import as_command
+from palpate.common.options import own_files
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, validate
+from robot_io.files.safe_yaml import load_yaml
+from robot_io.session import Session, SessionMetadata
+from sim_backend.contact_laws import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from sim_backend.hidden import draw_hidden
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.scenario import Hidden, Scenario, parse_scenario
+from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
+
+RANDOM = "random"
+SEALED = "(sealed)"  # what stands in a command line for what is hidden
+SEAL = "seal"  # key in a session's metadata of the mark that its sealed answer has as well
+
+
+class HiddenFile(FileModel):
+    """A YAML file that says what to hide, as in a scenario."""
+
+    hidden: tuple[Hidden, ...]
+
+
+def hide(scenario: Scenario, what: str) -> Scenario:
+    """The same world with other hidden effects; its seed decides what is drawn.
+
+    They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
+    list `hidden`.
+
+    Raises:
+        InputError: no such effect or file, or they do not fit the world.
+    """
+    if what == RANDOM or what in IMPERFECTIONS:
+        effect = None if what == RANDOM else what
+        return scenario.with_hidden(draw_hidden(scenario.seed, effect=effect, scenario=scenario))
+    if not Path(what).suffix:
+        raise InputError(f"hidden '{what}': {IMPERFECTIONS.unknown(what)}; or {RANDOM}, or a YAML file")
+    document = load_yaml(existing_file(Path(what), "hidden"))
+    return scenario.with_hidden(validate(HiddenFile, document.data, document).hidden)
+
+
+def seal_hidden(
+    session: Path, scenario: Scenario, what: str | None, metadata: SessionMetadata
+) -> Path | None:
+    """Write what is hidden in the world of a session beside it: a sealed file, or None where nothing is.
+
+    `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
+    has the mark that binds the answer to it.
+
+    Raises:
+        InputError: such a file is there already, or it cannot be written.
+    """
+    if not scenario.hidden:
+        return None
+    drawn = what is not None and not Path(what).suffix
+    return seal(session, SealedAnswer(scenario.hidden, scenario.seed if drawn else None, *_mark(metadata)))
+
+
+def was_sealed(session: Session) -> bool:
+    """Whether something was hidden in a session, or an answer lies beside it."""
+    return SEAL in session.metadata.extra or sealed_path(session.path).exists()
+
+
+def open_answer(session: Session) -> SealedAnswer:
+    """What was hidden in a session.
+
+    Raises:
+        InputError: there is no sealed answer, it is damaged, or it is that of another session.
+    """
+    path = existing_file(sealed_path(session.path), "sealed answer")
+    answer = unseal(path)
+    if (answer.made_utc, answer.mark) != _mark(session.metadata):
+        raise InputError(f"sealed answer {path}: is that of another session, made at {answer.made_utc}")
+    return answer
+
+
+def _mark(metadata: SessionMetadata) -> tuple[str, str]:
+    return metadata.created_utc, metadata.extra.get(SEAL, "")
+
+
+def hidden_names() -> list[str]:
+    """What may be hidden in a simulated world, and files of one's own; for a shell to complete."""
+    return [RANDOM, *IMPERFECTIONS, *own_files()]
+
+
+def command_line(arguments: Sequence[str], hidden: str | None) -> str:
+    """How the program was started, for a session to keep: it does not tell what is hidden."""
+    words = list(arguments)
+    for number, word in enumerate(words):
+        if hidden not in (None, "", RANDOM):
+            if word == hidden and words[number - 1 : number] == ["--hidden"]:
+                words[number] = SEALED
+            elif word == f"--hidden={hidden}":
+                words[number] = f"--hidden={SEALED}"
+    return as_command(words)
+
+
+SURFACE = "surface"
+
+
+def scenario_of(session: Session) -> Scenario | None:
+    """The simulated world of a session, None where it was no simulation.
+
+    Raises:
+        InputError: the session's copy of the scenario is not valid.
+    """
+    text = session.metadata.scenario
+    return parse_scenario(text, f"{session.path}, its scenario") if text else None
+
+
+def true_parameters(session: Session) -> dict[str, float]:
+    """True values by "effect.parameter" as models call them; empty where it was no simulation.
+
+    `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
+    """
+    scenario = scenario_of(session)
+    return {} if scenario is None else truth_of(scenario)
+
+
+def truth_of(scenario: Scenario) -> dict[str, float]:
+    """The same of a simulated world."""
+    surface = {SURFACE: -scenario.object.surface_height_m}
+    match scenario.object.law:
+        case KelvinVoigtLaw() | EngineContact() as law:
+            return surface | {"stiffness.k": law.stiffness_n_m, "damping.c": law.damping_n_s_m}
+        case HuntCrossleyLaw() as law:
+            power = {"k": law.stiffness, "b": law.damping, "n": law.exponent}
+            return surface | {f"hunt_crossley.{name}": value for name, value in power.items()}
+    return surface

@@ -1,0 +1,215 @@
+"""The object as the operator feels it: its force law, what was probed so far, and a summary line.
+
+Laws and effects are the simulator's own, so the operator can feel whatever a diagnosis can establish and
+`palpate export` can write. Values are checked as those of a scenario file are.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import dist, inf, isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from control.loop.task import Phase
+from control.teleop.force_mismatch import MismatchMonitor
+from control.teleop.virtual_object import ForceLaw
+from palpate.common.formatting import count, significant
+from robot_io.errors import InputError
+from robot_io.link import ContactModel, EstimatedParameter, ObjectEstimate, Report, short_number
+from robot_io.link.messages import MOST_TARGETS
+from sim_backend.contact import ObjectResponse
+from sim_backend.contact_law import describe_contact_law, parse_contact_law
+from sim_backend.hidden import hidden_effects
+from sim_backend.hooks import ContactState
+from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+from sim_backend.scenario import Scenario
+
+_ONE_JOINT = 1  # contact effects ask for none
+
+
+def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
+    """A scenario's object: its contact law, then the effects that act between it and the tip."""
+    law = describe_contact_law(scenario.object.law)
+    hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_felt(entry)]
+    return (_term(law, "name"), *(_term(entry, "effect") for entry in hidden))
+
+
+def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
+    """The law of an object, with a memory of its own; for `control.teleop.virtual_object.VirtualObject`.
+
+    Raises:
+        InputError: there is no such law or effect, or a value is out of its range.
+    """
+    if not terms:
+        raise InputError("an object without a contact law")
+    law, *entries = (dict(zip(term.keys, term.values, strict=True)) for term in terms)
+    contact = parse_contact_law({"name": terms[0].name, **law})
+    named = zip(terms[1:], entries, strict=True)
+    hidden = [parse_imperfection({"effect": term.name, **entry}) for term, entry in named]
+    if others := [entry.name for entry in hidden if not _is_felt(entry)]:
+        raise InputError(f"effect '{others[0]}' does not act between object and tip")
+    answer, time_s = ObjectResponse(hidden_effects(hidden, _ONE_JOINT)), 0.0
+
+    def force_n(depth_m: float, rate_m_s: float, dt_s: float) -> float:
+        nonlocal time_s
+        time_s += dt_s
+        return answer.force_n(contact, ContactState(time_s, dt_s, depth_m, rate_m_s))
+
+    return force_n
+
+
+def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
+    """An estimate as a session's event keeps it: enough to feel it again."""
+    return {
+        "revision": estimate.revision,
+        "target": estimate.target,
+        "surface_world_m": estimate.surface_world_m,
+        "model": [[term.name, dict(zip(term.keys, term.values, strict=True))] for term in estimate.model],
+        "parameters": {one.name: (one.value, one.lower, one.upper) for one in estimate.parameters},
+        "verdict": estimate.verdict,
+    }
+
+
+def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
+    """The object's model in what `felt_data` made. InputError: it is none."""
+    try:
+        return tuple(
+            ContactModel(name, tuple(values), tuple(map(float, values.values())))
+            for name, values in data["model"]
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"an event '{data.get('revision')}' of the session holds no model: {error}"
+        ) from error
+
+
+def _is_felt(entry: Imperfection) -> bool:
+    if entry.channels != ("contact",):
+        return False
+    effects = hidden_effects([entry], _ONE_JOINT)
+    return bool(effects.contact or effects.tool)
+
+
+def _term(entry: dict[str, object], name_key: str) -> ContactModel:
+    numbers = {key: float(v) for key, v in entry.items() if isinstance(v, int | float) and v is not False}
+    return ContactModel(str(entry[name_key]), tuple(numbers), tuple(numbers.values()))
+
+
+_SHORT = {"stiffness.k": "k", "damping.c": "c"}
+GEOMETRY = ("contact_offset.offset",)
+
+
+def summarize_estimate(estimate: ObjectEstimate) -> str:
+    """Its parameters with their 95 % intervals, what they leave, and the verdict."""
+    shown = ", ".join(_parameter(one) for one in estimate.parameters if one.name not in GEOMETRY)
+    verdict = f"; {estimate.verdict}" if estimate.verdict else ""
+    return f"{shown}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
+
+
+def _parameter(one: EstimatedParameter) -> str:
+    name, half = _SHORT.get(one.name, one.name), 0.5 * (one.upper - one.lower)
+    if not (isfinite(half) and half > 0.0):
+        return f"{name} {significant(one.value, half)} {one.unit}"
+    return f"{name} {significant(one.value, half)} ± {significant(half, half)} {one.unit}"
+
+
+def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
+    """How far the virtual object can be trusted.
+
+    Args:
+        estimate: that is felt; None for the scene's guess.
+        age_s: of the measurement that it rests on [s]; NaN if not known.
+        away_m: from where it was measured, across the press direction [m]; NaN if not known.
+    """
+    if estimate is None:
+        return "virtual object: a guess, nothing was probed yet"
+    age = f", {age_s:.0f} s old" if isfinite(age_s) else ""
+    away = f", {1e3 * away_m:.0f} mm away" if isfinite(away_m) else ""
+    verdict = "" if estimate.verdict else "; not diagnosed"
+    return f"target {short_number(estimate.target)}{away}{age}: {summarize_estimate(estimate)}{verdict}"
+
+
+DOWN = (0.0, 0.0, -1.0)  # the virtual object is pressed downwards only
+_TOUCHING = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
+
+
+class TargetStates:
+    """Estimates by target. The nearest one is felt, and before the first the scene's guess.
+
+    Attributes:
+        received: how many estimates have come.
+        felt: the one that is felt; None for the guess.
+    """
+
+    def __init__(self, scene: Scenario) -> None:
+        self.received = 0
+        self.felt: ObjectEstimate | None = None
+        self._estimates: dict[int, ObjectEstimate] = {}
+        self._revisions: dict[int, int] = {}  # newest by target, also of what cannot be felt
+        self._law: ForceLaw = force_law(terms_of(scene))
+        self._surface_m = np.array((0.0, 0.0, scene.object.surface_height_m))
+        self._mismatch, self._told = MismatchMonitor(), set[object]()
+        self._report_s = -inf
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """Revision of the newest estimate of each target, shape (n,) with n at most `MOST_TARGETS`."""
+        return tuple(self._revisions.values())[-MOST_TARGETS:]
+
+    def on_new_peer(self) -> None:
+        """Another follower: it counts its estimates from 0 again."""
+        self._revisions.clear()
+
+    def take(self, estimate: ObjectEstimate) -> bool:
+        """Take in an estimate; whether it is new. InputError: it is, but cannot be felt."""
+        known = self._revisions.pop(estimate.target, -1)
+        self._revisions[estimate.target] = max(known, estimate.revision)
+        if estimate.revision <= known:
+            return False
+        self.received += 1
+        if dist(estimate.direction_world, DOWN) > 1e-3:
+            raise InputError("the virtual object is pressed downwards only")
+        force_law(estimate.model)
+        self._estimates[estimate.target] = estimate
+        return True
+
+    def choose(self, tip_world_m: tuple[float, ...]) -> ObjectEstimate | None:
+        """The estimate that is to be felt from now on at this place, (3,) [m]; None if all stays as it is."""
+        if not self._estimates:
+            return None
+        nearest = min(self._estimates.values(), key=lambda one: _away_m(one, tip_world_m))
+        if nearest is self.felt:
+            return None
+        self.felt = nearest
+        self._law, self._surface_m = force_law(nearest.model), np.array(nearest.surface_world_m)
+        self._mismatch, self._told = MismatchMonitor(max(nearest.noise_n, 0.0)), set()
+        return nearest
+
+    def compare(self, report: Report, sent_s: float) -> list[str]:
+        """Hold what the follower feels against what the virtual object would answer there.
+
+        Returns:
+            Where they disagree and it was not told yet, in words.
+        """
+        direction = np.array(report.direction_world)
+        depth_m = float((np.array(report.tip_world_m) - self._surface_m).dot(direction))
+        dt_s = min(max(sent_s - self._report_s, 1e-3), 1.0)
+        self._report_s = sent_s
+        predicted_n = self._law(depth_m, report.speed_m_s, dt_s)
+        if report.phase not in _TOUCHING:
+            return []
+        place = (short_number(report.target), Phase(report.phase).name.lower())
+        self._mismatch.add(place, depth_m, report.force_n, predicted_n)
+        found = [one for one in self._mismatch.mismatches() if one.place not in self._told]
+        self._told.update(one.place for one in found)
+        return [f"target {place[0]}, {place[1]}: {one.summary()}" for one in found]
+
+    def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
+        """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s]."""
+        away_m = nan if self.felt is None else _away_m(self.felt, tip_world_m)
+        return summarize_trust(self.felt, age_s, away_m)
+
+
+def _away_m(estimate: ObjectEstimate, tip_world_m: tuple[float, ...]) -> float:
+    """Across the press direction [m]."""
+    return dist(estimate.surface_world_m[:2], tip_world_m[:2])

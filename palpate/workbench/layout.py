@@ -1,0 +1,248 @@
+"""What stands on the page: a bench with its diagnosis, or a place to begin where there is no data yet."""
+
+import asyncio
+import secrets
+import shlex
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+from nicegui import run, ui
+
+from estimation.data.file_kind import is_session
+from estimation.data.import_options import ImportOptions
+from palpate.common import console
+from palpate.common.files import output_folder, write_text
+from palpate.common.formatting import safe
+from palpate.planning.next_probe import plan_text, same_world
+from palpate.runs.options import SESSIONS
+from palpate.workbench import elements
+from palpate.workbench.app_state import Home
+from palpate.workbench.diagnosis import DiagnosisCard
+from palpate.workbench.elements import set_props
+from palpate.workbench.gallery import Gallery
+from palpate.workbench.live import Live, newest_growing, ran
+from palpate.workbench.load import Drop
+from palpate.workbench.page import Page
+from palpate.workbench.state import Bench
+from robot_io.errors import PalpateError
+
+_NEXT = "next-experiment.yaml"
+_CODE_DIGITS = 6
+
+
+async def compose(home: Home) -> None:
+    """Build the page for what the server shows."""
+    if home.bench is None:
+        _begin(home)
+        return
+    bench = home.bench
+    gallery = Gallery(bench)
+
+    def below(page: Page) -> Callable[[Sequence[str]], None]:
+        card = DiagnosisCard(bench, page.add, page.found)
+        if home.riddle:
+            from palpate.workbench.riddle import RiddleCard  # noqa: PLC0415, with the simulator
+
+            RiddleCard(bench, card.start).build()
+        card.build(lambda: _next_step(home, bench))
+        return card.offer
+
+    def show(other: Bench) -> None:
+        home.bench = other
+        ui.navigate.reload()
+
+    page = Page(bench, lambda: _opening(home), show, home.serve_report)
+
+    async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
+        if (tuple(sorted(out)), tuple(sorted(held_out))) == (bench.out, bench.study.held_out):
+            return
+        try:
+            show(await asyncio.to_thread(bench.with_runs, out, held_out))
+        except PalpateError as error:
+            ui.notify(str(error), type="warning")
+
+    await page.build(below, gallery.open, use_runs)
+
+
+def _begin(home: Home) -> None:
+    """Where nothing is open: drop a file, choose one, or probe."""
+    with ui.element("div").classes("begin"):
+        ui.label("palpate workbench").classes("brand")
+        if home.error:
+            ui.label(home.error).classes("bad").mark("refused")
+        drop = _choose(home)
+        if home.error and home.file is not None and not is_session(home.file):
+            ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
+
+
+def _opening(home: Home) -> None:
+    """The same in a dialog, where something is open."""
+    with ui.dialog() as dialog, ui.card().classes("gallery"):
+        _choose(home)
+        ui.button("Close", on_click=dialog.close).props("flat no-caps")
+    dialog.on("hide", dialog.delete)
+    dialog.open()
+
+
+def _choose(home: Home) -> Drop:
+    drop = Drop(lambda path, options: _show(home, path, options))
+    drop.build()
+    files = [file for file in home.folder.iterdir() if is_data(file)] if home.folder.is_dir() else []
+    for file in sorted(files, key=lambda one: -one.stat().st_mtime)[:12]:
+        ui.button(file.name, on_click=partial(drop.begin, file)).props("flat dense no-caps")
+    if sum(map(is_session, files)) > 1:
+        words_of_all = "All sessions of the folder as one study"
+        ui.button(words_of_all, on_click=partial(drop.begin, home.folder)).props("flat dense no-caps")
+    growing = newest_growing(home.folder) if home.folder.is_dir() else None
+    if growing is not None:
+        Live(growing, lambda path: _show(home, path, ImportOptions()), home.feed).build()
+    place = ui.element("div")
+    _once("Probe the simulated arm", lambda: _probe(home, [], place)).props(
+        "outline no-caps dense icon=precision_manufacturing"
+    ).mark("probe")
+    return drop
+
+
+def is_data(file: Path) -> bool:
+    """Whether a file of a folder is offered."""
+    is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
+    return file.is_file() and (is_table or is_session(file))
+
+
+async def _show(home: Home, path: Path, options: ImportOptions) -> None:
+    """Open a file, and show it; an error is said where it was chosen."""
+    assert home.open is not None  # noqa: S101, set before the page is served
+    opener = home.open
+    home.bench = await asyncio.to_thread(lambda: opener(path, options))
+    home.error, home.riddle = "", False
+    ui.navigate.reload()
+
+
+async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
+    """Probe, following the session as it grows; what comes back is opened, or joined to what is there."""
+    session = _unused(home, "workbench", ".mcap")
+
+    async def done(path: Path) -> None:
+        if join and home.bench is not None:
+            home.bench = await asyncio.to_thread(home.bench.joined_with, path)
+            ui.navigate.reload()
+        else:
+            await _show(home, path, ImportOptions())
+
+    place.clear()
+    with place:
+        ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
+        Live(session, done, home.feed).build()
+    if failed := await ran(["probe", *arguments, "--out", str(session)], lambda line: None):
+        with place:
+            ui.label(failed).classes("bad")
+
+
+async def _resolve(home: Home, world: str, place: ui.element) -> None:
+    """Run `palpate resolve` in the world that was probed; its decisions are told as they come."""
+    folder = _unused(home, "resolve")
+    arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
+    place.clear()
+    with place:
+        ui.label(shlex.join(["palpate", *arguments])).classes("code")
+        told = ui.log(max_lines=200).classes("told").mark("told")
+    if failed := await ran(arguments, told.push):
+        told.push(failed)
+        return
+    await _show(home, folder, ImportOptions())
+
+
+def _unused(home: Home, name: str, ending: str = "") -> Path:
+    """A place where nothing is, and which no other tab is about to write to."""
+    folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
+    paths = (folder / f"{name}-{number}{ending}" for number in count(1))
+    free = next(path for path in paths if path not in home.promised and not path.exists())
+    home.promised.add(free)
+    return free
+
+
+def _next_step(home: Home, bench: Bench) -> None:
+    """The experiment that sets apart what is left, on the arm that was probed, one click away."""
+    found, session = bench.diagnosis, bench.study.source.session
+    world = None if session is None else same_world(session)
+    folder = bench.study.folder
+    if session is None or found is None or found.next_experiment is None or folder is None:
+        return
+    if world is None:
+        ui.label(elements.SEALED).classes("quiet")
+        return
+    place = ui.element("div")
+    # What a session says of itself is data of others; drivers are code, and run after a question alone.
+    simulated = "simulated" in session.metadata.extra.get("source", "") and "--drivers" not in world
+
+    async def go() -> None:
+        place.clear()
+        with place:
+            ui.label(elements.DESIGNING).classes("quiet")
+        try:
+            following = await run.io_bound(lambda: bench.study.next_probe([found]))
+            if following is None:
+                ui.notify("no experiment that this arm can do would tell more")
+                return
+            text = plan_text(following.proposal, following.plan)
+            write_text(output_folder(folder) / _NEXT, text)
+        except PalpateError as error:
+            ui.notify(str(error), type="negative")
+            return
+        if not place.client.has_socket_connection:  # nothing moves for a page that is gone
+            return
+        arguments = ["--experiment", str(folder / _NEXT), *shlex.split(world)]
+        if simulated:
+            await _probe(home, arguments, place, join=True)
+        elif await _permitted(following.plan.force_limit_n, ["palpate", "probe", *arguments]):
+            await _probe(home, [*arguments, "--yes"], place, join=True)
+
+    if simulated:
+        resolve = _once("Resolve: probe until one explanation is left", lambda: _resolve(home, world, place))
+        set_props(resolve.props("dense outline no-caps").mark("resolve"), title=elements.RESOLVE)
+    text = "Run it on the simulated arm" if simulated else "Run it on the robot"
+    _once(text, go).props("dense outline no-caps").mark("next")
+
+
+def _once(text: str, work: Callable[[], Awaitable[None]]) -> ui.button:
+    """A button that cannot be pressed again before its work is done."""
+
+    async def pressed() -> None:
+        button.disable()
+        try:
+            await work()
+        finally:
+            button.enable()
+
+    button = ui.button(text, on_click=pressed)
+    return button
+
+
+async def _permitted(force_n: float, arguments: list[str]) -> bool:
+    """The question before a real arm gets power, as `palpate probe` asks it.
+
+    The answer needs a number that only the terminal shows: whoever else reaches the page, a script in it or
+    another user of this machine, cannot give it.
+    """
+    code, command = f"{secrets.randbelow(10**_CODE_DIGITS):0{_CODE_DIGITS}}", shlex.join(arguments)
+    console.stderr().print(
+        f"the page asks to power the arm: {safe(command)}\nto allow that, type {code} there"
+    )
+    with ui.dialog().props("persistent") as dialog, ui.card():
+        ui.label(f"The arm is going to move, and to press with {force_n:g} N.").classes("text-bold")
+        ui.label("Keep clear of it, also from below, with its switch in your hand. Power the arm now?")
+        ui.label(command).classes("code")
+        typed = ui.input("number that the terminal shows").props("dense outlined autofocus")
+        with ui.row():
+            ui.button("No", on_click=lambda: dialog.submit(False)).props("outline no-caps")
+            ui.button("Yes, power it", on_click=lambda: dialog.submit(True)).props(
+                "unelevated no-caps color=negative"
+            )
+    if not await dialog:
+        return False
+    if secrets.compare_digest(str(typed.value).strip().encode(), code.encode()):
+        return True
+    ui.notify("that is not the number that the terminal shows: nothing has moved", type="warning")
+    return False

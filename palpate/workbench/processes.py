@@ -1,0 +1,171 @@
+"""Diagnosis and prefetched fits, each in a process of its own."""
+
+import asyncio
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Event
+
+from estimation.channel import ChannelData
+from estimation.diagnosis import Diagnosis
+from estimation.diagnosis.extension import PackedFit, fit_extended
+from estimation.effect import Effect
+from estimation.end_workers import end_with_parent, end_workers
+from estimation.fit.fit_result import FitResult
+from estimation.model import Model
+from estimation.study import StudyChannel, fitting
+from estimation.study.fitting import fit_base
+from palpate.study import Study
+from robot_io.errors import PalpateError
+
+_POLL_S = 0.1
+
+
+class StoppedError(PalpateError):
+    """The user stopped the diagnosis."""
+
+
+class Elsewhere:
+    """Judges in another process, so that the page stays quick, and can be stopped; see `fitting.diagnose`."""
+
+    def __init__(self) -> None:
+        self._stop = Event()
+        self.now = ("starting a process for it", 0.0)  # what is done, and the share that was
+        self.said = ""  # why there is no answer
+
+    def note(self, what: str, share: float) -> None:
+        """How far it is."""
+        self.now = what, share
+
+    def stop(self) -> None:
+        """End the work; whoever waits for it gets `StoppedError`."""
+        self._stop.set()
+
+    def __call__(
+        self,
+        data: Sequence[ChannelData],
+        models: Sequence[Model],
+        effects: Sequence[Effect],
+        progress: fitting.Progress,
+        file: str,
+    ) -> Diagnosis:
+        """See `fitting.diagnose`.
+
+        Raises:
+            StoppedError: it was stopped.
+            PalpateError: the process failed.
+        """
+        here, there = get_context("spawn").Pipe()
+        job = (there, list(data), list(models), list(effects), file)
+        process = get_context("spawn").Process(target=_work, args=job, daemon=True)
+        process.start()
+        there.close()
+        try:
+            return self._wait(here, progress)
+        except EOFError as error:
+            raise PalpateError("the diagnosis ended without an answer; was there enough memory?") from error
+        finally:
+            process.terminate()
+            process.join()
+            here.close()
+
+    def _wait(self, here: Connection, progress: fitting.Progress) -> Diagnosis:
+        while True:
+            if self._stop.is_set():
+                raise StoppedError("stopped; nothing was changed")
+            if here.poll(_POLL_S):
+                what = here.recv()
+                if isinstance(what, Diagnosis):
+                    return what
+                if isinstance(what, PalpateError):
+                    raise what
+                progress(*what)
+
+
+def _work(
+    there: Connection, data: list[ChannelData], models: list[Model], effects: list[Effect], file: str
+) -> None:
+    end_with_parent()
+    try:
+        there.send(
+            fitting.diagnose(data, models, effects, lambda what, share: there.send((what, share)), file)
+        )
+    except PalpateError as error:
+        there.send(error)
+
+
+_NICE = 10
+_MOST = 6  # fits that the other process keeps to go on from: those asked for last
+
+
+class Ahead:
+    """One process that fits models of one channel."""
+
+    def __init__(self, study: Study, channel: StudyChannel) -> None:
+        self._study, self._channel = study, channel
+        own = [one for one in study.effects if type(one).__module__.startswith("estimation.")]
+        self._names = {one.name for one in own}
+        given = (channel, own)
+        _working.add(self)
+        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin, initargs=given)
+
+    async def fit(self, effects: Sequence[str]) -> None:
+        """Make a fit known to the study, if it is not yet.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        if self._names.issuperset(effects) and not self._study.is_fitted(self._channel, effects):
+            packed = await asyncio.wrap_future(self._pool.submit(_packed, tuple(effects)))
+            self._study.take_fit(self._channel, effects, packed)
+
+    def close(self) -> None:
+        """End the process, whatever it is doing. Can be called again."""
+        if self not in _working:
+            return
+        _working.discard(self)
+        end_workers(self._pool)
+
+
+_working: set[Ahead] = set()
+
+
+def close_all() -> None:
+    """End all such processes, when the server ends."""
+    for one in list(_working):
+        one.close()
+
+
+_channel: StudyChannel
+_library: dict[str, Effect] = {}
+_fits: dict[tuple[str, ...], FitResult] = {}
+
+
+def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
+    """Make this process ready: it gives way to the page."""
+    global _channel  # noqa: PLW0603, of this process alone
+    end_with_parent()
+    os.nice(_NICE)
+    _channel = channel
+    _library.update({one.name: one for one in effects})
+
+
+def _packed(effects: tuple[str, ...]) -> PackedFit:
+    return PackedFit.of(_fitted(effects))
+
+
+def _fitted(effects: tuple[str, ...]) -> FitResult:
+    """As `Study.fit`, from the fits of this process."""
+    made = _fits.pop(effects, None)
+    if made is None and not effects:
+        made = fit_base(_channel.to_fit, _channel.model)
+    elif made is None:
+        parent = _fitted(effects[:-1])
+        effect = _library[effects[-1]].suited_to(parent.data)
+        made = fit_extended(_channel.to_fit, parent, effect)
+    _fits[effects] = made
+    while len(_fits) > _MOST:
+        del _fits[next(iter(_fits))]
+    return made

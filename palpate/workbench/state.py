@@ -1,0 +1,409 @@
+"""What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
+
+from collections import deque
+from collections.abc import Mapping, MutableSequence, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.diagnosis import ChannelDiagnosis
+from estimation.diagnosis.candidates import applicable_effects
+from estimation.effect import Effect, Parameter
+from estimation.fit.fit_result import FitResult
+from estimation.study import Revision, StudyChannel
+from estimation.study.source import Source, joined, open_source
+from palpate.common.formatting import as_shell_word
+from palpate.study import Study
+from palpate.workbench.processes import Elsewhere
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+Bounds = tuple[float, float]
+_Runs = tuple[tuple[int, ...], tuple[int, ...]]  # left out, held out
+_Step = tuple["Choice", _Runs]  # of undo and redo
+_MOST_STEPS = 100  # that can be undone
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The model that is chosen: one step of undo and redo."""
+
+    channel: str  # its name
+    effects: tuple[str, ...] = ()  # added to the base model, in order
+    # Parameters that the fit leaves where they are, by "effect.parameter".
+    held: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, Bounds] = field(default_factory=dict)  # of others
+    # Values that sliders were pulled to: drawn, and not fitted; a new fit puts the sliders back.
+    pulled: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def fitted(self) -> "Choice":
+        """The same choice with all sliders at the fitted values."""
+        return replace(self, pulled={})
+
+    def with_effects(self, effects: Sequence[str]) -> "Choice":
+        """The same with other effects; what was said of parameters that are gone is dropped."""
+        gone = set(self.effects) - set(effects)
+        held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
+        bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
+        return Choice(self.channel, tuple(effects), held, bounds)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """The chosen model beside the base model."""
+
+    choice: Choice  # what was chosen
+    base: FitResult  # the base model
+    fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
+    # Label and held-out error of the base model and of each effect added.
+    steps: tuple[tuple[str, float], ...]
+    floor: float  # noise of the channel, whatever the model [effort]
+    is_rough: bool = False  # a first look, until the fit is there
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters as drawn: the fitted values, and those that sliders were pulled to."""
+        return {**self.fitted.values, **self.choice.pulled}
+
+    def error_at(self, values: Mapping[str, float]) -> float:
+        """Root mean square error of the model at other parameters, where the error is judged."""
+        judged = self.base.judged
+        left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
+        return float(np.sqrt(np.mean(left**2)))
+
+
+class Bench:
+    """One study on the page, with undo and redo.
+
+    Args:
+        study: what was measured.
+        source: the file with its options as typed in a command; empty for data without a file.
+    """
+
+    def __init__(self, study: Study, source: str = "") -> None:
+        self.study, self.source = study, source
+        self.whole: Bench | None = None  # with the runs that were taken out, as the page was opened
+        self.out: tuple[int, ...] = ()
+        self.judging: Elsewhere | None = None  # the diagnosis that goes on
+        self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
+        self._future: list[_Step] = []
+        self._pulling = ""  # parameter whose slider is being pulled
+        first = next((one for one in study.channels if not study.refusal(one)), study.channels[0])
+        self.choice = self._start_of(first.name)
+
+    @property
+    def channel(self) -> StudyChannel:
+        """The channel that is shown, with its base model."""
+        return self.study.channel(self.choice.channel)
+
+    @property
+    def diagnosis(self) -> ChannelDiagnosis | None:
+        """What was found in this channel, if anybody asked."""
+        return self.study.known_diagnosis(self.channel)
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The library for this channel: what can be added to its base model."""
+        fitted = self.study.fit(self.channel)
+        return applicable_effects(fitted.data, fitted.model, self.study.effects)
+
+    def show(self, choice: Choice | None = None) -> Shown:
+        """Fit a choice, the present one by default, by the very fit that the commands use.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        chosen = choice or self.choice
+        one = self.study.channel(chosen.channel)
+        names = chosen.effects
+        stages = [self.study.fit(one, names[:count]) for count in range(len(names) + 1)]
+        fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
+        return self._shown(chosen, stages if fitted is stages[-1] else [*stages, fitted])
+
+    def _shown(self, choice: Choice, stages: Sequence[FitResult], *, is_rough: bool = False) -> Shown:
+        """The last of some fits, which were made by adding one effect after the other."""
+        base = stages[0]
+        labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
+        steps = tuple((label, one.rmse) for label, one in zip(labels, stages, strict=False))
+        noise = self.study.noise(choice.channel).value
+        return Shown(choice, base, stages[-1], steps, noise, is_rough)
+
+    def glance(self, choice: Choice) -> Shown | None:
+        """What `show` is going to give, roughly; None where that is known, or holds and bounds are asked for.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        one, names = self.study.channel(choice.channel), choice.effects
+        if self.study.is_fitted(one, names) or choice.held or choice.bounds:
+            return None
+        stages = [self.study.preview(one, names[:count]) for count in range(len(names) + 1)]
+        return self._shown(choice, stages, is_rough=True)
+
+    def choose(self, choice: Choice) -> Shown:
+        """Fit a choice and make it the present one; nothing changes if it cannot be fitted.
+
+        Raises:
+            InputError: it cannot be fitted.
+        """
+        shown = self.show(choice)
+        self.set_choice(choice)
+        return shown
+
+    def set_choice(self, choice: Choice) -> None:
+        """Make a choice the present one without a fit; undo goes back to the one before."""
+        self._pulling = ""
+        if choice != self.choice:
+            self._past.append(self._step)
+            self._future.clear()
+            self.choice = choice
+
+    def pull(self, name: str, value: float) -> None:
+        """Note that a slider was pulled to a value: one step of undo until `release`."""
+        if self.choice.pulled.get(name) == value:  # said twice by the browser
+            return
+        choice = replace(self.choice, pulled={**self.choice.pulled, name: value})
+        if self._pulling == name:
+            self.choice = choice
+        else:
+            self.set_choice(choice)
+            self._pulling = name
+
+    def release(self) -> None:
+        """Note that the slider was let go."""
+        self._pulling = ""
+
+    def toggled(self, effect: str) -> Choice:
+        """The present choice with an effect added, or taken away if it is there."""
+        now = self.choice.effects
+        return self.choice.with_effects(
+            [name for name in now if name != effect] if effect in now else [*now, effect]
+        )
+
+    def with_held(self, name: str, value: float | None) -> Choice:
+        """The present choice with a parameter held at a value; None to free it."""
+        held = {other: at for other, at in self.choice.held.items() if other != name}
+        bounds = {other: pair for other, pair in self.choice.bounds.items() if other != name}
+        held = held if value is None else held | {name: value}
+        return replace(self.choice, held=held, bounds=bounds, pulled={})
+
+    def with_bounds(self, name: str, bounds: Bounds) -> Choice:
+        """The present choice with a parameter bounded.
+
+        Raises:
+            InputError: they are not two numbers, the lower one below the upper one.
+        """
+        if not (np.isfinite(bounds).all() and bounds[0] < bounds[1]):
+            raise InputError(
+                f"{name}: the bounds are {bounds[0]:g} and {bounds[1]:g}; give two numbers, the first below "
+                "the second"
+            )
+        held = {other: at for other, at in self.choice.held.items() if other != name}
+        return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, pulled={})
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a step to go back to."""
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a step was undone."""
+        return bool(self._future)
+
+    def undo(self) -> "Bench":
+        """Go back one step.
+
+        Returns:
+            This bench; another one of the same measurement if the last step was to use its runs otherwise.
+        """
+        return self._moved(self._past, self._future)
+
+    def redo(self) -> "Bench":
+        """Go forward again; see `undo`."""
+        return self._moved(self._future, self._past)
+
+    def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "Bench":
+        self._pulling = ""
+        if not source:
+            return self
+        target.append(self._step)
+        choice, runs = source.pop()
+        bench = self if runs == self._step[1] else self._using(*runs)
+        bench.choice, bench._past, bench._future = choice, self._past.copy(), self._future.copy()
+        return bench
+
+    @property
+    def _step(self) -> _Step:
+        return self.choice, (self.out, self.study.held_out)
+
+    def to_channel(self, name: str) -> Shown:
+        """Show another channel, with what was last added to it."""
+        return self.choose(self._start_of(name))
+
+    def to_revision(self, revision: Revision) -> Shown:
+        """Show a kept revision.
+
+        Raises:
+            InputError: it is of other data, or of another base model than the page shows.
+        """
+        self.study.check(revision)
+        if self.study.channel(revision.channel).model.name != revision.model:
+            raise InputError(
+                f"revision {revision.number} begins with {revision.model}: open the page with "
+                f"--model {revision.model}"
+            )
+        return self.choose(Choice(revision.channel, tuple(revision.effects)))
+
+    def keep(self) -> tuple[Revision, ...]:
+        """Keep the chosen effects as revisions, as `palpate add --fresh` does; held values are not kept."""
+        if not self.choice.effects:
+            raise InputError("nothing is added yet: tick an effect first")
+        return self.study.add(*self.choice.effects, channel=self.choice.channel, fresh=True).revisions
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the newest revision has the chosen effects."""
+        newest = self.study.latest(self.channel)
+        return newest is not None and tuple(newest.effects) == self.choice.effects
+
+    def parameter(self, name: str) -> Parameter:
+        """What is known of a parameter of the chosen model before any fit."""
+        model = self.study.fit(self.channel, self.choice.effects).model
+        return {**model.gains, **model.inner}[name]
+
+    def joined_with(self, path: Path) -> "Bench":
+        """A bench with the runs of another session after those of this one; in memory.
+
+        Raises:
+            InputError: the session cannot be read, or has no channel of this one.
+        """
+        source = joined(self.study.source, open_source(path))
+        return self._with(source, self.study.held_out)
+
+    def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "Bench":
+        """A bench of the same measurement, its runs used otherwise; in memory.
+
+        Args:
+            out: runs neither fitted nor judged.
+            held_out: runs not fitted, and on which alone models are judged; none for each in turn.
+
+        Raises:
+            InputError: nothing would be left of a channel, or nothing to be fitted to.
+        """
+        bench = self._using(tuple(sorted(out)), tuple(sorted(set(held_out) - set(out))))
+        bench.choice = Choice(self.choice.channel, self.choice.effects)
+        bench._past = deque([*self._past, self._step], _MOST_STEPS)
+        bench._future = []
+        return bench
+
+    def _using(self, out: tuple[int, ...], held_out: tuple[int, ...]) -> "Bench":
+        whole = self.whole or self
+        if not out and held_out == whole.study.held_out:
+            return whole
+        source = whole.study.source.without(out)
+        if not all(map(len, source.channels)):
+            raise InputError("leave at least one run of each channel in")
+        bench = self._with(source, held_out)
+        bench.source, bench.whole, bench.out = self.source, whole, out
+        return bench
+
+    def _with(self, source: Source, held_out: Sequence[int]) -> "Bench":
+        """A bench of other data with the base model and effects of this one."""
+        study = self.study
+        bench = Bench(Study(source, study.model, effects=study.own_effects, held_out=held_out))
+        bench.choice = Choice(self.choice.channel, self.choice.effects)
+        return bench
+
+    def command(self) -> str:
+        """The command that does what the page shows; empty where none does."""
+        measured = self.study.source
+        if (self.out and measured.session is None) or self.choice.held or self.choice.bounds:
+            return ""
+        if not self.source or (self.whole is not None and measured.averaged):  # that would average other runs
+            return ""
+        source = f"{self.source} --where run={_listed(measured.runs)}" if self.out else self.source
+        held = self.study.held_out
+        source += f" --held-out {_listed(held)}" if held else ""
+        model, where = self.channel.model.name, f"--channel {as_shell_word(self.choice.channel)}"
+        if not self.choice.effects:
+            return f"palpate compare {source} --model {model} {where}"
+        return f"palpate add {source} {' '.join(self.choice.effects)} --fresh --model {model} {where}"
+
+    def python(self) -> str:
+        """The Python line that does what the page shows."""
+        if not (self.out or self.study.held_out):
+            return self._python()
+        source = f"study.source.without({list(self.out)})" if self.out else "study.source"
+        model = f", model={self.study.model!r}" if self.study.model else ""
+        own = ", effects=study.own_effects" if self.study.own_effects else ""
+        held = f", held_out={list(self.study.held_out)}" if self.study.held_out else ""
+        return f"study = palpate.Study({source}{model}{own}{held}); " + self._python()
+
+    def _python(self) -> str:
+        effects = "".join(f'"{name}", ' for name in self.choice.effects)
+        channel = f'"{self.choice.channel}"'
+        if self.choice.held or self.choice.bounds:
+            given = [f"held={dict(self.choice.held)!r}"] * bool(self.choice.held)
+            given += [f"bounds={dict(self.choice.bounds)!r}"] * bool(self.choice.bounds)
+            names = f"[{effects.removesuffix(', ')}]"
+            return f"study.fit_held({channel}, {names}, {', '.join(given)})"
+        if not effects:
+            return f"study.compare({channel})"
+        return f"study.add({effects}channel={channel}, fresh=True)"
+
+    def _start_of(self, name: str) -> Choice:
+        newest = self.study.latest(self.study.channel(name))
+        own = () if newest is None or newest.user_effects else tuple(newest.effects)
+        return Choice(name, own)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one effect takes from the error beside the others that are chosen."""
+
+    effect: str  # its name
+    falls: float  # share of the held-out error
+    change: FloatArray  # of what is left on blocks, (m,), of unit length: alike where effects do the same
+
+
+ALIKE = 0.95  # cosine above which two effects do the same to this data
+TELLING = 0.05  # share of the error below which an effect does nothing here
+
+
+def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> Evidence:
+    """What one effect takes away beside others of the model. InputError: it cannot be fitted."""
+    before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
+    change = before.residual_on_blocks - fitted.residual_on_blocks
+    length = float(np.linalg.norm(change))
+    return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
+
+
+def groups(found: Sequence[Evidence]) -> list[list[Evidence]]:
+    """Effects with those that do the same to this data, the most telling first."""
+    left = sorted(found, key=lambda one: -one.falls)
+    made: list[list[Evidence]] = []
+    while left:
+        first = left[0]
+        alike = [
+            one
+            for one in left
+            if one is first
+            or (min(one.falls, first.falls) > TELLING and abs(float(one.change @ first.change)) > ALIKE)
+        ]
+        made.append(alike)
+        left = [one for one in left if one not in alike]
+    return made
+
+
+def _listed(runs: Sequence[int]) -> str:
+    return ",".join(map(str, runs))
+
+
+def kind_in_words(kind: ChannelKind) -> str:
+    """What a channel is, for its button."""
+    return {ChannelKind.CONTACT: "contact force", ChannelKind.REVOLUTE: "joint torque"}.get(
+        kind, "joint force"
+    )

@@ -1,0 +1,197 @@
+"""Options of every command that reads somebody's data file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.common import console
+from palpate.common.files import existing_data
+from palpate.common.formatting import as_shell_word, typed
+from palpate.common.options import model_names, takes
+from robot_io.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.study import Study
+
+FolderOption = Annotated[
+    Path | None,
+    typer.Option(help="Where the revisions are kept, if not in the usual place.", metavar="FOLDER"),
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option("--force", help="Replace files of the same names in the folder that --out names."),
+]
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel.",
+        autocompletion=model_names,
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """How to read a data file, as the user typed that."""
+
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What a column is called in the file, such as force_N=load, run=trial or phase=state.",
+            metavar="NAME=COLUMN",
+        ),
+    ] = None
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(help="Unit of a quantity or column, such as force=mN or time=ms.", metavar="NAME=UNIT"),
+    ] = None
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Only rows with this text in a column, such as specimen=P002; of a session, run=0,2.",
+            metavar="COLUMN=TEXT",
+        ),
+    ] = None
+    context: Annotated[
+        list[str] | None, typer.Option(help="Further column of numbers to keep.", metavar="COLUMN")
+    ] = None
+    fresh_runs: Annotated[
+        bool,
+        typer.Option("--fresh-runs", help="Each run met a fresh specimen or spot: none remembers another."),
+    ] = False
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many presses one recording holds; found by itself.", metavar="N"),
+    ] = None
+
+    @property
+    def options(self) -> ImportOptions:
+        """How to read a data file. InputError: one is not of the form NAME=VALUE, or is given twice."""
+        return ImportOptions(
+            columns=parse_pairs(self.column or (), "--column"),
+            units=parse_pairs(self.unit or (), "--unit"),
+            where=parse_pairs(self.where or (), "--where"),
+            context=tuple(self.context or ()),
+            fresh=self.fresh_runs,
+            runs=self.runs,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataArguments(ReadOptions):
+    """The file that a command is about, and what belongs to it, as the user typed that."""
+
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Session (.mcap), folder of sessions, or data file (.csv, .xlsx, .parquet, .npz ...)."
+        ),
+    ]
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect of your own that may be used; its file is run.", metavar="FILE.py:CLASS"),
+    ] = None
+    urdf: Annotated[
+        Path | None,
+        typer.Option(help="The arm's URDF, for models that need it and data files.", metavar="FILE"),
+    ] = None
+    held_out: Annotated[
+        str | None,
+        typer.Option(
+            help="Runs that nothing is fitted to, and which alone judge models in compare and add; "
+            "default: each by the others.",
+            metavar="RUNS",
+        ),
+    ] = None
+    tip_frame: Annotated[
+        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
+    ] = None
+
+    def study(self, model: str | None = None, folder: Path | None = None) -> "Study":
+        """The study of this file.
+
+        Args:
+            model: base model; None for what suits each channel.
+            folder: where revisions are kept; None for the usual place.
+
+        Raises:
+            InputError: the data cannot be used.
+        """
+        from palpate.study import Study, arm_from_urdf  # noqa: PLC0415, takes a second
+
+        existing_data(self.file)
+        if self.urdf is None and self.tip_frame is not None:
+            raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")
+        arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
+        study = Study(
+            self.file,
+            model,
+            arm=arm,
+            effects=self.effect or (),
+            folder=folder,
+            held_out=_run_numbers(self.held_out),
+            **vars(self.options),
+        )
+        warnings = (f"{name}: {one}" for name, several in study.warnings.items() for one in several)
+        console.say_read(study.source.read, (*study.source.notes, *warnings))
+        return study
+
+    def refuse_unknown(self, model: str | None) -> None:
+        """Refuse a model that does not exist and runs that are no numbers, before anything is read.
+
+        Raises:
+            InputError: it is so.
+        """
+        from estimation.models import MODELS  # noqa: PLC0415, as above
+
+        _run_numbers(self.held_out)
+        if model is not None:
+            MODELS[model]
+
+    def say_left_out(self) -> None:
+        """Say that runs held out by choice are left out, in a command that judges no model on them."""
+        if self.held_out:
+            words = (
+                f"--held-out {self.held_out}: left out here; palpate compare and add judge models on these"
+            )
+            console.stderr().print(words)
+
+    def typed(self, **more: str | Path | list[str] | bool | None) -> str:
+        """The file with these and all further options as one would type them again; see `retyped`."""
+        given = {"effect": self.effect, "urdf": self.urdf, "tip-frame": self.tip_frame}
+        given |= {"held-out": self.held_out}
+        given |= {"column": self.column, "unit": self.unit, "where": self.where, "context": self.context}
+        number = None if self.runs is None else str(self.runs)
+        return retyped(self.file, **{**given, "fresh-runs": self.fresh_runs, "runs": number, **more})
+
+
+def _run_numbers(text: str | None) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")] if text else []
+    except ValueError:
+        raise InputError(f"--held-out {text}: give run numbers with commas between them, as 2,5") from None
+
+
+takes_data = takes(DataArguments, "file")
+may_take_data = takes(DataArguments, "file", file=Path())  # without a file `data.file` is the folder
+
+
+def retyped(file: Path, **options: str | Path | list[str] | bool | None) -> str:
+    """The file with its options as one would type them again, for commands to try next.
+
+    Args:
+        file: session or data file.
+        options: values by the name of the option; None, or False for a flag, where it was not given.
+    """
+    words = [typed(file)]
+    for name, value in options.items():
+        for each in value if isinstance(value, list) else [value]:
+            if each is True:
+                words.append(f"--{name}")
+            elif each is not None and each is not False:
+                words += [f"--{name}", as_shell_word(str(each))]
+    return " ".join(words)

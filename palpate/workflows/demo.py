@@ -1,0 +1,129 @@
+"""What a newcomer sees first: probe, estimate and draw; then find what is hidden in another object."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from control.probing.plan import ProbingPlan
+from estimation.study import ChannelEstimates, ChannelResult
+from estimation.study.channels import CONTACT_MODEL
+from estimation.study.fitting import Progress
+from estimation.study.saved_diagnosis import RESULT
+from palpate.common.files import output_folder
+from palpate.common.formatting import typed
+from palpate.render.inspection import RECORDING, look_into
+from palpate.render.results import as_json, write_outcome
+from palpate.runs.hidden_effects import open_answer
+from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.runs.robots import DEFAULT, find_robot
+from palpate.study import Study
+from robot_io.session import Session
+from sim_backend.hidden import noise_scale
+from sim_backend.imperfection import IMPERFECTIONS
+from sim_backend.noise_scale import CONTACT
+from sim_backend.scenario import Scenario
+from sim_backend.secret import SealedAnswer
+
+PLAN = ProbingPlan()  # the paper's three speeds
+HIDDEN_PLAN = ProbingPlan(repeats=2)
+HIDDEN = ("stress_relaxation", "cubic_stiffness", "quadratic_damping")
+STRENGTH = 20.0  # times the noise level
+_SEEDS = 1_000_000  # few enough to be typed
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the first part made."""
+
+    session: Path  # the session file
+    study: Study  # the session with channels and truth
+    found: ChannelEstimates  # estimates of the probed place, by every estimator
+    recording: Path  # for Rerun
+    plots: tuple[Path, ...]  # pages of figures
+
+
+@dataclass(frozen=True)
+class HiddenDemo:
+    """What the second part made."""
+
+    session: Path  # the session file
+    result: ChannelResult  # what was found out, stage by stage
+    files: dict[str, Path]  # result, report, picture and recording
+    answer: SealedAnswer  # what was hidden
+
+    @property
+    def found(self) -> bool:
+        """Whether what was hidden is what was named, and nothing else."""
+        return self.result.added == [entry.name for entry in self.answer.hidden]
+
+
+def probe_demo(
+    session: Path,
+    scenario: Scenario,
+    seed: int | None,
+    watcher: Watcher = NOBODY,
+    plan: ProbingPlan = PLAN,
+    *,
+    command_line: str = "palpate demo",
+) -> None:
+    """Probe a simulated object, by default once at three speeds; what is hidden in it is sealed beside.
+
+    Args:
+        session: the new session file.
+        scenario: what is simulated.
+        seed: of all noise, or None for the scenario's.
+        watcher: told how far it is.
+        plan: speeds and repeats.
+        command_line: what makes the same session again.
+
+    Raises:
+        KeyboardInterrupt: the user stopped it.
+        PalpateError: the arm was stopped, nothing was touched, or the session cannot be written.
+    """
+    job = ProbingJob(
+        find_robot(DEFAULT), session, plan, scenario=scenario, seed=seed, command_line=command_line
+    )
+    run_probing(job, watcher).raise_for_failure()
+
+
+def show_demo(session: Path) -> Demo:
+    """Estimate, and make everything that can be looked at, in the folder of the session's own name.
+
+    Raises:
+        InputError: something cannot be written.
+    """
+    study = Study(session, CONTACT_MODEL)
+    found = study.estimate()[0]
+    opened = Session.open(session)
+    folder = output_folder(opened.derived_dir)
+    inspection = look_into(opened, found)
+    inspection.record(folder / RECORDING)
+    return Demo(session, study, found, folder / RECORDING, (inspection.plot(folder),))
+
+
+def drawn_seed() -> int:
+    """A seed for one demo: another each time, and short enough to be typed for that demo again."""
+    return int(np.random.default_rng().integers(_SEEDS))
+
+
+def hide_one(scenario: Scenario, rng: np.random.Generator, among: tuple[str, ...] = HIDDEN) -> Scenario:
+    """The world with one of some effects hidden in its object."""
+    effect = IMPERFECTIONS[str(rng.choice(among))]
+    return scenario.with_hidden([effect.at_strength(STRENGTH, CONTACT, noise_scale(scenario), rng)])
+
+
+def solve(session: Path, progress: Progress) -> HiddenDemo:
+    """Diagnose, add what is missing, draw it, and then open the answer.
+
+    Raises:
+        InputError: something cannot be written.
+    """
+    study, opened = Study(session, CONTACT_MODEL), Session.open(session)
+    folder = output_folder(opened.derived_dir)
+    diagnosis = study.diagnose(apply=True, progress=progress)
+    (result,) = study.results()
+    again = f"palpate diagnose {typed(session)} --model {CONTACT_MODEL} --apply"
+    texts = {RESULT: as_json(study.diagnosis_data(diagnosis))}
+    files = write_outcome(folder, study, [result], [again], texts)
+    return HiddenDemo(session, result, {"result": folder / RESULT, **files}, open_answer(opened))

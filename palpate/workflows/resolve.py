@@ -1,0 +1,247 @@
+"""Probe, diagnose, and probe again in the way that best sets apart what is left, until one explanation is."""
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from control.probing.plan import ProbingPlan
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.study.saved_diagnosis import RESULT
+from estimation.study.undecided_models import is_undecided, with_the_simplest
+from palpate.common.files import output_folder, write_text
+from palpate.common.formatting import count
+from palpate.planning.next_probe import NextProbe, Progress, next_probe
+from palpate.planning.rehearsal import LONGEST_S
+from palpate.render.results import as_json
+from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
+from palpate.study import Study
+from robot_io.errors import InputError
+
+DECISIONS = "decisions.jsonl"
+Design = Callable[[Study, Sequence[ChannelDiagnosis], float, Progress], NextProbe | None]
+Watch = Callable[[ProbingPlan], AbstractContextManager[Watcher]]
+Work = Callable[[Sequence[str]], AbstractContextManager[Progress]]
+
+
+class End(StrEnum):
+    """Why no further probe is run."""
+
+    SEPARATED = "separated"  # one explanation is left in each channel
+    SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
+    UNSEEN = "unseen"  # what an earlier probe showed is too little to be seen in all of them together
+    UNEXPLAINED = "unexplained"  # what is left follows no effect of the library
+    INSEPARABLE = "inseparable"  # nothing that the arm can do is expected to set apart what is left
+    PROBES = "probes"  # the budget of probes is used up
+    SECONDS = "seconds"  # all that would separate takes longer than the time that is left
+    INSUFFICIENT = "insufficient"  # the data cannot say
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What one probe came to, and what is done next."""
+
+    probe: int  # its number, from 1
+    session: str  # its file, in the folder of the log
+    seconds: float  # that it took on the robot's clock
+    # What each channel may be explained by: by channel, groups of effects that are not told apart.
+    left: dict[str, list[list[str]]]
+    end: End | None  # why it was the last; None if another follows
+    next: str  # what is done next, in words; empty after the last
+    sentence: str  # all this in one sentence
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What may be used: probes, the first among them, and seconds of probing on the robot's clock."""
+
+    probes: int = 4
+    seconds: float = 300.0
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """How it ended."""
+
+    folder: Path  # with the sessions, and what is derived from them
+    decisions: tuple[Decision, ...]  # one for each probe
+    channels: tuple[ChannelDiagnosis, ...]  # the last diagnosis
+
+    @property
+    def end(self) -> End | None:
+        """Why it ended."""
+        return self.decisions[-1].end
+
+    def as_data(self) -> dict[str, Any]:
+        """The same as plain data; the keys are stable."""
+        channels = [one.model_dump(mode="json") for one in self.channels]
+        seconds = sum(one.seconds for one in self.decisions)
+        return {
+            "folder": str(self.folder),
+            "end": self.end,
+            "probes": len(self.decisions),
+            "seconds": seconds,
+            "decisions": [asdict(one) for one in self.decisions],
+            "channels": channels,
+        }
+
+
+def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
+    job: ProbingJob,
+    budget: Budget,
+    channel: str | None = None,
+    tell: Callable[[Decision], None] = lambda decision: None,
+    watch: Watch = lambda plan: nullcontext(NOBODY),
+    work: Work = lambda channels: nullcontext(_unseen),
+    design: Design = next_probe,
+) -> Resolved:
+    """Run a first probe and those that follow from it; each decision is told, and logged beside the sessions.
+
+    Args:
+        job: the first probe; the folder of its session is the study's, and holds no session yet.
+        budget: how much may be done.
+        channel: only this one is to be explained; None for all.
+        tell: told of each decision.
+        watch: looks on while a plan is run.
+        work: shows what is being worked out about these channels.
+        design: chooses the next probe from the study, its diagnosis, and the time that it may take [s].
+
+    Raises:
+        InputError: the folder holds sessions already, or the job cannot be run.
+        PalpateError: the arm was stopped, or a run gave no data; all sessions so far are kept.
+        KeyboardInterrupt: the user stopped it; as above.
+    """
+    folder = new_folder(job.session.parent)
+    decisions: list[Decision] = []
+    shown: set[str] = set()  # channels in which something was missing so far
+    while True:
+        number = len(decisions)
+        ran = replace(job, session=folder / f"probe-{number + 1:02d}.mcap", again=number)
+        with watch(ran.plan) as watcher:
+            outcome = run_probing(ran, watcher)
+        outcome.raise_for_failure()
+        study = Study(folder)
+        used_s = sum(one.seconds for one in decisions) + outcome.loop.duration_s
+        with work([one.name for one in study.chosen(channel)]) as progress:
+            diagnosis = study.diagnose(channel, plan=False, progress=progress)
+            found = diagnosis.channels
+            end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
+            if end is End.SEPARATED and any(_is_adequate(one) and one.channel in shown for one in found):
+                end = End.UNSEEN
+            shown |= {one.channel for one in found if one.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}}
+            if end is End.INSEPARABLE:
+                end, found = _simplest(study, found)
+                diagnosis = diagnosis.model_copy(update={"channels": found})
+        write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
+        decision = _decision(number + 1, ran.session, outcome.loop.duration_s, found, end, following)
+        decisions.append(decision)
+        with (folder / DECISIONS).open("a", encoding="utf-8") as log:
+            log.write(json.dumps(asdict(decision)) + "\n")
+        tell(decision)
+        if following is None:
+            return Resolved(folder, tuple(decisions), tuple(found))
+        job = replace(job, plan=following.plan)
+
+
+def new_folder(folder: Path) -> Path:
+    """The folder, made if needed; `InputError` if it holds sessions already."""
+    if any(folder.glob("*.mcap")):
+        raise InputError(f"{folder}: holds sessions already; name another folder, which is made")
+    return output_folder(folder)
+
+
+def _unseen(what: str, share: float) -> None:
+    """Nobody looks on."""
+
+
+def _decide(  # noqa: PLR0917 (all that it depends on)
+    study: Study,
+    found: Sequence[ChannelDiagnosis],
+    probes: int,
+    used_s: float,
+    budget: Budget,
+    progress: Progress,
+    design: Design,
+) -> tuple[End | None, NextProbe | None]:
+    undecided = [one for one in found if is_undecided(one)]
+    is_open = bool(undecided)
+    refused = any(one.verdict is Verdict.INSUFFICIENT for one in found)
+    if not is_open and not refused:
+        return End.SEPARATED, None
+    if not is_open and probes >= budget.probes:
+        return End.INSUFFICIENT, None
+    left_s = budget.seconds - used_s
+    following = design(study, found, min(left_s, LONGEST_S), progress)
+    if following is not None:
+        return (End.PROBES, None) if probes >= budget.probes else (None, following)
+    if not is_open:
+        return End.INSUFFICIENT, None
+    separable = left_s < LONGEST_S and design(study, found, LONGEST_S, progress) is not None
+    if separable:
+        return End.SECONDS, None
+    is_named = any(one.accepted for one in undecided)
+    return (End.INSEPARABLE if is_named else End.UNEXPLAINED), None
+
+
+def _is_adequate(found: ChannelDiagnosis) -> bool:
+    return found.verdict is Verdict.ADEQUATE
+
+
+def _simplest(study: Study, found: Sequence[ChannelDiagnosis]) -> tuple[End, list[ChannelDiagnosis]]:
+    """Where one of the laws that are left is contained in all others, that one is stated."""
+    stated = [with_the_simplest(study, study.channel(one.channel), one) for one in found]
+    is_open = any(is_undecided(one) for one in stated)
+    return End.INSEPARABLE if is_open else End.SIMPLEST, stated
+
+
+def _decision(  # noqa: PLR0917 (what it is made of)
+    number: int,
+    session: Path,
+    seconds: float,
+    found: Sequence[ChannelDiagnosis],
+    end: End | None,
+    following: NextProbe | None,
+) -> Decision:
+    left = {
+        one.channel: [[e.effect, *e.confused_with] for e in one.accepted] for one in found if one.accepted
+    }
+    what = "; ".join(_in_words(one) for one in found if not _is_adequate(one)) or "nothing is missing"
+    if following is not None:
+        then = f"next, to {following.proposal.purpose}: {following.choice.reason}"
+    else:
+        then = _ENDS[end or End.SEPARATED]
+    return Decision(
+        number,
+        session.name,
+        seconds,
+        left,
+        end,
+        following.proposal.instruction if following else "",
+        f"after {count(number, 'probe')}: {what}; {then}",
+    )
+
+
+_ENDS = {
+    End.SEPARATED: "one explanation is left",
+    End.SIMPLEST: "nothing that the arm can do is expected to show more than this, which the others contain",
+    End.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
+    End.UNEXPLAINED: "what is left is no effect of the library, as far as this arm can show",
+    End.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
+    End.PROBES: "the budget of probes is used up",
+    End.SECONDS: "what would separate takes longer than the time that is left",
+    End.INSUFFICIENT: "the data cannot say more",
+}
+
+
+def _in_words(found: ChannelDiagnosis) -> str:
+    """A channel and what may explain it."""
+    if found.verdict is Verdict.INSUFFICIENT:
+        return f"{found.channel} cannot be judged ({found.reason})"
+    names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in found.accepted)
+    rest = (
+        "" if found.complete else "something that depends on " + (", ".join(found.depends_on) or "no signal")
+    )
+    return f"{found.channel} shows {' and '.join(filter(None, (names, rest)))}"
