@@ -45,7 +45,7 @@ from palpate.planning.next_probe import NextProbe, feasible, next_probe
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.study import Study
-from palpate.workflows.resolve import Budget, Decision, End, resolve
+from palpate.workflows.resolve import Budget, Decision, StopReason, resolve
 from robot_io.errors import PalpateError
 from sim_backend.hidden import noise_scale
 from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
@@ -107,7 +107,7 @@ def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
         "seconds": sum(decision.seconds for decision in told[1:]),
         "separated": right,
         "wrong": decided and not right,
-        "undecided_at_first": bool(told) and told[0].end is not End.SEPARATED,
+        "undecided_at_first": bool(told) and told[0].end is not StopReason.SEPARATED,
         "path": [decision.left for decision in told],
         "experiments": [decision.next for decision in told if decision.next],
         "wall_s": time.perf_counter() - begun,
@@ -187,7 +187,7 @@ def check(results: Path) -> None:
     """Print what is inseparable in truth."""
     for line in results.read_text(encoding="utf-8").splitlines():
         done = json.loads(line)
-        if done["end"] == End.INSEPARABLE:
+        if done["end"] == StopReason.INSEPARABLE:
             print(f"{done['hidden']} | {done['left']} | {is_inseparable(done)}", flush=True)
 
 

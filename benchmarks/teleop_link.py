@@ -30,7 +30,7 @@ from command_line import arguments
 from control.teleop.peer import Peer, PeerLimits
 from palpate.runs.robots import find_robot
 from palpate.teleop.demo import run_demo, script
-from palpate.teleop.haptics import STREAM_NAME, HapticJob, Orders, run_haptics
+from palpate.teleop.haptics import STREAM_NAME, HapticCommands, HapticJob, run_haptics
 from palpate.teleop.leader import MESSAGE_PERIOD_S, leader_metadata
 from robot_io.link import Heard, Report, decode, encode
 from robot_io.link.wire import WireType
@@ -187,7 +187,7 @@ def alone(seconds: float) -> tuple[FloatArray, FloatArray | str]:
                 read, late = read + 1, telling.lateness
                 if read == 1:
                     begun = time.monotonic()
-            own.send(Orders(read, end=time.monotonic() - begun > seconds))
+            own.send(HapticCommands(read, end=time.monotonic() - begun > seconds))
         process.join()
         late_s = Session.open(session).samples(STREAM_NAME)["lateness_s"]
     return late_s, lateness(seconds)

@@ -119,8 +119,8 @@ class Study(StudyBase):
                 raise InputError(f"effects: {one!r} is neither an effect nor 'FILE.py:CLASS'")
         if not isinstance(arm, Arm | Path | str | None):
             raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
-        own = load_user_effects([one for one in effects if isinstance(one, str)])
-        own |= {_place(one): watched(one) for one in effects if isinstance(one, Effect)}
+        own = load_user_effects([effect for effect in effects if isinstance(effect, str)])
+        own |= {_place(effect): watched(effect) for effect in effects if isinstance(effect, Effect)}
         place = None if folder is None else _path(folder, "folder")
         if isinstance(data, str | Path):
             data = existing_data(Path(data))
@@ -149,7 +149,7 @@ class Study(StudyBase):
         """Refuse an effect of the user's own that fails on a channel, or does nothing on any."""
         try:
             with foreign_code(f"effect '{effect.name}'", LIMIT_S):
-                acts = {one.name: rehearse(effect, one.data) for one in self.channels}
+                acts = {channel.name: rehearse(effect, channel.data) for channel in self.channels}
         except InputError as error:
             raise InputError(f"--effect {text}: {error}") from error
         idle = ", ".join(name for name, does in acts.items() if does is False)
@@ -285,17 +285,17 @@ class Study(StudyBase):
         if numbers:
             chosen = [self._revisions.get(number) for number in numbers]
         else:
-            of_any_data = {one.channel: one for one in self.revisions}
-            newest = (self.newest(one) or of_any_data.get(one.name) for one in self.channels)
+            of_any_data = {revision.channel: revision for revision in self.revisions}
+            newest = (self.newest(channel) or of_any_data.get(channel.name) for channel in self.channels)
             chosen = [revision for revision in newest if revision is not None]
         for revision in chosen:
             self.check(revision)
-        contacts = [one for one in self.source.channels if one.kind is ChannelKind.CONTACT]
+        contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
         if len(contacts) == 1 and not any(one.channel == contacts[0].name for one in chosen):
             base = self.channel(contacts[0].name)
             self._keep(base, [], None)
             chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
-        names = {one.name for one in contacts}
+        names = {contact.name for contact in contacts}
         places = ["contact" if one.channel in names else one.channel for one in chosen]
         if twice := {place for place in places if places.count(place) > 1}:
             raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
@@ -307,11 +307,15 @@ class Study(StudyBase):
 
     def exported(self, revisions: Sequence[Revision]) -> Export:
         """The simulated world of these revisions; see `export`."""
-        joints = sum(one.name.startswith("joint_") for one in self.source.channels)
-        fitted = [FittedChannel(one, self.channel_of(one).data.surface, joints) for one in revisions]
+        joints = sum(channel.name.startswith("joint_") for channel in self.source.channels)
+        fitted = [
+            FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
+        ]
         session = self.source.session
         base = (scenario_of(session) if session is not None else None) or Scenario()
-        models = (f"{one.channel} {' + '.join([one.model, *one.effects])}" for one in revisions)
+        models = (
+            f"{revision.channel} {' + '.join([revision.model, *revision.effects])}" for revision in revisions
+        )
         return export_scenario(base, fitted, f"as measured in {self.source.name}: {'; '.join(models)}")
 
     def truth_of(self, channel: ChannelData) -> Mapping[str, float]:

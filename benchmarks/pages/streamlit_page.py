@@ -6,20 +6,20 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from palpate.study import Study
-from palpate.workbench.curves import Motion, model_update, time_figure
-from palpate.workbench.state import Bench
+from palpate.workbench.curves import DrawnMotion, model_update, time_figure
+from palpate.workbench.state import WorkbenchState
 
 
 @st.cache_resource
-def bench() -> Bench:
+def bench() -> WorkbenchState:
     """The study, read once."""
-    return Bench(Study(sys.argv[-1], keep=False))
+    return WorkbenchState(Study(sys.argv[-1], keep=False))
 
 
 chosen = ["cubic_stiffness"] if st.checkbox("cubic stiffness") else []
 made = bench()
 shown = made.show(made.choice.with_effects(chosen))
-motion = Motion.of(made.channel.data)
+motion = DrawnMotion.of(made.channel.data)
 effort, left = shown.fitted.at(shown.fitted.values), shown.fitted.residual
 figure = time_figure(motion, shown.base.at(shown.base.values), shown.base.residual)
 values, traces = model_update(motion, effort, left, None)

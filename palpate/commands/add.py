@@ -58,9 +58,9 @@ def command(
     with console.stderr().status("report and recording"):
         commands = list(_commands(data, results, out))
         written = write_outcome(output_folder(folder), study, results, commands)
-    for one in results:
-        if one.left_out:
-            console.stderr().print(f"[yellow]{safe(one.reason)}[/yellow]")
+    for result in results:
+        if result.left_out:
+            console.stderr().print(f"[yellow]{safe(result.reason)}[/yellow]")
     if as_json:
         kept = [revision.model_dump(mode="json") for revision in change.revisions]
         console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
@@ -72,14 +72,14 @@ def command(
 
 def _commands(data: DataArguments, results: Sequence[ChannelResult], out: Path | None) -> Iterator[str]:
     """What leads to all of these results, in order."""
-    judged = [one.channel.name for one in results if one.diagnosis is not None]
+    judged = [result.channel.name for result in results if result.diagnosis is not None]
     if judged:
         which = judged[0] if len(judged) == 1 else ALL_CHANNELS
         yield f"palpate diagnose {data.typed(out=out, channel=which)}"
-    for one in results:
-        if one.added:
-            begun = data.typed(out=out, model=one.channel.model.name, channel=one.channel.name)
-            yield f"palpate add {begun} {' '.join(one.added)} --fresh"
+    for result in results:
+        if result.added:
+            begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
+            yield f"palpate add {begun} {' '.join(result.added)} --fresh"
 
 
 def _next(

@@ -273,7 +273,7 @@ def _say_what_is_left(job: runs.CalibrationJob) -> Iterator[None]:
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:
     """Somebody who puts the weights on, and is waited for."""
 
-    def ask(_bench: runs.Bench, number: int, force_n: float) -> None:
+    def ask(_bench: runs.CalibrationSetup, number: int, force_n: float) -> None:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
         console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
         if not sys.stdin.readline():

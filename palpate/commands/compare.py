@@ -30,7 +30,7 @@ from palpate.workflows.data_options import (
     takes_data,
 )
 from palpate.workflows.paired_comparison import NAMES as SIDES
-from palpate.workflows.paired_comparison import Pair, chosen_revisions, write_pair
+from palpate.workflows.paired_comparison import ComparedPair, chosen_revisions, write_pair
 from robot_io.errors import InputError
 
 RESULT = "comparison.json"
@@ -86,7 +86,7 @@ def command(
     if other is not None or other_model is not None or other_revision:
         revisions = {"revision": revision, "other-revision": other_revision}
         numbers = revision or (), other_revision or ()
-        pair = Pair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
+        pair = ComparedPair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
         typed_too = {name: [str(one) for one in given or ()] for name, given in revisions.items()}
         _side_by_side(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
         return
@@ -97,8 +97,8 @@ def command(
         output_folder(target)
     with console.stderr().status("comparing"):
         results, failures = _of_revisions(study, kept) if kept else _of_base_models(study, channel)
-    compared = [one.shown for one in results if one.shown is not None]
-    models = "+".join(dict.fromkeys(one.channel.model.name for one in results))
+    compared = [result.shown for result in results if result.shown is not None]
+    models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
     channels = list(map(as_data, compared))
     content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
     if as_json:
@@ -121,7 +121,7 @@ def command(
 
 def _side_by_side(
     data: DataArguments,
-    pair: Pair,
+    pair: ComparedPair,
     given: dict[str, list[str] | Path | None],
     out: Path | None,
     *,
@@ -176,7 +176,7 @@ def as_data(comparison: Comparison) -> dict[str, Any]:
 
 def _of_base_models(study: Study, channel: str | None) -> tuple[list[ChannelResult], dict[str, str]]:
     found = study.compare(channel)
-    return [study.result(study.channel(one.channel)) for one in found.channels], dict(found.failures)
+    return [study.result(study.channel(channel.channel)) for channel in found.channels], dict(found.failures)
 
 
 def _of_revisions(study: Study, kept: Sequence[Revision]) -> tuple[list[ChannelResult], dict[str, str]]:
@@ -200,7 +200,7 @@ def _after(  # noqa: PLR0917, what was typed
 ) -> Steps:
     """Commands that go on from a comparison of base models; the nearest first."""
     steps: Steps = []
-    newest = [kept for one in results if (kept := study.newest(one.channel)) is not None]
+    newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
         numbers = [str(one.number) for one in newest]
@@ -216,11 +216,11 @@ def _other_models(
     data: DataArguments, study: Study, results: Sequence[ChannelResult], channel: str | None
 ) -> Iterator[tuple[str, str]]:
     """Commands with a base model that does far better, where the usual one misses by far."""
-    for one in results:
-        if one.comparison is None or one.comparison.lack_of_fit < FAR:
+    for result in results:
+        if result.comparison is None or result.comparison.lack_of_fit < FAR:
             continue
-        better = better_model(study, one.channel, FAR_BETTER * one.comparison.rmse)
+        better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)
         if better is not None:
-            left = f"{better[1]:.3g} {one.channel.effort_unit}"
+            left = f"{better[1]:.3g} {result.channel.effort_unit}"
             typed = data.typed(channel=channel, model=better[0])
             yield f"palpate compare {typed}", f"a base model that leaves {left}"

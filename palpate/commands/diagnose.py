@@ -74,8 +74,8 @@ def command(
     following = study.next_probe(diagnosis.channels)
     content = study.diagnosis_data(diagnosis)
     results = [
-        study.result(study.channel(one.channel), [entry.effect for entry in one.accepted], one)
-        for one in diagnosis.channels
+        study.result(study.channel(channel.channel), [entry.effect for entry in channel.accepted], channel)
+        for channel in diagnosis.channels
     ]
     if as_json:
         console.print_json(content)
@@ -97,16 +97,16 @@ def command(
             *_next(data, study, diagnosis, {"model": model, "channel": channel}, out, apply, plan)
         )
     if exit_code:
-        raise typer.Exit(exit_code_of([one.verdict for one in diagnosis.channels]))
+        raise typer.Exit(exit_code_of([channel.verdict for channel in diagnosis.channels]))
 
 
 def exit_code_of(verdicts: Iterable[Verdict]) -> int:
     """What the program ends with: the code of what says most, 0 where all is adequate."""
-    return min((EXIT_CODES[one] for one in verdicts if one in EXIT_CODES), default=0)
+    return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 
 def _say_what_is_not_there(study: Study) -> None:
-    if study.source.probed and not any(one.kind is ChannelKind.CONTACT for one in study.channels):
+    if study.source.probed and not any(channel.kind is ChannelKind.CONTACT for channel in study.channels):
         remark = "no contact: the force never rises above that in free air; was anything touched?"
         console.stderr().print(f"[yellow]{remark}[/yellow]")
 
@@ -122,7 +122,7 @@ def _next(  # noqa: PLR0917, what was typed and found
 ) -> Steps:
     """Commands that go on from a diagnosis, the nearest first."""
     again, kept = data.typed(**asked), data.typed(folder=out)
-    found = [one for one in diagnosis.channels if one.accepted]
+    found = [channel for channel in diagnosis.channels if channel.accepted]
     if found and apply:
         yield f"palpate export {kept}", "the improved model as a simulated world"
         yield f"palpate revisions {kept}", "all stages, to go back to"
@@ -139,14 +139,16 @@ def _next(  # noqa: PLR0917, what was typed and found
         if world is not None:
             experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
             yield experiment, "the experiment that would tell more"
-    if study.source.session is None and any(_met_afresh(study, one) for one in diagnosis.channels):
+    if study.source.session is None and any(_met_afresh(study, channel) for channel in diagnosis.channels):
         yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot: that explains more"
-    if any(one.verdict is Verdict.UNEXPLAINED or one.complete is False for one in diagnosis.channels):
+    if any(
+        channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
+    ):
         for name in study.source.unused[:MOST_ASKED]:
             yield f"palpate diagnose {again} --context {as_shell_word(name)}", f"whether it depends on {name}"
         yield f"palpate diagnose {again} --effect my_effects.py:MyEffect", "try a hypothesis of your own"
-    if all(study.refusal(study.channel(one.channel)) for one in diagnosis.channels):
-        too_little = any("; record" in one.reason for one in diagnosis.channels)
+    if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
+        too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
             yield f"palpate import {path_typed(data.file)} FILE ... --look", "further files are further runs"
         yield f"palpate estimate {data.typed(model=asked['model'])}", "parameters, as far as they go"
@@ -164,12 +166,12 @@ def _other_models(data: DataArguments, study: Study, diagnosis: StudyDiagnosis, 
             yield f"palpate diagnose {typed}", f"from a base model that leaves {left}"
 
 
-def _met_afresh(study: Study, found: ChannelDiagnosis) -> bool:
+def _met_afresh(study: Study, diagnosis: ChannelDiagnosis) -> bool:
     """Whether something relaxes and is not explained in full, and would be if no run remembered another."""
-    helped = [entry.effect for entry in found.accepted]
+    helped = [entry.effect for entry in diagnosis.accepted]
     if StressRelaxation.name not in helped or not (
-        found.verdict is Verdict.UNEXPLAINED or found.complete is False
+        diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False
     ):
         return False
-    channel = study.channel(found.channel)
+    channel = study.channel(diagnosis.channel)
     return relaxes_afresh(channel.data, channel.model)

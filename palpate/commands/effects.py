@@ -78,12 +78,15 @@ def _on(effect: Effect, file: Path) -> Example:
     from palpate.study import Study  # noqa: PLC0415, takes a second
 
     study = Study(existing_data(file), keep=False)
-    for one in study.channels:
-        if effect.name in {part.name for part in one.model.effects} or one.kind not in effect.channels:
+    for channel in study.channels:
+        if (
+            effect.name in {part.name for part in channel.model.effects}
+            or channel.kind not in effect.channels
+        ):
             continue
-        fitted = study.fit(one)
+        fitted = study.fit(channel)
         suited = effect.suited_to(fitted.data)
         if suited.applies_to(fitted.data):
             return Example.beside(fitted, suited)
-    there = ", ".join(f"{one.name} ({one.model.name})" for one in study.channels)
+    there = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
     raise InputError(f"{file}: {effect.name} can be added to none of its channels: {there}")

@@ -40,29 +40,31 @@ def command(
         raise InputError(f"--all and --estimator {estimator}: give one of them")
     study = data.study(model)
     data.say_left_out()
-    found = study.estimate(ALL if every else USUAL if estimator is None else estimator)
+    estimates = study.estimate(ALL if every else USUAL if estimator is None else estimator)
     if as_json:
-        results = [as_data(each, study.truth_of(each.channel)) for each in found]
+        results = [as_data(each, study.truth_of(each.channel)) for each in estimates]
         cut_off = study.source.session is not None and study.source.session.truncated
-        used = "+".join(dict.fromkeys(each.model.name for each in found))
+        used = "+".join(dict.fromkeys(each.model.name for each in estimates))
         console.print_json({"file": str(data.file), "model": used, "cut_off": cut_off, "channels": results})
     else:
-        _print(data, study, found, model)
+        _print(data, study, estimates, model)
 
 
-def _print(data: DataArguments, study: Study, found: Sequence[ChannelEstimates], model: str | None) -> None:
+def _print(
+    data: DataArguments, study: Study, estimates: Sequence[ChannelEstimates], model: str | None
+) -> None:
     out, session = console.stdout(), study.source.session
-    out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(found), 'channel')}")
+    out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
     if session is not None and session.truncated:
         out.print(
             "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
         )
-    for each in found:
+    for each in estimates:
         print_estimates(out, each, study.truth_of(each.channel))
     for remark in calibration_remark(session):
         out.print(f"  {safe(remark)}")
     steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
-    if all(study.refusal(study.channel(each.channel.name)) for each in found):
+    if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
         steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
     if session is not None:
         steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))

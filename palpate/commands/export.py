@@ -159,7 +159,9 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
         return
     said = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
     console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True)
-    if "displacement_m" in table.column_names or any("torque_Nm" in one for one in table.column_names):
+    if "displacement_m" in table.column_names or any(
+        "torque_Nm" in column_name for column_name in table.column_names
+    ):
         console.next_steps((f"palpate import {typed(path)}", "read it again as a measurement"))
 
 

@@ -89,7 +89,7 @@ def command(
 
 
 def _print(resolved: Resolved, *, hidden: bool) -> None:
-    total = sum(one.seconds for one in resolved.decisions)
+    total = sum(decision.seconds for decision in resolved.decisions)
     done = f"{count(len(resolved.decisions), 'probe')}, {duration(total)}: [bold]{resolved.end}[/bold]"
     console.stdout().print(
         f"\n{done}\nsessions   {shown(resolved.folder)}\ndecisions  {shown(resolved.folder / DECISIONS)}"

@@ -12,14 +12,14 @@ import typer
 from estimation.data.import_options import ImportOptions
 from palpate.common import console
 from palpate.common.files import existing_file, output_folder
-from palpate.workbench.app_state import Home
+from palpate.workbench.app_state import AppState
 from palpate.workbench.early_server import EarlyServer
 from palpate.workbench.thumbnails import raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 from robot_io.errors import InputError, PalpateError
 
 if TYPE_CHECKING:
-    from palpate.workbench.state import Bench
+    from palpate.workbench.state import WorkbenchState
 
 LOOPBACK = "127.0.0.1"
 _MODEL = "kelvin_voigt"  # of a riddle
@@ -62,10 +62,10 @@ def command(
     data.refuse_unknown(model)
     is_folder = data.file.is_dir()
     folder, file = (data.file, None) if is_folder else (data.file.parent, data.file)
-    home = Home(folder, file, riddle)
-    home.open = lambda path, options: _bench(data, path, options, model)
+    home = AppState(folder, file, riddle)
+    home.open = lambda path, options: _state(data, path, options, model)
     if file is not None and data.held_out:
-        home.bench = _bench(data, file, data.options, model)  # a run that is not there is refused here
+        home.state = _state(data, file, data.options, model)  # a run that is not there is refused here
     early = _early_server(port)
     if foxglove is not None:
         from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
@@ -81,9 +81,9 @@ def command(
         with suppress(PalpateError):  # the page says what is wrong with it
             home.raw = raw_curves(file)
     if riddle:
-        home.read(lambda: _bench(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
-    elif file is not None and home.bench is None:
-        home.read(lambda: _bench(data, file, data.options, model), f"reading {file.name}")
+        home.read(lambda: _state(data, _posed(), ImportOptions(), model or _MODEL), "probing an object")
+    elif file is not None and home.state is None:
+        home.read(lambda: _state(data, file, data.options, model), f"reading {file.name}")
     early.answer_with(home.waiting)
     # a second or two to import; whoever asks meanwhile sees what was measured
     from palpate.workbench.server import serve  # noqa: PLC0415
@@ -91,8 +91,8 @@ def command(
     serve(home, early.release_socket())
 
 
-def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str | None) -> "Bench":
-    from palpate.workbench.state import Bench  # noqa: PLC0415, while the server begins
+def _state(data: DataArguments, path: Path, options: ImportOptions, model: str | None) -> "WorkbenchState":
+    from palpate.workbench.state import WorkbenchState  # noqa: PLC0415, while the server begins
 
     given = replace(
         data,
@@ -104,7 +104,7 @@ def _bench(data: DataArguments, path: Path, options: ImportOptions, model: str |
         fresh_runs=options.fresh,
         runs=options.runs,
     )
-    return Bench(given.study(model), given.typed(**{"held-out": None}))  # the bench knows those itself
+    return WorkbenchState(given.study(model), given.typed(**{"held-out": None}))  # known already
 
 
 def _posed() -> Path:

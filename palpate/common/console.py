@@ -16,7 +16,7 @@ from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.common.failures import Answer
+from palpate.common.failures import JsonOutput
 from palpate.common.formatting import safe, typed
 
 _UNBOUNDED = 10_000  # columns: wider than any table
@@ -43,7 +43,7 @@ def _console(*, stderr: bool) -> Console:
 
 def print_json(data: Any) -> None:  # noqa: ANN401
     """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
-    Answer.was_printed = True
+    JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
     # what stands for itself in JSON may still be an order to a terminal

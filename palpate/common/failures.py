@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from palpate.common.created_folders import remove_empty_folders
 from palpate.common.preflight import library_remedy
-from palpate.common.python_words import Words
+from palpate.common.python_words import ErrorWording
 from robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
 from robot_io.files.safe_yaml import one_line
 
@@ -32,8 +32,8 @@ class OneLineGroup(TyperGroup):
     def main(self, *args: Any, **extra: Any) -> Any:  # noqa: ANN401
         """Run the command and leave with its exit code; see `TyperGroup.main`."""
         given = extra.get("args", args[0] if args else None)
-        before, Words.of_command_line = Words.of_command_line, True
-        as_json, Answer.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
+        before, ErrorWording.of_command_line = ErrorWording.of_command_line, True
+        as_json, JsonOutput.was_printed = "--json" in (sys.argv[1:] if given is None else given), False
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
             sys.stdout.flush()
@@ -42,7 +42,7 @@ class OneLineGroup(TyperGroup):
         except Exception as error:
             sys.exit(report_error(error, as_json=as_json))
         finally:
-            Words.of_command_line = before
+            ErrorWording.of_command_line = before
             remove_empty_folders()
         if code == INTERRUPTED:
             report("interrupted", INTERRUPTED)
@@ -98,7 +98,7 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
     after a result, which says itself how it ended.
     """
     line = one_line(text)
-    if as_json and not Answer.was_printed:
+    if as_json and not JsonOutput.was_printed:
         print(json.dumps({"error": line, "exit_code": code}))
     print("palpate: " + line, file=sys.stderr)
     return code
@@ -120,7 +120,7 @@ def _give_up_output() -> int:
     return FAILED
 
 
-class Answer:
+class JsonOutput:
     """There is one for each command, whatever happens after it."""
 
     was_printed = False

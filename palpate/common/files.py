@@ -127,7 +127,7 @@ def spare_files(folder: Path, names: Iterable[str], *, force: bool, keep: Iterab
         InputError: something is in the way.
     """
     kept = tuple(keep)
-    for taken in (found for name in names for found in folder.glob(name)):
+    for taken in (path for name in names for path in folder.glob(name)):
         output_file(taken, force=force, keep=kept)
 
 
@@ -135,7 +135,7 @@ def different_files(*paths: Path | None) -> None:
     """Refuse outputs that would replace each other; `InputError` if two of them are one file."""
     places = [path for path in paths if path is not None]
     for number, path in enumerate(places):
-        if any(path.resolve() == other.resolve() for other in places[:number]):
+        if any(path.resolve() == place.resolve() for place in places[:number]):
             raise InputError(f"output {path}: is named twice; give each output a name of its own")
 
 

@@ -34,7 +34,9 @@ def takes(
             shared[field.name] = Parameter(
                 field.name, _KEYWORD, default=default, annotation=hints[field.name]
             )
-        own = [one.replace(kind=_KEYWORD) for one in list(signature(command).parameters.values())[1:]]
+        own = [
+            parameter.replace(kind=_KEYWORD) for parameter in list(signature(command).parameters.values())[1:]
+        ]
 
         @functools.wraps(command)
         def call(**values: Any) -> None:  # noqa: ANN401

@@ -27,7 +27,7 @@ _ONE_AFTER_THE_OTHER = re.compile(r"(?<=\")\} (?:units|columns|where)=\{(?=\")")
 Class = TypeVar("Class", bound=type)
 
 
-class Words:
+class ErrorWording:
     """Whose words errors use; one for the whole process."""
 
     of_command_line = False
@@ -65,7 +65,7 @@ def speaks_python(made: Class) -> Class:
             try:
                 return method(*args, **by_name)
             except PalpateError as error:
-                if not Words.of_command_line:
+                if not ErrorWording.of_command_line:
                     error.args = (in_python(str(error)),)
                 raise
 

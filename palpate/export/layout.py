@@ -64,7 +64,7 @@ def _foxglove(plots: Plots) -> str:
     panels = {}
     for number, (title, plot) in enumerate(plots.items()):
         names = _series(plot, lambda stream, column: f"{stream}.{column}")
-        paths = [{"value": one, "enabled": True, "timestampMethod": "receiveTime"} for one in names]
+        paths = [{"value": name, "enabled": True, "timestampMethod": "receiveTime"} for name in names]
         panels[f"Plot!{number}"] = {"title": title, "paths": paths, "showLegend": True, "isSynced": True}
     whole = {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
     return json.dumps(whole | {"layout": _stacked(list(panels))}, indent=2) + "\n"

@@ -233,11 +233,11 @@ def _swallowed_n(fitted: Sequence[FittedChannel]) -> float:
 
 
 def _by_effect(revision: Revision) -> Effects:
-    found: Effects = defaultdict(dict)
+    effects: Effects = defaultdict(dict)
     for name, parameter in revision.parameters.items():
         effect, _, own = name.partition(".")
-        found[effect][own] = parameter.value
-    return dict(found)
+        effects[effect][own] = parameter.value
+    return dict(effects)
 
 
 def _with_object(

@@ -45,9 +45,9 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
         if name not in streams:
             raise InputError(f"{path}: has no stream or channel '{name}'. Its streams: {', '.join(streams)}")
         return events_table(session) if name == EVENTS else stream_table(session.samples(name))
-    channels = {one.name: one for one in open_source(path, options).channels}
+    channels = {channel.name: channel for channel in open_source(path, options).channels}
     if name not in channels:
-        there = ", ".join([*streams, *(one for one in channels if one not in streams)])
+        there = ", ".join([*streams, *(channel for channel in channels if channel not in streams)])
         raise InputError(f"{path}: has no stream or channel '{name}'. There are: {there}")
     return channel_table(channels[name])
 

@@ -23,7 +23,7 @@ Settings = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidatePlan:
     """An experiment that is considered."""
 
     words: str  # what the arm does
@@ -36,7 +36,7 @@ class Candidate:
         return not _ELSEWHERE.isdisjoint(self.settings)
 
 
-def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray) -> list[Candidate]:
+def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatArray) -> list[CandidatePlan]:
     """All experiments that make a valid plan; whether the arm can do them is for a rehearsal to say.
 
     Args:
@@ -47,13 +47,13 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
     found = []
     for words, settings in (*_changes(before, robot_file), *_elsewhere(before, place_world_m)):
         try:
-            found.append(Candidate(words, settings, _plan(before, settings)))
+            found.append(CandidatePlan(words, settings, _plan(before, settings)))
         except InputError:  # such as an approach that is too short for the speed
             continue
     return found
 
 
-def both(first: Candidate, second: Candidate, before: ProbingPlan) -> Candidate | None:
+def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
     """One experiment with what two show; None where they want different things, or make no valid plan."""
     wants, others = ({k: v for k, v in one.settings.items() if k not in _SHARED} for one in (first, second))
     if not wants or not others or any(others.get(name, value) != value for name, value in wants.items()):
@@ -63,7 +63,7 @@ def both(first: Candidate, second: Candidate, before: ProbingPlan) -> Candidate 
     settings = {**wants, **others, "hold_s": hold_s, "speeds_m_s": sorted(speeds, reverse=True)[:3]}
     words = f"{first.words}, and {second.words}"
     try:
-        return Candidate(words, settings, _plan(before, settings))
+        return CandidatePlan(words, settings, _plan(before, settings))
     except InputError:
         return None
 

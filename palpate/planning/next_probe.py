@@ -22,7 +22,7 @@ from estimation.study import Study, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
 from palpate.common.formatting import as_shell_word
-from palpate.planning.experiments import Candidate, both, candidates
+from palpate.planning.experiments import CandidatePlan, both, candidates
 from palpate.planning.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
@@ -62,11 +62,11 @@ class NextProbe:
     channels: tuple[str, ...]  # of which it tells
 
 
-def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided]:
+def undecided(study: Study, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
     """All that is left to ask, of each channel what is there in the place of each effect that has rivals."""
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
-        for one in found
+        for one in diagnoses
         for channel in [study.channel(one.channel)]
         for models in rivals_of(study, channel, one)
     ]
@@ -74,7 +74,7 @@ def undecided(study: Study, found: Sequence[ChannelDiagnosis]) -> list[Undecided
 
 def next_probe(
     study: Study,
-    found: Sequence[ChannelDiagnosis],
+    diagnoses: Sequence[ChannelDiagnosis],
     longest_s: float = LONGEST_S,
     progress: Progress = lambda what, share: None,
     processes: int = 1,
@@ -87,7 +87,7 @@ def next_probe(
 
     Args:
         study: what was measured so far.
-        found: what is known of its channels.
+        diagnoses: what is known of its channels.
         longest_s: time that an experiment may take [s].
         progress: told what is considered, and the share of it that is done.
         processes: that share the rehearsals.
@@ -97,9 +97,9 @@ def next_probe(
     """
     if not study.source.probed:
         return None
-    open_questions = undecided(study, found)
+    open_questions = undecided(study, diagnoses)
     if not open_questions:
-        return _remedy(study, found, longest_s, progress)
+        return _remedy(study, diagnoses, longest_s, progress)
     ran = _plans_run(study)
     single = _planned(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
@@ -118,12 +118,14 @@ def next_probe(
 class _Planned:
     """A feasible experiment, with its motion for each question; None where that does not tell."""
 
-    candidate: Candidate
+    candidate: CandidatePlan
     experiment: Experiment  # as it is promised, or as it is expected
     motions: tuple[ChannelData | None, ...]
 
     @classmethod
-    def of(cls, candidate: Candidate, ticks: Samples, study: Study, left: Sequence[Undecided]) -> "_Planned":
+    def of(
+        cls, candidate: CandidatePlan, ticks: Samples, study: Study, left: Sequence[Undecided]
+    ) -> "_Planned":
         elsewhere = candidate.is_elsewhere
         motions = tuple(_motion(one, study, ticks, elsewhere=elsewhere) for one in left)
         leads = tuple(
@@ -148,7 +150,7 @@ class _Planned:
 
 
 def _planned(
-    offered: Iterable[tuple[Candidate, Samples]],
+    offered: Iterable[tuple[CandidatePlan, Samples]],
     study: Study,
     left: Sequence[Undecided],
     longest_s: float,
@@ -160,13 +162,13 @@ def _planned(
 
 
 def _new(
-    offered: Iterable[tuple[Candidate, Samples]], ran: Sequence[ProbingPlan]
-) -> Iterator[tuple[Candidate, Samples]]:
+    offered: Iterable[tuple[CandidatePlan, Samples]], ran: Sequence[ProbingPlan]
+) -> Iterator[tuple[CandidatePlan, Samples]]:
     """Those that were not run yet."""
     return (one for one in offered if one[0].plan not in ran)
 
 
-def _pairs(single: Sequence[_Planned]) -> list[tuple[Candidate, Candidate]]:
+def _pairs(single: Sequence[_Planned]) -> list[tuple[CandidatePlan, CandidatePlan]]:
     """Two of some experiments, where both tell more than any alone; those that tell most first."""
     most = max((one.experiment.tells for one in single), default=0.0)
     pairs = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
@@ -186,11 +188,11 @@ def _plan_of(session: Session) -> ProbingPlan:
 
 
 def _remedy(
-    study: Study, found: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
+    study: Study, diagnoses: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
     """More presses where a channel cannot be judged; harder ones where its readings are too coarse."""
-    contacts = [one for one in found if one.channel.startswith("contact")]
-    judged = contacts or list(found)
+    contacts = [one for one in diagnoses if one.channel.startswith("contact")]
+    judged = contacts or list(diagnoses)
     if any(one.verdict is not Verdict.INSUFFICIENT for one in judged):
         return None
     first = judged[0]
@@ -214,9 +216,9 @@ def _remedy(
 def feasible(
     study: Study,
     progress: Progress = lambda what, share: None,
-    pairs: Sequence[tuple[Candidate, Candidate]] | None = None,
+    pairs: Sequence[tuple[CandidatePlan, CandidatePlan]] | None = None,
     processes: int = 1,
-) -> Iterator[tuple[Candidate, Samples]]:
+) -> Iterator[tuple[CandidatePlan, Samples]]:
     """The experiments that the arm of a study can do, each with the motion that it would make.
 
     Args:
@@ -261,7 +263,7 @@ def _channel_like(data: ChannelData, ticks: Samples) -> ChannelData | None:
     return next((one for one in planned if one.name == data.name), None)
 
 
-def _next_probe(candidate: Candidate, left: Sequence[Undecided], choice: Choice) -> NextProbe:
+def _next_probe(candidate: CandidatePlan, left: Sequence[Undecided], choice: Choice) -> NextProbe:
     told = [one for one, leads in zip(left, choice.experiment.leads, strict=True) if (leads > SMALL).any()]
     names = list(dict.fromkeys(name for one in told for name in one.names))
     proposal = NextExperiment(
@@ -290,7 +292,7 @@ class _Ground:
     @classmethod
     def of(cls, study: Study, session: Session) -> "_Ground | None":
         """None where nothing was touched: the object is not known."""
-        contact = next((one for one in study.channels if one.kind is ChannelKind.CONTACT), None)
+        contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
         metadata, before = session.metadata, _plan_of(session)

@@ -79,57 +79,57 @@ class Rehearsal:
 _known: OrderedDict[Rehearsal, Samples | None] = OrderedDict()
 
 
-def rehearse_all(wanted: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
+def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterator[Samples | None]:
     """What `rehearse` says of each, in this order; None where the arm cannot do it.
 
     What was rehearsed before is remembered. The work of several processes comes out the same.
     """
-    known = {one: _known[one] for one in wanted if one in _known}
-    new = [one for one in wanted if one not in known]
+    known = {one: _known[one] for one in rehearsals if one in _known}
+    new = [one for one in rehearsals if one not in known]
     if processes == 1 or len(new) < 2:
-        for one in wanted:
+        for one in rehearsals:
             yield _remembered(one, known[one] if one in known else _tried(one))
         return
     context = get_context("fork")
     with ProcessPoolExecutor(min(processes, len(new)), context, initializer=end_when_told) as pool:
         coming = {one: pool.submit(_tried, one) for one in new}
         try:
-            for one in wanted:
+            for one in rehearsals:
                 yield _remembered(one, coming[one].result() if one in coming else known[one])
         except BaseException:  # whoever asked wants no more, or a signal came: nobody waits for the others
             end_workers(pool)
             raise
 
 
-def _remembered(one: Rehearsal, ticks: Samples | None) -> Samples | None:
-    _known[one] = ticks
-    _known.move_to_end(one)
+def _remembered(rehearsal: Rehearsal, ticks: Samples | None) -> Samples | None:
+    _known[rehearsal] = ticks
+    _known.move_to_end(rehearsal)
     if len(_known) > _KEPT:
         _known.popitem(last=False)
     return ticks
 
 
-def _tried(one: Rehearsal) -> Samples | None:
+def _tried(rehearsal: Rehearsal) -> Samples | None:
     try:
-        return rehearse(one)
+        return rehearse(rehearsal)
     except PalpateError:
         return None
 
 
-def rehearse(wanted: Rehearsal) -> Samples:
+def rehearse(rehearsal: Rehearsal) -> Samples:
     """The ticks of a probing of this arm, without noise: what channels are made of.
 
     Raises:
         InputError: the arm cannot do it within its limits.
         SafetyTripError: the task would stop.
     """
-    known, robot_file, body = wanted.known, wanted.arm.robot_file, wanted.arm.body
-    plan = ProbingPlan.model_validate_json(wanted.plan_json)
+    known, robot_file, body = rehearsal.known, rehearsal.arm.robot_file, rehearsal.arm.body
+    plan = ProbingPlan.model_validate_json(rehearsal.plan_json)
     task = ProbingTask.from_robot_file(robot_file, plan, body=body)
     push = np.array(plan.press_direction_world)
     normal = np.array(known.normal_world)
     dt_s, time_s = 1.0 / robot_file.control_rate_hz, 0.0
-    position = np.array(wanted.start_rad)
+    position = np.array(rehearsal.start_rad)
     velocity, torque = np.zeros_like(position), body.gravity(position)
     rows: list[tuple[object, ...]] = []
     output: TaskOutput | None = None

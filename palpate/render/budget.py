@@ -11,9 +11,9 @@ from palpate.render.view import BudgetPart, BudgetView
 _SHOWN = 0.005  # share below which what nothing explains is not mentioned
 
 
-def budget_view(found: ChannelDiagnosis) -> BudgetView | None:
+def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     """Arrange the error budget of a channel for display; None where the diagnosis has none."""
-    if found.rest is None or found.baseline is None:
+    if diagnosis.rest is None or diagnosis.baseline is None:
         return None
     kinds = [
         BudgetPart(
@@ -26,25 +26,25 @@ def budget_view(found: ChannelDiagnosis) -> BudgetView | None:
             form=entry.form.value,
             effects=tuple(entry.effects),
         )
-        for entry in found.budget
+        for entry in diagnosis.budget
     ]
-    is_bound = found.floor is None or found.floor.at_most
+    is_bound = diagnosis.floor is None or diagnosis.floor.at_most
     at_most, at_least = ("at most", "at least") if is_bound else ("", "")
-    parts = [*kinds, BudgetPart("noise", found.rest.noise, palette.FLOOR, at_most)]
-    if found.rest.unexplained >= _SHOWN:
-        parts.append(BudgetPart("unexplained", found.rest.unexplained, palette.UNEXPLAINED, at_least))
-    error = f"{found.baseline.rmse:.3g} {found.effort_unit}"
+    parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.FLOOR, at_most)]
+    if diagnosis.rest.unexplained >= _SHOWN:
+        parts.append(BudgetPart("unexplained", diagnosis.rest.unexplained, palette.UNEXPLAINED, at_least))
+    error = f"{diagnosis.baseline.rmse:.3g} {diagnosis.effort_unit}"
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     return BudgetView(
-        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(_confusions(found))
+        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(_confusions(diagnosis))
     )
 
 
-def _confusions(found: ChannelDiagnosis) -> Iterator[str]:
+def _confusions(diagnosis: ChannelDiagnosis) -> Iterator[str]:
     """Kinds that cannot be told apart, each pair once."""
     pairs: set[frozenset[Kind]] = set()
-    for entry in found.budget:
+    for entry in diagnosis.budget:
         if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
             pairs.add(pair)
             others = " or ".join(kind.word for kind in entry.replaceable_by)

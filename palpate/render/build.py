@@ -116,7 +116,7 @@ def stage_view(
         rmse=rmse,
         predicted=predicted,
         residual=residual,
-        parameters=tuple(parameter_view(name, found) for name, found in parameters.items()),
+        parameters=tuple(parameter_view(name, parameter) for name, parameter in parameters.items()),
         effects=model.effects,
         equation=equation_of(model),
         unphysical=tuple(unphysical),
@@ -216,18 +216,18 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     return replace(verdict, remarks=(*wrong, *since, *verdict.remarks))
 
 
-def _fall(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:
+def _fall(stages: Sequence[StageView], diagnosis: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:
     """Label and error of each stage; as the diagnosis has them, where no stages were worked out."""
-    if stages or found is None or found.baseline is None:
+    if stages or diagnosis is None or diagnosis.baseline is None:
         return tuple((stage.label, stage.rmse) for stage in stages)
-    steps = ((f"+ {entry.effect}", entry.rmse_after) for entry in found.accepted)
-    return (("base model", found.baseline.rmse), *steps)
+    steps = ((f"+ {entry.effect}", entry.rmse_after) for entry in diagnosis.accepted)
+    return (("base model", diagnosis.baseline.rmse), *steps)
 
 
-def _parameters(stages: Sequence[StageView], found: ChannelDiagnosis | None) -> tuple[ParameterView, ...]:
-    if stages or found is None or found.final is None:
+def _parameters(stages: Sequence[StageView], diagnosis: ChannelDiagnosis | None) -> tuple[ParameterView, ...]:
+    if stages or diagnosis is None or diagnosis.final is None:
         return stages[-1].parameters if stages else ()
-    return tuple(parameter_view(name, value) for name, value in found.final.parameters.items())
+    return tuple(parameter_view(name, value) for name, value in diagnosis.final.parameters.items())
 
 
 def _left_out(judged: BoolArray) -> Iterator[str]:
@@ -236,15 +236,15 @@ def _left_out(judged: BoolArray) -> Iterator[str]:
         yield f"{share:.2g} % of the samples are not judged; the report shades them."
 
 
-def _with_evidence(view: ChannelView, found: ChannelDiagnosis) -> ChannelView:
-    view = replace(view, budget=budget_view(found))
-    if found.verdict is Verdict.ADEQUATE:
-        return replace(view, accepted=tuple(found.accepted))
+def _with_evidence(view: ChannelView, diagnosis: ChannelDiagnosis) -> ChannelView:
+    view = replace(view, budget=budget_view(diagnosis))
+    if diagnosis.verdict is Verdict.ADEQUATE:
+        return replace(view, accepted=tuple(diagnosis.accepted))
     return replace(
         view,
-        accepted=tuple(found.accepted),
-        ranking=tuple(one for one in found.ranking if one.score > 0.0),
-        next_experiment=found.next_experiment,
+        accepted=tuple(diagnosis.accepted),
+        ranking=tuple(one for one in diagnosis.ranking if one.score > 0.0),
+        next_experiment=diagnosis.next_experiment,
     )
 
 
@@ -301,12 +301,12 @@ def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:
 
 
 def _facts(study: Study, results: Sequence[ChannelResult]) -> dict[str, str]:
-    channels = [one.channel for one in results]
+    channels = [result.channel for result in results]
     facts = {
-        "channels": ", ".join(one.name for one in channels),
+        "channels": ", ".join(channel.name for channel in channels),
         "data": f"{count(len(channels[0].data.runs), 'run')}, {count(len(channels[0].data), 'sample')}",
-        "base model": ", ".join(dict.fromkeys(one.model.name for one in channels)),
-        "SHA-256": ", ".join(f"{one.name} {one.sha256[:12]}" for one in channels),
+        "base model": ", ".join(dict.fromkeys(channel.model.name for channel in channels)),
+        "SHA-256": ", ".join(f"{channel.name} {channel.sha256[:12]}" for channel in channels),
     }
     if study.source.session is not None:
         metadata = study.source.session.metadata

@@ -42,62 +42,66 @@ _COLORS = {
 Truth = Mapping[str, float]
 
 
-def print_estimates(console: Console, found: ChannelEstimates, truth: Truth) -> None:
+def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth) -> None:
     """Print one channel's parameters by every estimator, and what the table does not say.
 
     Args:
         console: prints them.
-        found: the channel with its estimates.
+        estimates: the channel with its estimates.
         truth: true parameters by name, as far as they are known.
     """
-    runs, samples = len(found.channel.runs), int(np.count_nonzero(found.rows))
-    title = f"{found.channel.name}: {found.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
+    runs, samples = len(estimates.channel.runs), int(np.count_nonzero(estimates.rows))
+    title = (
+        f"{estimates.channel.name}: {estimates.model.name}, {count(runs, 'run')}, {count(samples, 'sample')}"
+    )
     console.print(f"[bold]{safe(title)}[/bold]")
-    console.print(estimate_table(found, truth, console.width))
-    for remark in remarks(found, truth):
+    console.print(estimate_table(estimates, truth, console.width))
+    for remark in remarks(estimates, truth):
         console.print(Padding(Text.from_markup(safe(remark)), (0, 0, 0, 2), expand=False))
 
 
-def estimates_view(found: ChannelEstimates, truth: Truth) -> ChannelView:
+def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
     """The best estimate as a view; the residual is that of the samples that were fitted."""
-    best, predicted = found.best, found.prediction()
-    residual = np.where(found.rows, found.channel.effort - predicted, np.nan)
+    best, predicted = estimates.best, estimates.prediction()
+    residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
     parameters = {p.name: p for p in best.parameters}
-    stage = stage_view(found.model, parameters, predicted, residual, rmse=best.rmse, label=found.model.name)
-    unit = found.channel.kind.effort_unit
-    level = f"; the noise is {found.noise.describe(unit)}" if found.noise else ""
-    sentence = (
-        f"{found.channel.name}: {found.model.name} by estimator {best.estimator} leaves {best.rmse:.3g} "
-        f"{unit}{level}."
+    stage = stage_view(
+        estimates.model, parameters, predicted, residual, rmse=best.rmse, label=estimates.model.name
     )
-    share = PERCENT * (1.0 - float(np.mean(found.rows)))
+    unit = estimates.channel.kind.effort_unit
+    level = f"; the noise is {estimates.noise.describe(unit)}" if estimates.noise else ""
+    sentence = (
+        f"{estimates.channel.name}: {estimates.model.name} by estimator {best.estimator} leaves "
+        f"{best.rmse:.3g} {unit}{level}."
+    )
+    share = PERCENT * (1.0 - float(np.mean(estimates.rows)))
     unfitted = f"{share:.2g} % of the samples are not part of the fit; they are shaded" if share else ""
-    view = channel_view(found.channel, [stage], found.noise, judged=found.rows)
-    spoilt = spoilt_by(found) or best.unphysical
-    word = "misses" if found.misfit > POOR or spoilt else "fits"
-    names = (found.channel.name, found.model.name)
-    verdict = VerdictView(word, sentence, (*remarks(found, truth), unfitted), names)
+    view = channel_view(estimates.channel, [stage], estimates.noise, judged=estimates.rows)
+    spoilt = spoilt_by(estimates) or best.unphysical
+    word = "misses" if estimates.misfit > POOR or spoilt else "fits"
+    names = (estimates.channel.name, estimates.model.name)
+    verdict = VerdictView(word, sentence, (*remarks(estimates, truth), unfitted), names)
     return replace(view, fall=(), verdict=verdict)
 
 
-def estimate_table(found: ChannelEstimates, truth: Truth, width: int) -> Table:
+def estimate_table(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
     """Every estimator's parameters with their 95 % intervals; errors where the truth is known.
 
     Args:
-        found: a channel with its estimates.
+        estimates: a channel with its estimates.
         truth: true parameters, as far as they are known.
         width: of the terminal [characters]; a narrow one gets fewer columns.
     """
-    if len(shown_parameters(found.estimates[0])) <= _MOST_ABREAST:
+    if len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST:
         for columns in (width, min(width, _NARROW - 1)):
-            made = _one_row_an_estimator(found, truth, columns)
+            made = _one_row_an_estimator(estimates, truth, columns)
             if natural_width(made) <= width:
                 return made
-    return _one_row_a_parameter(found, truth)
+    return _one_row_a_parameter(estimates, truth)
 
 
-def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int) -> Table:
-    parameters = shown_parameters(found.estimates[0])
+def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int) -> Table:
+    parameters = shown_parameters(estimates.estimates[0])
     known = {p.name for p in parameters if p.name in truth}
     erring = known if width >= _NARROW else set()
     columns = ["estimator"]
@@ -107,10 +111,12 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int) -> 
             *["error"] * (parameter.name in erring),
         ]
     columns += (
-        ["rmse\n" + safe(f"[{found.channel.kind.effort_unit}]"), "cond.", "used"] if width >= _WIDE else []
+        ["rmse\n" + safe(f"[{estimates.channel.kind.effort_unit}]"), "cond.", "used"]
+        if width >= _WIDE
+        else []
     )
     made = table("", *columns, "determined", right=columns[1:])
-    for estimate in found.estimates:
+    for estimate in estimates.estimates:
         cells = [estimate.estimator]
         for p in shown_parameters(estimate):
             cells += [with_interval(p), error_text(p, truth)] if p.name in erring else [with_interval(p)]
@@ -128,12 +134,12 @@ def _one_row_an_estimator(found: ChannelEstimates, truth: Truth, width: int) -> 
     return made
 
 
-def _one_row_a_parameter(found: ChannelEstimates, truth: Truth) -> Table:
+def _one_row_a_parameter(estimates: ChannelEstimates, truth: Truth) -> Table:
     """For narrow terminals and models with many parameters: each estimator above its parameters."""
-    known = {p.name for p in shown_parameters(found.estimates[0]) if p.name in truth}
+    known = {p.name for p in shown_parameters(estimates.estimates[0]) if p.name in truth}
     numbers = ["value", "95 %", *["truth"] * bool(known)]
     made = table("", "estimator", *numbers, "determined", right=numbers)
-    for estimate in found.estimates:
+    for estimate in estimates.estimates:
         made.add_row(f"[bold]{estimate.estimator}[/bold]")
         for p in shown_parameters(estimate):
             name = f"  {safe(short_name(p.name))} {safe(f'[{p.unit}]')}"
@@ -169,18 +175,18 @@ def _all_determined(estimate: Estimate) -> str:
     return ", ".join(parts) or _in_color(Determined.YES)
 
 
-def remarks(found: ChannelEstimates, truth: Truth) -> list[str]:
+def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
     """What the table does not say: the surface, and what speaks against the estimates."""
-    return [*_on_data(found, truth), *_on_fit(found), *_on_estimates(found)]
+    return [*_on_data(estimates, truth), *_on_fit(estimates), *_on_estimates(estimates)]
 
 
-def spoilt_by(found: ChannelEstimates) -> str | None:
+def spoilt_by(estimates: ChannelEstimates) -> str | None:
     """What is wrong with the data, so that no estimate of them means anything; None if nothing shows."""
-    return contaminated(found.channel, found.model)
+    return contaminated(estimates.channel, estimates.model)
 
 
-def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
-    reason, surface, channel = spoilt_by(found), found.surface_of(found.best), found.channel
+def _on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]:
+    reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
     if reason is not None:
         yield f"do not rely on these estimates: {reason}"
     if surface is not None:
@@ -193,40 +199,40 @@ def _on_data(found: ChannelEstimates, truth: Truth) -> Iterator[str]:
     if tare is not None and np.any(np.abs(tare.effort) > NOTABLE * tare.std_err):
         mean = significant(float(np.mean(tare.effort)), float(np.max(tare.std_err)))
         yield f"the force in free air, {mean} N, was subtracted"
-    if FEWEST_STEPS <= steps_spanned(channel, found.rows) < FEW_STEPS:
-        steps = in_steps(channel, found.rows)
+    if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
+        steps = in_steps(channel, estimates.rows)
         yield f"{steps}: the intervals allow for them, but a damping from so few comes out too low"
 
 
-def _on_fit(found: ChannelEstimates) -> Iterator[str]:
-    best, unit = found.best, found.channel.kind.effort_unit
-    if found.noise is not None and found.misfit > POOR:
+def _on_fit(estimates: ChannelEstimates) -> Iterator[str]:
+    best, unit = estimates.best, estimates.channel.kind.effort_unit
+    if estimates.noise is not None and estimates.misfit > POOR:
         yield (
-            f"{found.model.name} does not describe these data: {best.estimator} leaves "
-            f"{best.rmse:.2g} {unit} (rms), and the noise is {found.noise.describe(unit)}. "
+            f"{estimates.model.name} does not describe these data: {best.estimator} leaves "
+            f"{best.rmse:.2g} {unit} (rms), and the noise is {estimates.noise.describe(unit)}. "
             "The intervals do not count that; palpate diagnose looks for what is missing"
         )
-    surface, offset = found.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
+    surface, offset = estimates.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
     if surface is not None and offset is not None:
         deeper_m = surface.position_m + offset.value - surface.deepest_m
         if deeper_m > NOTABLE * offset.std_err:
             yield (
-                f"the force of {found.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: an "
+                f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: an "
                 "attraction that the model lacks, or an object that begins softly"
             )
 
 
-def _on_estimates(found: ChannelEstimates) -> Iterator[str]:
-    yield from (f"{name}: {problem}" for name, problem in found.failures.items())
-    roomy = len(shown_parameters(found.estimates[0])) <= _MOST_ABREAST
+def _on_estimates(estimates: ChannelEstimates) -> Iterator[str]:
+    yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
+    roomy = len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST
     against: dict[str, list[str]] = {}
-    for estimate in found.estimates:
+    for estimate in estimates.estimates:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
             share = f"{PERCENT * left_out:.0f} % of the samples"
             yield f"{estimate.estimator} set {share} aside: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
-        if doubtful and (roomy or estimate is found.best):  # else the table says it of each
+        if doubtful and (roomy or estimate is estimates.best):  # else the table says it of each
             against.setdefault(estimate.note, []).append(estimate.estimator)
     yield from (f"{', '.join(names)}: {note}" for note, names in against.items())
 
@@ -250,18 +256,18 @@ def calibration_remark(session: Session | None) -> list[str]:
     ]
 
 
-def as_data(found: ChannelEstimates, truth: Truth) -> dict[str, Any]:
+def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
     """One channel's outcome as plain data; the keys are stable."""
     return {
-        "channel": found.channel.name,
-        "runs": len(found.channel.runs),
-        "samples": int(np.count_nonzero(found.rows)),
+        "channel": estimates.channel.name,
+        "runs": len(estimates.channel.runs),
+        "samples": int(np.count_nonzero(estimates.rows)),
         "truth": dict(truth),
-        "tare": _tare_data(found.channel),
-        "spoilt": spoilt_by(found),
-        "failures": found.failures,
-        "misfit": {"noise": found.noise.value if found.noise else None, "times": found.misfit},
-        "estimates": [_estimate_data(found, estimate, truth) for estimate in found.estimates],
+        "tare": _tare_data(estimates.channel),
+        "spoilt": spoilt_by(estimates),
+        "failures": estimates.failures,
+        "misfit": {"noise": estimates.noise.value if estimates.noise else None, "times": estimates.misfit},
+        "estimates": [_estimate_data(estimates, estimate, truth) for estimate in estimates.estimates],
     }
 
 
@@ -274,8 +280,8 @@ def _tare_data(channel: ChannelData) -> list[dict[str, float]] | None:
     ]
 
 
-def _estimate_data(found: ChannelEstimates, estimate: Estimate, truth: Truth) -> dict[str, Any]:
-    surface = found.surface_of(estimate)
+def _estimate_data(estimates: ChannelEstimates, estimate: Estimate, truth: Truth) -> dict[str, Any]:
+    surface = estimates.surface_of(estimate)
     return {
         "estimator": estimate.estimator,
         "surface": vars(surface) if surface is not None else None,
@@ -298,10 +304,10 @@ def _parameter_data(p: ParameterEstimate, truth: Truth) -> dict[str, Any]:
     return data
 
 
-def markdown_summary(found: ChannelEstimates, truth: Truth, heading: str) -> str:
+def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) -> str:
     """The best estimate as a small table, for Rerun's summary."""
-    best = found.best
-    rows = [f"**{heading}**: model `{found.model.name}`, estimator `{best.estimator}`", ""]
+    best = estimates.best
+    rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
     for p in shown_parameters(best):
         half = p.half_interval
@@ -309,7 +315,7 @@ def markdown_summary(found: ChannelEstimates, truth: Truth, heading: str) -> str
         true, error = (f"{truth[p.name]:g}", error_text(p, truth)) if p.name in truth else ("–", "–")
         value = significant(p.value, half)
         rows.append(f"| {short_name(p.name)} [{p.unit}] | {value} | {interval} | {true} | {error} |")
-    return "\n".join([*rows, "", *(f"- {remark}" for remark in remarks(found, truth))])
+    return "\n".join([*rows, "", *(f"- {remark}" for remark in remarks(estimates, truth))])
 
 
 def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:

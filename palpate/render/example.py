@@ -39,7 +39,7 @@ class Example:
         data, model, values = plain(kind)
         if not effect.applies_to(data):
             return None
-        if effect.name in {one.name for one in model.effects}:
+        if effect.name in {effect.name for effect in model.effects}:
             without = model.without(effect.name).predict(data, values)
             return cls(effect, replace(data, effort=without), model, values)
         made = cls(effect, data, model.with_effect(effect), sized(data, model, values, effect))

@@ -25,7 +25,7 @@ _BRIGHT = 0.98  # share of the cells of a map within its colours; the others are
 
 
 @dataclass(frozen=True)
-class Look:
+class PlotStyle:
     """How a curve is drawn, and what the legend calls it."""
 
     name: str
@@ -164,9 +164,9 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
 def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
     """Measured effort, what was wanted, and the first and the last model."""
     unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
-    curves = [(channel.effort, Look("measured", palette.MEASURED, width=2.4))]
+    curves = [(channel.effort, PlotStyle("measured", palette.MEASURED, width=2.4))]
     if channel.wanted is not None:
-        curves.append((channel.wanted[1], Look(channel.wanted[0], palette.TRUTH, "2px,2px")))
+        curves.append((channel.wanted[1], PlotStyle(channel.wanted[0], palette.TRUTH, "2px,2px")))
     curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
     for values, look in curves:
         draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
@@ -188,8 +188,8 @@ def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
     title_axes(made, place, TIME, f"measured − model [{unit}]")
 
 
-def _look_of(channel: ChannelView, stage: StageView) -> Look:
-    return Look(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
+def _look_of(channel: ChannelView, stage: StageView) -> PlotStyle:
+    return PlotStyle(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
 
 
 def _draw_state(
@@ -200,11 +200,13 @@ def _draw_state(
     colors = palette.speed_colors(words) if 1 < len(words) <= len(palette.SPEEDS) else {"": palette.MEASURED}
     for word, color in colors.items():
         rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
-        look = Look(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
+        look = PlotStyle(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
         draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
     for stage in channel.stages:
         look = replace(
-            _look_of(channel, stage), named=named, shown=any(stage is one for one in channel.shown_stages)
+            _look_of(channel, stage),
+            named=named,
+            shown=any(stage is shown_stage for shown_stage in channel.shown_stages),
         )
         if len(colors) > 1:  # measured curves have the colours of speeds
             look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
@@ -212,7 +214,7 @@ def _draw_state(
     title_axes(made, place, title, channel.axes.effort)
 
 
-def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: Look) -> None:
+def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: PlotStyle) -> None:
     """Curves of one look, as one trace with gaps."""
     x, y = joined(curves)
     trace = go.Scatter(

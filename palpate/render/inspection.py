@@ -63,49 +63,54 @@ class Inspection:
         return write_report(self.view, folder / PLOTS)
 
 
-def look_into(session: Session, found: ChannelEstimates | None = None) -> Inspection:
+def look_into(session: Session, estimates: ChannelEstimates | None = None) -> Inspection:
     """Work out what is to be shown.
 
     Args:
         session: a probing session or an imported one.
-        found: estimates, if they were made already.
+        estimates: estimates, if they were made already.
 
     Raises:
         InputError: the session holds nothing that can be shown.
     """
     channels = _channels(session)
-    found, truth = found or _estimates(channels), true_parameters(session)
+    estimates, truth = estimates or _estimates(channels), true_parameters(session)
     ticks = tick_columns(session) if has_ticks(session) else None
     if ticks is None and not channels:
         raise InputError(f"{session.path}: holds nothing that can be shown")
     view = StudyView(
         session.path.name,
-        tuple(_view(each, found, truth, ticks) for each in channels),
+        tuple(_view(each, estimates, truth, ticks) for each in channels),
         _facts(session, channels),
     )
     if ticks is None:
         return Inspection(session, view, None)
-    surface = found.surface_of(found.best) if found else None
+    surface = estimates.surface_of(estimates.best) if estimates else None
     scene = Scene(
         name=session.path.stem,
         ticks=ticks,
         urdf=session.metadata.urdf,
         events=session.events,
-        estimate=found.best if found else None,
+        estimate=estimates.best if estimates else None,
         surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
         truth={name: value for name, value in truth.items() if name != SURFACE},
-        summary=as_utf8(_summary(session, found)),
+        summary=as_utf8(_summary(session, estimates)),
     )
     return Inspection(session, view, scene)
 
 
 def _view(
-    channel: ChannelData, found: ChannelEstimates | None, truth: Mapping[str, float], ticks: Columns | None
+    channel: ChannelData,
+    estimates: ChannelEstimates | None,
+    truth: Mapping[str, float],
+    ticks: Columns | None,
 ) -> ChannelView:
     """A channel with its estimates, if it is theirs, and with what was wanted of it."""
-    if found is not None and channel.name == found.channel.name:
-        view = estimates_view(found, truth)
-        return view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, found.channel)))
+    if estimates is not None and channel.name == estimates.channel.name:
+        view = estimates_view(estimates, truth)
+        return (
+            view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, estimates.channel)))
+        )
     view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
@@ -163,8 +168,8 @@ def _estimates(channels: tuple[ChannelData, ...]) -> ChannelEstimates | None:
         return None
 
 
-def _summary(session: Session, found: ChannelEstimates | None) -> str:
+def _summary(session: Session, estimates: ChannelEstimates | None) -> str:
     name = session.path.stem
-    if found is None:
+    if estimates is None:
         return f"**{name}**: nothing was touched"
-    return markdown_summary(found, true_parameters(session), name)
+    return markdown_summary(estimates, true_parameters(session), name)

@@ -26,7 +26,7 @@ PAIRED = "The intervals of the differences are paired: what both models lack ali
 
 
 @dataclass(frozen=True)
-class SidesView:
+class PairedView:
     """One channel on both sides."""
 
     channel: str  # its name
@@ -44,7 +44,7 @@ class SidesView:
         """What the intervals of differences are."""
         if self.found.is_same_data:
             return "Of one measurement, so the errors are not independent: differences have no intervals."
-        if any(one.paired_std_err is not None for one in self.found.differences):
+        if any(difference.paired_std_err is not None for difference in self.found.differences):
             return PAIRED
         return "95 % intervals of independent errors; SI units."
 
@@ -72,7 +72,7 @@ class PairView:
     """All channels that two files share, and the commands that lead here."""
 
     names: tuple[str, str]
-    channels: tuple[SidesView, ...]
+    channels: tuple[PairedView, ...]
     commands: tuple[str, ...] = ()
 
     @property
@@ -81,24 +81,24 @@ class PairView:
         return f"{self.names[0]} and {self.names[1]}"
 
 
-def sides_view(found: Sides, views: tuple[ChannelView, ChannelView]) -> SidesView:
+def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
     """The view of what was compared in one channel."""
-    return SidesView(found.channel, views, found, tuple(_words(found)))
+    return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 
 
-def _words(found: Sides) -> Iterator[str]:
-    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+def _words(sides: Sides) -> Iterator[str]:
+    for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
-    if found.apart < _ONLY_NOISE:
+    if sides.apart < _ONLY_NOISE:
         yield "B repeats A, run by run: the two differ by no more than the noise of both."
-    elif np.isfinite(found.followed):
-        yield f"B follows A to {found.followed:.1f} % over time, run by run."
-    pair = tuple(zip(LETTERS, (found.first, found.second), strict=True))
-    if found.is_same_data:
+    elif np.isfinite(sides.followed):
+        yield f"B follows A to {sides.followed:.1f} % over time, run by run."
+    pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
+    if sides.is_same_data:
         texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
         yield f"{' and '.join(texts)} of the measurement."
-    elif found.first.compared is not None and found.second.compared is not None:
+    elif sides.first.compared is not None and sides.second.compared is not None:
         for (letter, side), (other_letter, other) in (pair, pair[::-1]):
             yield (
                 f"{letter}'s model {_described(side, other)} of {other_letter} ({_described(side, side)} of "
@@ -110,8 +110,8 @@ def _words(found: Sides) -> Iterator[str]:
                 f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
                 "parameters say little: add what is missing, and compare that (--revision)."
             )
-    yield from _of_parameters(found)
-    for letter, side in zip(LETTERS, (found.first, found.second), strict=True):
+    yield from _of_parameters(sides)
+    for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
         for what, one in (
             ("is not white: of its autocorrelation,", side.autocorrelation),
             ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
@@ -137,8 +137,8 @@ def _described(model: Side, measured: Side) -> str:
     return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
 
 
-def _of_parameters(found: Sides) -> Iterator[str]:
-    told = [one for one in found.differences if one.differs is not None]
+def _of_parameters(sides: Sides) -> Iterator[str]:
+    told = [difference for difference in sides.differences if difference.differs is not None]
     for one in told:
         if one.differs:
             yield f"{one.name} differs: {difference_text(one)} {one.unit}{_relative(one)}."
@@ -148,36 +148,36 @@ def _of_parameters(found: Sides) -> Iterator[str]:
         yield PAIRED
 
 
-def _relative(one: ParameterDifference) -> str:
-    if one.first is None or not one.first.value:
+def _relative(difference: ParameterDifference) -> str:
+    if difference.first is None or not difference.first.value:
         return ""
-    rounded = float(f"{_PERCENT * one.value / abs(one.first.value):.2g}")
+    rounded = float(f"{_PERCENT * difference.value / abs(difference.first.value):.2g}")
     return f" ({rounded:+z.6g} %)"
 
 
-def difference_text(one: ParameterDifference) -> str:
+def difference_text(difference: ParameterDifference) -> str:
     """A difference with half of its 95 % interval, or as much of it as is known."""
-    if not np.isfinite(one.value):
+    if not np.isfinite(difference.value):
         return "–"
-    half = f" ± {significant(one.half, one.half)}" if np.isfinite(one.half) else ""
-    return f"{significant(one.value, one.half)}{half}"
+    half = f" ± {significant(difference.half, difference.half)}" if np.isfinite(difference.half) else ""
+    return f"{significant(difference.value, difference.half)}{half}"
 
 
 def print_pair(console: Console, view: PairView) -> None:
     """Which is A and B, then of each channel sentences, fits and parameters."""
     for letter, name in zip(LETTERS, view.names, strict=True):
         console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
-    for one in view.channels:
-        models = " and ".join(dict.fromkeys(side.model for side in one.pair))
-        console.print(f"\n[bold]{safe(one.channel)}[/bold]: {safe(models)}")
-        for sentence in one.words:
+    for channel in view.channels:
+        models = " and ".join(dict.fromkeys(side.model for side in channel.pair))
+        console.print(f"\n[bold]{safe(channel.channel)}[/bold]: {safe(models)}")
+        for sentence in channel.words:
             console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
-        console.print(_fit_table(one))
-        if one.found.differences:
-            console.print(difference_table(one.found.differences, console.width))
+        console.print(_fit_table(channel))
+        if channel.found.differences:
+            console.print(difference_table(channel.found.differences, console.width))
 
 
-def _fit_table(view: SidesView) -> Table:
+def _fit_table(view: PairedView) -> Table:
     columns = [safe(name) for name in view.fit_columns]
     made = table("", "fit of", *columns, right=columns)
     for what, fits in view.fit_rows:
@@ -204,15 +204,18 @@ def _table_of_differences(
     """One row a parameter; with something `between`, its numbers are in one cell; narrow, its unit is not."""
     right = (between.join(names),) if between else names
     made = table("", "parameter", *right, *["unit"] * (not narrow), right=right)
-    for one in differences:
-        values = (significant(each.value, each.std_err) if each else "–" for each in (one.first, one.second))
-        color = "yellow" if one.differs else "default"
-        numbers = (*values, f"[{color}]{difference_text(one)}[/]")
+    for difference in differences:
+        values = (
+            significant(each.value, each.std_err) if each else "–"
+            for each in (difference.first, difference.second)
+        )
+        color = "yellow" if difference.differs else "default"
+        numbers = (*values, f"[{color}]{difference_text(difference)}[/]")
         cells = (between.join(numbers),) if between else numbers
-        effect, _, name = one.name.rpartition(".")
-        first, unit = f"[dim]{safe(effect)}.[/dim]", safe(one.unit)
+        effect, _, name = difference.name.rpartition(".")
+        first, unit = f"[dim]{safe(effect)}.[/dim]", safe(difference.unit)
         if narrow:
-            made.add_row(f"{first}\n  {safe(f'{name} [{one.unit}]')}", *cells)
+            made.add_row(f"{first}\n  {safe(f'{name} [{difference.unit}]')}", *cells)
         else:
             made.add_row(first + safe(name), *cells, unit)
     return made
@@ -228,18 +231,18 @@ def percent_text(fit: float) -> str:
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 
-def as_data(found: Sides) -> dict[str, Any]:
+def as_data(sides: Sides) -> dict[str, Any]:
     """One channel as plain data; the keys are stable."""
-    pair = (found.first, found.second)
+    pair = (sides.first, sides.second)
     return {
-        "channel": found.channel,
-        "effort_unit": found.first.channel.effort_unit,
+        "channel": sides.channel,
+        "effort_unit": sides.first.channel.effort_unit,
         "models": [side.model for side in pair],
         "reasons": [side.reason for side in pair],
-        "same_data": found.is_same_data,
-        "fit_percent": {"models": found.fits, "measured": found.followed},
+        "same_data": sides.is_same_data,
+        "fit_percent": {"models": sides.fits, "measured": sides.followed},
         "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
-        "parameters": [_difference_data(one) for one in found.differences],
+        "parameters": [_difference_data(difference) for difference in sides.differences],
         "residuals": [
             {
                 "autocorrelation": _correlation(a),
@@ -262,5 +265,10 @@ def _difference_data(one: ParameterDifference) -> dict[str, Any]:
     return {"name": one.name, "unit": one.unit, "sides": sides, "difference": difference}
 
 
-def _correlation(one: Correlation) -> dict[str, Any]:
-    return {"lag": one.lag, "value": one.value, "band_99": one.band, "outside": one.outside}
+def _correlation(correlation: Correlation) -> dict[str, Any]:
+    return {
+        "lag": correlation.lag,
+        "value": correlation.value,
+        "band_99": correlation.band,
+        "outside": correlation.outside,
+    }

@@ -13,24 +13,24 @@ from estimation.estimate import ParameterEstimate
 from estimation.statistics.correlation import Correlation
 from palpate.common.formatting import significant
 from palpate.render import palette
-from palpate.render.figures import TIME, Look, Place, draw_curves, styled, title_axes
+from palpate.render.figures import TIME, Place, PlotStyle, draw_curves, styled, title_axes
 from palpate.render.page import rendered
-from palpate.render.paired import LETTERS, PairView, SidesView, difference_text
+from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.report import as_html
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
 
 
-def state_figure(view: SidesView) -> go.Figure:
+def state_figure(view: PairedView) -> go.Figure:
     """Measured effort of both, and the model of each dashed, over position and over velocity."""
     made, axes = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03), view.views[0].axes
     for column, x in enumerate(("position", "velocity"), start=1):
         for letter, color, channel in zip(LETTERS, COLORS, view.views, strict=True):
             runs = [rows[channel.engaged[rows]] for rows in rows_by_run(channel.run).values()]
-            curves = [(channel.effort, Look(f"{letter} measured", color, width=2.0, named=column == 1))]
+            curves = [(channel.effort, PlotStyle(f"{letter} measured", color, width=2.0, named=column == 1))]
             for stage in channel.stages[-1:]:
-                look = Look(f"{letter}: {stage.name}", color, "5px,3px", 1.2, named=column == 1)
+                look = PlotStyle(f"{letter}: {stage.name}", color, "5px,3px", 1.2, named=column == 1)
                 curves.append((stage.predicted, look))
             for effort, look in curves:
                 along = run_curves(getattr(channel, x), effort, runs)
@@ -39,7 +39,7 @@ def state_figure(view: SidesView) -> go.Figure:
     return styled(made, 420)
 
 
-def time_figure(view: SidesView) -> go.Figure:
+def time_figure(view: PairedView) -> go.Figure:
     """Both over time, and what each model leaves; the second at the times of the first, if it repeats it."""
     made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
     first, second = view.views
@@ -50,22 +50,22 @@ def time_figure(view: SidesView) -> go.Figure:
             curves = run_curves(first.time_s, view.found.overlay, list(rows_by_run(first.run).values()))
         else:
             curves = run_curves(channel.time_s, channel.effort, runs)
-        draw_curves(made, curves, (1, 1), unit, Look(f"{letter} measured", color, width=1.8))
+        draw_curves(made, curves, (1, 1), unit, PlotStyle(f"{letter} measured", color, width=1.8))
         if channel.stages:
             left = run_curves(channel.time_s, channel.stages[-1].residual, runs)
-            draw_curves(made, left, (2, 1), unit, Look(f"left by {letter}'s model", color))
+            draw_curves(made, left, (2, 1), unit, PlotStyle(f"left by {letter}'s model", color))
     title_axes(made, (1, 1), "", first.axes.effort)
     title_axes(made, (2, 1), TIME, f"measured − model [{unit}]")
     return styled(made, 520)
 
 
-def residual_figure(view: SidesView) -> go.Figure:
+def residual_figure(view: PairedView) -> go.Figure:
     """Autocorrelation of what each model leaves, and its correlation with the velocity; bands hold 99 %."""
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
         for column, one in enumerate((side.autocorrelation, side.cross_correlation), start=1):
-            look = Look(letter, color, named=column == 1)
+            look = PlotStyle(letter, color, named=column == 1)
             _draw_correlation(made, (1, column), one, side.step_s, look)
     title_axes(made, (1, 1), "lag [s]", "correlation")
     title_axes(made, (1, 2), "velocity before (+) or after (−) by [s]", "")
@@ -74,12 +74,14 @@ def residual_figure(view: SidesView) -> go.Figure:
     return styled(made, 360).update_layout(legend_y=1.1)
 
 
-def _draw_correlation(made: go.Figure, place: Place, one: Correlation, unit_s: float, look: Look) -> None:
-    lag_s = unit_s * one.lag
+def _draw_correlation(
+    made: go.Figure, place: Place, correlation: Correlation, unit_s: float, look: PlotStyle
+) -> None:
+    lag_s = unit_s * correlation.lag
     line = {"color": look.color, "width": 1.3}
     shown = go.Scatter(
         x=lag_s,
-        y=one.value,
+        y=correlation.value,
         name=f"{look.name}'s model",
         line=line,
         showlegend=look.named,
@@ -89,7 +91,12 @@ def _draw_correlation(made: go.Figure, place: Place, one: Correlation, unit_s: f
     band = {"color": look.color, "width": 1, "dash": "dot"}
     for sign in (1.0, -1.0):
         edge = go.Scatter(
-            x=lag_s, y=sign * one.band, line=band, showlegend=False, legendgroup=look.name, hoverinfo="skip"
+            x=lag_s,
+            y=sign * correlation.band,
+            line=band,
+            showlegend=False,
+            legendgroup=look.name,
+            hoverinfo="skip",
         )
         made.add_trace(edge, *place)
 
@@ -104,12 +111,14 @@ def document(pair: PairView) -> str:
         "difference": difference_text,
     }
     facts = dict(zip(LETTERS, pair.names, strict=True))
-    facts |= {"models": ", ".join(dict.fromkeys(side.model for one in pair.channels for side in one.pair))}
+    facts |= {
+        "models": ", ".join(dict.fromkeys(side.model for channel in pair.channels for side in channel.pair))
+    }
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
     return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plotly=plotly, plots=_plots)
 
 
-def _plots(view: SidesView) -> dict[str, Markup]:
+def _plots(view: PairedView) -> dict[str, Markup]:
     draw = {
         "state": state_figure,
         "time": time_figure,
@@ -118,5 +127,5 @@ def _plots(view: SidesView) -> dict[str, Markup]:
     return {name: as_html(figure(view)) for name, figure in draw.items()}
 
 
-def _value(one: ParameterEstimate | None) -> str:
-    return "–" if one is None else significant(one.value, one.std_err)
+def _value(estimate: ParameterEstimate | None) -> str:
+    return "–" if estimate is None else significant(estimate.value, estimate.std_err)

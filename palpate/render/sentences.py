@@ -17,30 +17,32 @@ def enumerated(names: Sequence[str], last: str = "and") -> str:
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
-def diagnosed(found: ChannelDiagnosis) -> VerdictView:
+def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
     """The verdict of a diagnosis."""
-    names = tuple(entry.effect for entry in found.accepted)
-    return VerdictView(str(found.verdict), _sentence(found), tuple(_remarks(found)), names)
+    names = tuple(entry.effect for entry in diagnosis.accepted)
+    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(_remarks(diagnosis)), names)
 
 
-def _sentence(found: ChannelDiagnosis) -> str:
-    if found.verdict is Verdict.INSUFFICIENT:
-        return f"{found.channel}: this data cannot say: {_ended(found.reason)}"
-    if found.verdict is Verdict.ADEQUATE:
-        return f"{found.channel}: nothing is missing that this data can show. {_error(found)}"
-    if not found.accepted and (kinds := _kinds_without_form(found)):
+def _sentence(diagnosis: ChannelDiagnosis) -> str:
+    if diagnosis.verdict is Verdict.INSUFFICIENT:
+        return f"{diagnosis.channel}: this data cannot say: {_ended(diagnosis.reason)}"
+    if diagnosis.verdict is Verdict.ADEQUATE:
+        return f"{diagnosis.channel}: nothing is missing that this data can show. {_error(diagnosis)}"
+    if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
         return (
-            f"{found.channel}: what kind is missing is known, its form is not: {enumerated(kinds)}. "
-            f"{_error(found)}"
+            f"{diagnosis.channel}: what kind is missing is known, its form is not: {enumerated(kinds)}. "
+            f"{_error(diagnosis)}"
         )
-    if not found.accepted:
+    if not diagnosis.accepted:
         return (
-            f"{found.channel}: something is missing that no known effect explains; it depends on "
-            f"{enumerated(found.depends_on) or 'no single signal'}. {_error(found)}"
+            f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
+            f"{enumerated(diagnosis.depends_on) or 'no single signal'}. {_error(diagnosis)}"
         )
-    names = enumerated([_with_rivals(entry) for entry in found.accepted])
-    verb = "is" if len(found.accepted) == 1 else "are"
-    return f"{found.channel}: {names} {verb} missing from the model. {_error(found)}{_rest(found)}"
+    names = enumerated([_with_rivals(entry) for entry in diagnosis.accepted])
+    verb = "is" if len(diagnosis.accepted) == 1 else "are"
+    return (
+        f"{diagnosis.channel}: {names} {verb} missing from the model. {_error(diagnosis)}{_rest(diagnosis)}"
+    )
 
 
 def _with_rivals(entry: Accepted) -> str:
@@ -51,9 +53,9 @@ def _with_rivals(entry: Accepted) -> str:
     return f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect
 
 
-def _kinds_without_form(found: ChannelDiagnosis) -> list[str]:
+def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
     """Kinds of which no effect has the form, with their shares of the error."""
-    unknown = (entry for entry in found.budget if entry.form is Form.UNKNOWN)
+    unknown = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
     return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
 
@@ -63,47 +65,49 @@ def _in_its_place(rival: str, effect: str) -> str:
     return f"{rival} for both" if effect in parts else rival
 
 
-def _error(found: ChannelDiagnosis) -> str:
-    unit, before, after = found.effort_unit, found.baseline, found.final
+def _error(diagnosis: ChannelDiagnosis) -> str:
+    unit, before, after = diagnosis.effort_unit, diagnosis.baseline, diagnosis.final
     if before is None or after is None:
         return ""
-    floor = _noise(found)
-    if not found.accepted:
+    floor = _noise(diagnosis)
+    if not diagnosis.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
-    added = "it" if len(found.accepted) == 1 else "them"
+    added = "it" if len(diagnosis.accepted) == 1 else "them"
     if after.rmse > _NO_FALL * before.rmse:
         return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With {added}, the error in held-out runs falls {fall}{floor}."
 
 
-def _noise(found: ChannelDiagnosis) -> str:
+def _noise(diagnosis: ChannelDiagnosis) -> str:
     """The noise with its source, in parentheses; nothing where it is not known."""
-    if found.noise_floor is None or found.floor is None:
+    if diagnosis.noise_floor is None or diagnosis.floor is None:
         return ""
-    size = f"{found.noise_floor:.3g} {found.effort_unit}"
-    source = found.floor.source.value
+    size = f"{diagnosis.noise_floor:.3g} {diagnosis.effort_unit}"
+    source = diagnosis.floor.source.value
     return (
-        f" (noise at most {size}, by {source})" if found.floor.at_most else f" (noise {size}, from {source})"
+        f" (noise at most {size}, by {source})"
+        if diagnosis.floor.at_most
+        else f" (noise {size}, from {source})"
     )
 
 
-def _rest(found: ChannelDiagnosis) -> str:
+def _rest(diagnosis: ChannelDiagnosis) -> str:
     """What is left beside the established effects, and how large it is."""
-    if found.complete is not False or found.remaining is None:
+    if diagnosis.complete is not False or diagnosis.remaining is None:
         return ""
-    signals = found.remaining.depends_on
+    signals = diagnosis.remaining.depends_on
     on = f", depends on {enumerated(signals)}" if signals else ""
-    times = found.remaining.times_floor
+    times = diagnosis.remaining.times_floor
     size = f": {times:.2g} times the noise" if times >= NOISE else ""
     left = f" Something more is left{size}{on}."
-    kinds = _kinds_without_form(found)
+    kinds = _kinds_without_form(diagnosis)
     return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
 
 
-def _remarks(found: ChannelDiagnosis) -> Iterator[str]:
-    if found.verdict is Verdict.UNEXPLAINED or (found.complete and "; " in found.reason):
-        yield f"Why: {_ended(found.reason)}"
+def _remarks(diagnosis: ChannelDiagnosis) -> Iterator[str]:
+    if diagnosis.verdict is Verdict.UNEXPLAINED or (diagnosis.complete and "; " in diagnosis.reason):
+        yield f"Why: {_ended(diagnosis.reason)}"
 
 
 def _ended(reason: str) -> str:

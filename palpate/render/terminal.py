@@ -207,28 +207,32 @@ def parameter_table(parameters: Sequence[ParameterView], width: int) -> Renderab
 def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Table:
     units = () if narrow else ("unit",)
     made = table("", "parameter", "value", "95 % interval", *units, right=("value", "95 % interval"))
-    for one in parameters:
-        effect, name, unit = f"[dim]{safe(one.effect)}.[/dim]", safe(one.name), safe(one.unit)
+    for parameter in parameters:
+        effect, name, unit = (
+            f"[dim]{safe(parameter.effect)}.[/dim]",
+            safe(parameter.name),
+            safe(parameter.unit),
+        )
         if narrow:
-            made.add_row(f"{effect}\n  {name} {safe(f'[{one.unit}]')}", *with_interval(one))
+            made.add_row(f"{effect}\n  {name} {safe(f'[{parameter.unit}]')}", *with_interval(parameter))
         else:
-            made.add_row(effect + name, *with_interval(one), unit)
-    if any(one.effect == ContactOffset.name for one in parameters):
+            made.add_row(effect + name, *with_interval(parameter), unit)
+    if any(parameter.effect == ContactOffset.name for parameter in parameters):
         made.caption = f"{ContactOffset.name}: how much deeper the surface lies than it was first taken to be"
         made.caption_justify = "left"
     return made
 
 
-def with_interval(one: ParameterView) -> tuple[str, str]:
+def with_interval(view: ParameterView) -> tuple[str, str]:
     """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count."""
-    if one.at_bound:
-        return significant(one.value), AT_BOUND
-    if not one.half < float("inf"):  # NaN is not
-        return significant(one.value, one.half), NOT_DETERMINED
-    value, half = significant(one.value, one.half), significant(one.half, one.half)
-    if abs(one.upper + one.lower - 2 * one.value) < _LOPSIDED * one.half:
+    if view.at_bound:
+        return significant(view.value), AT_BOUND
+    if not view.half < float("inf"):  # NaN is not
+        return significant(view.value, view.half), NOT_DETERMINED
+    value, half = significant(view.value, view.half), significant(view.half, view.half)
+    if abs(view.upper + view.lower - 2 * view.value) < _LOPSIDED * view.half:
         return value, f"± {half}"
-    return value, f"{significant(one.lower, one.half)} … {significant(one.upper, one.half)}"
+    return value, f"{significant(view.lower, view.half)} … {significant(view.upper, view.half)}"
 
 
 def parts_table(channel: ChannelView, width: int) -> Table:

@@ -109,7 +109,7 @@ def print_library(console: Console, effects: Sequence[Effect]) -> None:
     """One table a group: what one sees of each effect, and what it is confused with where there is room."""
     roomy = console.width >= _ROOMY
     for group in GROUPS:
-        chosen = [one for one in effects if group_of(one) == group]
+        chosen = [effect for effect in effects if group_of(effect) == group]
         columns = ("effect", "what one sees", *(("confused with",) if roomy else ()))
         made = table(group, *columns)
         made.columns[0].no_wrap = True

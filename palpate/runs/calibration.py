@@ -43,7 +43,7 @@ class CalibrationJob(ArmJob):
 
 
 @dataclass(frozen=True)
-class Bench:
+class CalibrationSetup:
     """A robot ready to be calibrated, torque off; the body is as the calibrations that are applied say."""
 
     job: CalibrationJob
@@ -86,12 +86,12 @@ class Bench:
         result.raise_for_trip()
 
 
-Place = Callable[[Bench, int, float], None]
+Place = Callable[[CalibrationSetup, int, float], None]
 MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about [s]
 
 
 @contextmanager
-def calibration_bench(job: CalibrationJob) -> Iterator[Bench]:
+def calibration_bench(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """Set everything up; the session file is complete when the context ends.
 
     Raises:
@@ -102,7 +102,7 @@ def calibration_bench(job: CalibrationJob) -> Iterator[Bench]:
     calibrations = load_calibrations(job.robot_file, now_utc, leave_out=(job.kind,), emulated=job.wired)
     body = checked_body(job.robot_file, calibrations)
     with arm_session(job, calibrations, {KIND: job.kind}, now_utc) as arm:
-        yield Bench(job, arm, body)
+        yield CalibrationSetup(job, arm, body)
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
@@ -217,7 +217,7 @@ def run_weighing(
         weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
 
 
-def put_simulated_weight(bench: Bench, number: int, force_n: float) -> None:
+def put_simulated_weight(bench: CalibrationSetup, number: int, force_n: float) -> None:
     """Put a force on the simulated sensor."""
     if bench.arm.world is not None:
         bench.arm.world().sensor_load_n = force_n

@@ -16,7 +16,7 @@ from palpate.sweep import figures
 from palpate.sweep.case import Case, Row
 from palpate.sweep.grid import shipped_grid
 from palpate.sweep.report import Section, write_page
-from palpate.sweep.summary import BOUND, TRUE, Table, column, error_table, errors_of, estimated, grouped
+from palpate.sweep.summary import BOUND, TRUE, SweepTable, column, error_table, errors_of, estimated, grouped
 
 K, C = "stiffness.k", "damping.c"
 LIMIT_N = 10.0
@@ -26,7 +26,7 @@ CONTACT_AREA_MM2 = 681.82  # not printed: what either cube's k, E and depth give
 
 
 @dataclass(frozen=True)
-class Cube:
+class SiliconeCube:
     """A silicone cube of tables I and II, with k [N/m] and c [N s/m] as the paper's methods found them."""
 
     name: str
@@ -43,7 +43,7 @@ class Cube:
 
 
 CUBES = (
-    Cube(
+    SiliconeCube(
         "A",
         34,
         0.24,
@@ -51,7 +51,7 @@ CUBES = (
         {"lsq": 5021.53, "ransac": 4939.1, "sprls": 5034.99},
         {"lsq": 115.11, "ransac": 313.81, "sprls": 74.25},
     ),
-    Cube(
+    SiliconeCube(
         "B",
         73,
         0.76,
@@ -112,7 +112,7 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
         "longest above 10.5 N [ms]",
     )
     title = "Where c·v alone is more than the limit of 10 N: highest measured force over all k"
-    table = Table("dashpot_beyond_limit", title, heads, tuple(lines))
+    table = SweepTable("dashpot_beyond_limit", title, heads, tuple(lines))
     words = (
         "With c = 100 N s/m and 150 mm/s the dashpot alone exerts 15 N at the touch: the paper's limit of "
         "10 N cannot be kept from the first instant on, whatever the controller does; the paper does not "
@@ -142,7 +142,7 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
         beside.append((name, k_paper, k, c_paper, c))
     best = min(found, key=lambda name: _worst(found[name], K) + _worst(found[name], C))
     beside.append((f"{best} (our best)", None, _worst(found[best], K), None, _worst(found[best], C)))
-    table = Table(
+    table = SweepTable(
         "grid_beside_paper",
         "Worst error over the grid, single runs of three speeds; c where it is not zero",
         ("estimator", "k, paper [%]", "k, ours [%]", "c, paper [%]", "c, ours [%]"),
@@ -185,10 +185,10 @@ def noise_section(rows: Sequence[Row]) -> Section:
     heads = ("k [%]", "c [%]", "k over bound", "c over bound")
     title = "Mean absolute error; k = 500 N/m, c = 100 N s/m"
     all_heads = ("estimator", "noise [% of force]", *heads, "k, least [%]", "c, least [%]")
-    table = Table("noise", title, all_heads, tuple(lines))
+    table = SweepTable("noise", title, all_heads, tuple(lines))
     at_ten = {line[0]: line for line in lines if line[1] == 10}
     ten = tuple((name, *line[2:6]) for name, line in at_ten.items())
-    shown = Table("noise_at_10_percent", f"{title}, 10 % noise", ("estimator", *heads), ten)
+    shown = SweepTable("noise_at_10_percent", f"{title}, 10 % noise", ("estimator", *heads), ten)
     ransac, lsq, wild, calm = (at_ten[name] for name in ("ransac", "lsq", SPRLS, SPRLS_ZERO))
     kept = 100 * np.mean(column(groups["ransac", 10.0], "inlier_share"))
     words = (
@@ -209,7 +209,7 @@ def noise_section(rows: Sequence[Row]) -> Section:
 
 def cubes_section(rows: Sequence[Row]) -> Section:
     """Tables I and II."""
-    first = Table(
+    first = SweepTable(
         "table_1",
         "Table I: spring constant by equation (3), k = E A / l",
         ("cube", "depth [mm]", "E [N/mm²]", "k, paper [N/m]", "k, ours [N/m]"),
@@ -232,7 +232,7 @@ def cubes_section(rows: Sequence[Row]) -> Section:
     title = (
         "Table II: the silicone cubes; ours are simulated, with what the paper's RANSAC says for the truth"
     )
-    second = Table("table_2", title, ("cube", "estimator", *values), tuple(lines))
+    second = SweepTable("table_2", title, ("cube", "estimator", *values), tuple(lines))
     peak_n = max(max(row["peak_n"]) for row in _one_of_each(rows))
     words = (
         "Equation (3) needs the area that the force acts on, which the paper does not print. Both cubes "
@@ -264,9 +264,9 @@ def ransac_section(rows: Sequence[Row]) -> Section:
             (f"{name}, the paper's settings", *(papers[key] for key in keys)),
         ]
     heads = ("noise", "threshold [N]", "subset", "trials", "k over bound", "c over bound")
-    table = Table("ransac_settings", "Best settings on the map, and the paper's", heads, tuple(lines))
+    table = SweepTable("ransac_settings", "Best settings on the map, and the paper's", heads, tuple(lines))
     all_keys = ("noise_percent", "outliers_percent", *keys, "inlier_share")
-    whole = Table(
+    whole = SweepTable(
         "ransac_map", "The whole map", all_keys, tuple(tuple(row[key] for key in all_keys) for row in rows)
     )
     words = (

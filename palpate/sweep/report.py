@@ -17,7 +17,7 @@ from palpate.sweep import figures
 from palpate.sweep.case import Row
 from palpate.sweep.figures import Drawing
 from palpate.sweep.grid import GridFile
-from palpate.sweep.summary import Table, error_table, grouped
+from palpate.sweep.summary import SweepTable, error_table, grouped
 
 PAGE, FIGURES, TABLES = "index.html", "figures", "tables"
 _PIXELS_PER_INCH = 132
@@ -31,8 +31,8 @@ class Section:
     title: str  # heading
     drawing: Drawing | None  # its figure, or None
     words: tuple[str, ...] = ()  # paragraphs
-    tables: tuple[Table, ...] = ()  # shown, and written as CSV
-    more: tuple[Table, ...] = ()  # written as CSV only
+    tables: tuple[SweepTable, ...] = ()  # shown, and written as CSV
+    more: tuple[SweepTable, ...] = ()  # written as CSV only
 
 
 def write_page(
@@ -60,7 +60,7 @@ def write_page(
     return folder / PAGE
 
 
-def as_csv(table: Table) -> str:
+def as_csv(table: SweepTable) -> str:
     """The table as CSV, with all digits."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -107,7 +107,11 @@ def write_grid(
     sections.append(_failures(rows))
     sections[0] = Section(**vars(sections[0]) | {"more": (_all_rows(rows),)})
     return write_page(
-        folder, title, grid.description, facts, [one for one in sections if one.words or one.tables]
+        folder,
+        title,
+        grid.description,
+        facts,
+        [section for section in sections if section.words or section.tables],
     )
 
 
@@ -139,7 +143,7 @@ def _verdicts(rows: Sequence[Row]) -> Section:
         lambda row: (row["truth"], row["channel"], row["verdict"], row["accepted"]),
     )
     lines = tuple((*key, len(own)) for key, own in sorted(said.items()))
-    table = Table(
+    table = SweepTable(
         "verdicts",
         "What the diagnosis said",
         ("hidden", "channel", "verdict", "effects named", "cases"),
@@ -154,10 +158,12 @@ def _failures(rows: Sequence[Row]) -> Section:
         lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
     )
     lines = tuple((text, len(own)) for text, own in why.items())
-    tables = (Table("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
+    tables = (SweepTable("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
     return Section("Cases without a result", None, (), tables)
 
 
-def _all_rows(rows: Sequence[Row]) -> Table:
+def _all_rows(rows: Sequence[Row]) -> SweepTable:
     names = tuple(dict.fromkeys(key for row in rows for key in row if key not in _NOT_SHOWN))
-    return Table("cases", "Every row", names, tuple(tuple(row.get(name) for name in names) for row in rows))
+    return SweepTable(
+        "cases", "Every row", names, tuple(tuple(row.get(name) for name in names) for row in rows)
+    )

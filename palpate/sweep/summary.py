@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Table:
+class SweepTable:
     """A table as it is printed, and written as CSV."""
 
     name: str  # of its CSV file, without the ending
@@ -82,7 +82,7 @@ def estimated(rows: Iterable[Row]) -> list[Row]:
     return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
 
 
-def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> Table:
+def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> SweepTable:
     """One line for each estimator: worst and mean error, over the bound, and coverage, of each parameter."""
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
     lines = []
@@ -101,4 +101,4 @@ def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = F
     called = short if len(set(short)) == len(short) else parameters
     figures = ("worst %", "mean %", "over bound", "in 95 % interval, %")
     heads = [f"{name}: {figure}" for name in called for figure in figures]
-    return Table(name, title, ("estimator", *heads, "no answer"), tuple(lines))
+    return SweepTable(name, title, ("estimator", *heads, "no answer"), tuple(lines))

@@ -91,7 +91,7 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     return replace(made, verdict=verdict, words=words[:MOST_TEXT])
 
 
-class Estimator:
+class ObjectEstimator:
     """Hands the work to two processes, one for each look; whoever owns it asks for the answers.
 
     Each works at one target at a time; of what waits, only the newest samples of each target are kept.
@@ -100,7 +100,7 @@ class Estimator:
 
     def __init__(self, *, diagnose: bool) -> None:
         looks = [(first_look, 0), *([(second_look, _NICE)] if diagnose else [])]
-        self._workers = [_Worker(look, nice) for look, nice in looks]
+        self._workers = [_EstimatorProcess(look, nice) for look, nice in looks]
 
     @property
     def busy(self) -> bool:
@@ -123,7 +123,7 @@ class Estimator:
             worker.process.join()
 
 
-class _Worker:
+class _EstimatorProcess:
     """One process with one kind of look. It is sent nothing while it is not waiting: a pipe may fill up."""
 
     def __init__(self, look: Look, nice: int) -> None:
@@ -222,20 +222,20 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     return min(found, key=lambda one: one[1].rmse_n)
 
 
-def _revision(found: ChannelEstimates) -> Revision:
+def _revision(estimates: ChannelEstimates) -> Revision:
     """Estimates as a revision that nobody keeps: what can be written as a simulated object."""
     return Revision(
         number=0,
         parent=None,
-        channel=found.channel.name,
-        model=found.model.name,
+        channel=estimates.channel.name,
+        model=estimates.model.name,
         added="",
         effects=[],
         user_effects=[],
-        effort_unit=found.channel.kind.effort_unit,
-        rmse=found.best.rmse,
+        effort_unit=estimates.channel.kind.effort_unit,
+        rmse=estimates.best.rmse,
         noise_floor=0.0,
-        parameters={p.name: KeptParameter.of(p) for p in found.best.parameters},
+        parameters={p.name: KeptParameter.of(p) for p in estimates.best.parameters},
         data_sha256="",
         created_utc="",
         software_version="",

@@ -85,8 +85,8 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     )
     line.set(xlabel="time of the leader [s]", ylabel="link [ms]")
     line.legend(loc="upper left", frameon=False)
-    for one in axes:
-        one.spines[["top", "right"]].set_visible(False)
+    for axis in axes:
+        axis.spines[["top", "right"]].set_visible(False)
     try:
         with whole_file(path) as unfinished:
             figure.savefig(unfinished, dpi=110, format="png")

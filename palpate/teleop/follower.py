@@ -32,7 +32,7 @@ from control.teleop.messaging import LINK_STREAM, Messaging
 from control.teleop.target_queue import TargetQueue
 from palpate.runs.probing import PLAN
 from palpate.runs.session import ArmJob, arm_session, checked_body
-from palpate.teleop.estimating import Estimator, sample_stream
+from palpate.teleop.estimating import ObjectEstimator, sample_stream
 from palpate.teleop.virtual_object import summarize_estimate
 from robot_io.calibration import load_calibrations
 from robot_io.clock import Clock
@@ -61,7 +61,7 @@ ESTIMATE = "estimate"  # kind of the event that tells of one
 Say = Callable[[str], None]
 
 
-class Moment(NamedTuple):
+class ReportedState(NamedTuple):
     """What a report says of the arm at one time."""
 
     phase: Phase
@@ -85,13 +85,13 @@ class FollowerMessaging(threading.Thread):
     def __init__(self, line: Line, clock: Clock, say: Say, *, diagnose: bool) -> None:
         super().__init__(daemon=True)
         self.queue = TargetQueue()
-        self.moment = Moment(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
+        self.moment = ReportedState(Phase.IDLE, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, -1.0), 0.0)
         self.notes: deque[tuple[str, str, dict[str, object]]] = deque()
         self.estimates, self.error = 0, ""
         self._clock, self._say, self._over = clock, say, threading.Event()
         self._work: deque[tuple[Stream, RecordArray, int, bool]] = deque()
         self._quiet = True  # no estimate was to come when the thread last looked
-        self._estimator = Estimator(diagnose=diagnose)
+        self._estimator = ObjectEstimator(diagnose=diagnose)
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
@@ -253,7 +253,7 @@ class Observer:
         speed_m_s = float(output.tip_velocity_world_m_s.dot(output.press_direction_world))
         tip, direction = output.tip_position_world_m.tolist(), output.press_direction_world.tolist()
         force_n = measurement.force_n - self._air.mean
-        self._messaging.moment = Moment(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
+        self._messaging.moment = ReportedState(output.phase, tuple(tip), speed_m_s, tuple(direction), force_n)
         if measurement.time_s >= self._record_s:
             self._record_s = measurement.time_s + _LINK_RECORD_S
             record = self._messaging.record(measurement.time_s)

@@ -58,7 +58,7 @@ class HapticJob:
 
 
 @dataclass(frozen=True)
-class Orders:
+class HapticCommands:
     """From the main process to the haptic one."""
 
     read: int  # how many tellings have been read
@@ -69,7 +69,7 @@ class Orders:
 
 
 @dataclass(frozen=True)
-class Telling:
+class HapticReport:
     """From the haptic process to the main one."""
 
     tip_world_m: tuple[float, ...]  # shape (3,)
@@ -82,7 +82,7 @@ class Telling:
     opened: bool = True  # whether the operator's device could be opened; without it there is no session
 
 
-_NOTHING = Telling((0.0, 0.0, 0.0), 0.0)
+_NOTHING = HapticReport((0.0, 0.0, 0.0), 0.0)
 
 
 def haptic_stream(joint_count: int) -> Stream:
@@ -216,7 +216,7 @@ class _Haptics:
             self._selected.append(tuple(place.tolist()))
         self._was_selected = hand.select
 
-    def _obey(self, orders: Orders, now_s: float) -> None:
+    def _obey(self, orders: HapticCommands, now_s: float) -> None:
         self._read, self._end = orders.read, self._end or orders.end
         for kind, text in orders.notes:
             self._log.event(now_s, kind, text)
@@ -240,7 +240,7 @@ class _Haptics:
         tip = tuple(hand.position_world_m.tolist())
         finished = getattr(self._device, "finished", False)
         chosen, refused = tuple(self._selected), tuple(self._refused)
-        self._pipe.send(Telling(tip, touch.force_n, chosen, refused, finished))
+        self._pipe.send(HapticReport(tip, touch.force_n, chosen, refused, finished))
         self._told += 1
         self._selected.clear()
         self._refused.clear()

@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from control.loop.timing import SectionTiming
 from control.teleop.messaging import Messaging
 from palpate.runs.session import SOURCE
-from palpate.teleop.haptics import HapticJob, Orders, Telling, run_haptics
+from palpate.teleop.haptics import HapticCommands, HapticJob, HapticReport, run_haptics
 from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
@@ -140,7 +140,7 @@ class _Leader:
         self._remark = ""
         self._read = 0
         self._notes: list[tuple[str, str]] = []
-        self._telling: Telling | None = None
+        self._telling: HapticReport | None = None
         self._ending_s = self._link_s = self._show_s = nan
         self._over = False
         self._lateness: SectionTiming | None = None
@@ -190,7 +190,7 @@ class _Leader:
         except (EOFError, OSError) as error:
             raise self._lost() from error
 
-    def _take_telling(self, telling: Telling) -> None:
+    def _take_telling(self, telling: HapticReport) -> None:
         if telling.lateness is not None:
             self._lateness = telling.lateness
             if not telling.opened:
@@ -266,7 +266,7 @@ class _Leader:
         """Feel the estimate of the nearest place that was probed."""
         chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
         if chosen is not None:
-            self._send(Orders(self._read, render=chosen))
+            self._send(HapticCommands(self._read, render=chosen))
 
     def _intent(self) -> Intent:
         wanted = tuple(self._wanted()[:MOST_TARGETS])
@@ -275,9 +275,9 @@ class _Leader:
     def _wanted(self) -> list[Target]:
         """Targets that the follower has not finished, and that are not called off."""
         return [
-            one
-            for one in self._targets.values()
-            if self._states.get(one.number) not in _OVER and one.number not in self._cancelled
+            target
+            for target in self._targets.values()
+            if self._states.get(target.number) not in _OVER and target.number not in self._cancelled
         ]
 
     def _order(self, now_s: float) -> None:
@@ -286,10 +286,10 @@ class _Leader:
             return
         self._link_s = now_s
         record = self._messaging.record(now_s)
-        self._send(Orders(self._read, notes=tuple(self._notes), link=record))
+        self._send(HapticCommands(self._read, notes=tuple(self._notes), link=record))
         self._notes.clear()
 
-    def _send(self, orders: Orders) -> None:
+    def _send(self, orders: HapticCommands) -> None:
         try:
             self._pipe.send(orders)
         except OSError as error:
@@ -301,7 +301,7 @@ class _Leader:
     def _end_haptics(self) -> None:
         """Have the session closed, and hear how punctual the loop was."""
         if self._lateness is None:
-            self._send(Orders(self._read, notes=tuple(self._notes), end=True))
+            self._send(HapticCommands(self._read, notes=tuple(self._notes), end=True))
         while self._lateness is None:
             self._hear_operator()
             self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)

@@ -111,8 +111,10 @@ def _log_events(
         return
     times = np.array([event.time_s for event in events])
     times = (times if side == "leader" else merged.to_leader(times)) - start_s
-    levels = [rr.TextLogLevel.WARN if one.kind in _TROUBLE else rr.TextLogLevel.INFO for one in events]
-    columns = rr.TextLog.columns(text=[f"{side}, {one.kind}: {one.text}" for one in events], level=levels)
+    levels = [rr.TextLogLevel.WARN if event.kind in _TROUBLE else rr.TextLogLevel.INFO for event in events]
+    columns = rr.TextLog.columns(
+        text=[f"{side}, {event.kind}: {event.text}" for event in events], level=levels
+    )
     recording.send_columns(f"{_EVENTS}/{side}", time_column(times), columns)
 
 

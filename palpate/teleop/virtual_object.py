@@ -65,7 +65,10 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
         "target": estimate.target,
         "surface_world_m": estimate.surface_world_m,
         "model": [[term.name, dict(zip(term.keys, term.values, strict=True))] for term in estimate.model],
-        "parameters": {one.name: (one.value, one.lower, one.upper) for one in estimate.parameters},
+        "parameters": {
+            parameter.name: (parameter.value, parameter.lower, parameter.upper)
+            for parameter in estimate.parameters
+        },
         "verdict": estimate.verdict,
     }
 
@@ -101,16 +104,18 @@ GEOMETRY = ("contact_offset.offset",)
 
 def summarize_estimate(estimate: ObjectEstimate) -> str:
     """Its parameters with their 95 % intervals, what they leave, and the verdict."""
-    shown = ", ".join(_parameter(one) for one in estimate.parameters if one.name not in GEOMETRY)
+    shown = ", ".join(
+        _parameter(parameter) for parameter in estimate.parameters if parameter.name not in GEOMETRY
+    )
     verdict = f"; {estimate.verdict}" if estimate.verdict else ""
     return f"{shown}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 
 
-def _parameter(one: EstimatedParameter) -> str:
-    name, half = _SHORT.get(one.name, one.name), 0.5 * (one.upper - one.lower)
+def _parameter(parameter: EstimatedParameter) -> str:
+    name, half = _SHORT.get(parameter.name, parameter.name), 0.5 * (parameter.upper - parameter.lower)
     if not (isfinite(half) and half > 0.0):
-        return f"{name} {significant(one.value, half)} {one.unit}"
-    return f"{name} {significant(one.value, half)} ± {significant(half, half)} {one.unit}"
+        return f"{name} {significant(parameter.value, half)} {parameter.unit}"
+    return f"{name} {significant(parameter.value, half)} ± {significant(half, half)} {parameter.unit}"
 
 
 def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
@@ -177,7 +182,7 @@ class TargetStates:
         """The estimate that is to be felt from now on at this place, (3,) [m]; None if all stays as it is."""
         if not self._estimates:
             return None
-        nearest = min(self._estimates.values(), key=lambda one: _away_m(one, tip_world_m))
+        nearest = min(self._estimates.values(), key=lambda estimate: _away_m(estimate, tip_world_m))
         if nearest is self.felt:
             return None
         self.felt = nearest
@@ -200,7 +205,7 @@ class TargetStates:
             return []
         place = (short_number(report.target), Phase(report.phase).name.lower())
         self._mismatch.add(place, depth_m, report.force_n, predicted_n)
-        found = [one for one in self._mismatch.mismatches() if one.place not in self._told]
+        found = [mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._told]
         self._told.update(one.place for one in found)
         return [f"target {place[0]}, {place[1]}: {one.summary()}" for one in found]
 

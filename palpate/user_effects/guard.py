@@ -80,12 +80,12 @@ def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may sta
         yield "confused_with", f"its confused_with is {rivals!r}, wanted is a dict of experiments by effect"
 
 
-def _flaws_of_parameter(one: Parameter) -> Iterator[str]:
-    if not (one.lower < one.upper and one.typical[0] <= one.typical[1]):
-        bounds = f"bounds {one.lower:g} and {one.upper:g} and typical range {one.typical}"
-        yield f"{bounds} of parameter '{one.name}' are not in ascending order"
-    if not (isinstance(one.name, str) and one.name.isidentifier()):
-        yield f"a parameter's name is {one.name!r}, wanted are letters, digits and _"
+def _flaws_of_parameter(parameter: Parameter) -> Iterator[str]:
+    if not (parameter.lower < parameter.upper and parameter.typical[0] <= parameter.typical[1]):
+        bounds = f"bounds {parameter.lower:g} and {parameter.upper:g} and typical range {parameter.typical}"
+        yield f"{bounds} of parameter '{parameter.name}' are not in ascending order"
+    if not (isinstance(parameter.name, str) and parameter.name.isidentifier()):
+        yield f"a parameter's name is {parameter.name!r}, wanted are letters, digits and _"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401
@@ -106,13 +106,13 @@ def watched(effect: Effect) -> Effect:
     found = type(effect)
 
     def watch(method: str) -> Callable[..., Any]:
-        def call(one: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
+        def call(effect: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
             channel = next((a for a in args if isinstance(a, ChannelData)), None)
-            where = f"effect '{one.name}'" + (f" on channel '{channel.name}'" if channel else "")
+            where = f"effect '{effect.name}'" + (f" on channel '{channel.name}'" if channel else "")
             with foreign_code(where, own_file=file_of(found)):
-                made = getattr(super(watching, one), method)(*args, **by_name)
+                made = getattr(super(watching, effect), method)(*args, **by_name)
                 made = tuple(made) if method == "starts" else made
-                wrong = _flaw(one, method, args, made)
+                wrong = _flaw(effect, method, args, made)
             if wrong:
                 at = f", at {dict(args[-1])}" if args and isinstance(args[-1], Mapping) and args[-1] else ""
                 raise InputError(f"{where}: {wrong}{at}{place_of(found, method)}")

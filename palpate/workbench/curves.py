@@ -24,7 +24,7 @@ MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
 
 
 @dataclass(frozen=True)
-class Motion:
+class DrawnMotion:
     """A channel as it is drawn: units that people read, and which samples of which runs."""
 
     data: ChannelData
@@ -35,7 +35,7 @@ class Motion:
     velocity: FloatArray
 
     @classmethod
-    def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "Motion":
+    def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
         """The motion of some runs; of all without any."""
         axes = axes_of(data.kind)
         scale = _MILLI if "mm" in axes.position else 1.0
@@ -70,7 +70,7 @@ def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
     return found
 
 
-def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None) -> Figure:
+def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray | None) -> Figure:
     """Measured effort, base model and model over time; below, what they leave."""
     rows = motion.rows(motion.data.effort, MOST_POINTS)
     x, unit = picked(motion.time_s, rows), motion.axes.effort_unit
@@ -100,7 +100,7 @@ def time_figure(motion: Motion, base: FloatArray | None, left: FloatArray | None
 
 
 def time_update(
-    motion: Motion,
+    motion: DrawnMotion,
     base: tuple[FloatArray, FloatArray],
     now: tuple[FloatArray, FloatArray],
     span_s: tuple[float, float] | None,
@@ -114,14 +114,14 @@ def time_update(
 
 
 def model_update(
-    motion: Motion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
+    motion: DrawnMotion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
 ) -> Restyle:
     """The model's curves alone."""
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
     return {"y": [picked(predicted, rows), picked(left, rows)]}, [MODEL, LEFT]
 
 
-def _state_rows(motion: Motion) -> IntArray:
+def _state_rows(motion: DrawnMotion) -> IntArray:
     """Samples of a few runs, evenly in time: a path over the state has no peaks to keep."""
     there = motion.data.runs
     few = motion.runs or tuple(there[np.unique(np.linspace(0, len(there) - 1, _FEW).astype(int))].tolist())
@@ -130,14 +130,14 @@ def _state_rows(motion: Motion) -> IntArray:
     return np.insert(kept, np.flatnonzero(np.diff(motion.data.run[kept])) + 1, -1)
 
 
-def near(motion: Motion) -> BoolArray:
+def near(motion: DrawnMotion) -> BoolArray:
     """Where a contact is pressed, and somewhat before and after; all of a joint's motion."""
     if motion.data.kind is not ChannelKind.CONTACT:
         return np.ones(len(motion.data), dtype=np.bool_)
     return motion.position > -0.1 * float(motion.position.max())
 
 
-def state_figure(motion: Motion, predicted: FloatArray | None) -> Figure:
+def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
     """Measured effort and model over position, and over velocity."""
     rows = _state_rows(motion)
     effort, unit = picked(motion.data.effort, rows), motion.axes.effort_unit
@@ -181,13 +181,13 @@ def _stacked(height: int) -> Figure:
     }
 
 
-def state_update(motion: Motion, predicted: FloatArray) -> Restyle:
+def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
     """The model's curves over the state."""
     rows = _state_rows(motion)
     return {"y": [picked(predicted, rows)] * 2}, [1, 3]
 
 
-def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
+def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
     """What base model and model leave over the state, in the same colours."""
     first, second = motion.map(before), motion.map(now)
     found = np.abs(first.mean[np.isfinite(first.mean)])
@@ -221,7 +221,7 @@ def map_figure(motion: Motion, before: FloatArray, now: FloatArray) -> Figure:
     return {"data": traces, "layout": layout, "narrow": _stacked(480)}
 
 
-def map_update(motion: Motion, residual: FloatArray) -> Restyle:
+def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
     """The model's map."""
     each = motion.map(residual)
     x, y, z = (part.astype(np.float32) for part in (each.position, each.velocity, each.mean))

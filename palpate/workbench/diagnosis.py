@@ -14,8 +14,8 @@ from palpate.render.results import as_json
 from palpate.render.sentences import diagnosed
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.processes import Elsewhere
-from palpate.workbench.state import Bench
+from palpate.workbench.processes import DiagnosisProcess
+from palpate.workbench.state import WorkbenchState
 from robot_io.errors import InputError, PalpateError
 
 _POLL_S = 0.2
@@ -26,11 +26,14 @@ class DiagnosisCard:
     """Starts a diagnosis, shows how far it is and what it says, and applies its steps."""
 
     def __init__(
-        self, bench: Bench, add: Callable[[Sequence[str]], Awaitable[None]], found: Callable[[], None]
+        self,
+        state: WorkbenchState,
+        add: Callable[[Sequence[str]], Awaitable[None]],
+        found: Callable[[], None],
     ) -> None:
-        self._bench, self._add, self._found = bench, add, found
+        self._state, self._add, self._found = state, add, found
         self._buttons: ui.element | None = None
-        self._judging: Elsewhere | None = None  # as the page shows it
+        self._judging: DiagnosisProcess | None = None  # as the page shows it
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
         """Put the elements; `more` builds what belongs below the verdict."""
@@ -52,12 +55,12 @@ class DiagnosisCard:
 
     async def start(self) -> None:
         """Diagnose the channel that is shown; where a diagnosis goes on already, wait for that."""
-        bench, study, name = self._bench, self._bench.study, self._bench.choice.channel
-        while (other := bench.judging) is not None:
+        state, study, name = self._state, self._state.study, self._state.choice.channel
+        while (other := state.judging) is not None:
             await asyncio.sleep(_POLL_S)
-            if bench.judging is not other:
+            if state.judging is not other:
                 return
-        judge = bench.judging = Elsewhere()
+        judge = state.judging = DiagnosisProcess()
         self._tell()
         try:
             diagnosis = await asyncio.to_thread(
@@ -68,11 +71,11 @@ class DiagnosisCard:
         except PalpateError as error:
             judge.said = str(error)
         finally:
-            bench.judging = None
+            state.judging = None
 
     def _tell(self) -> None:
         """Show how far it is; also what was started in another tab, or before the page was loaded again."""
-        before, judge = self._judging, self._bench.judging
+        before, judge = self._judging, self._state.judging
         self._judging = judge
         if judge is not None:
             self._what.set_text(judge.now[0])
@@ -82,16 +85,16 @@ class DiagnosisCard:
         if judge is None and before is not None:
             self._ended(before)
 
-    def _ended(self, judge: Elsewhere) -> None:
+    def _ended(self, judge: DiagnosisProcess) -> None:
         if judge.said:
             ui.notify(judge.said, type="warning", multi_line=True)
         self._show()
-        if self._bench.diagnosis is not None:
+        if self._state.diagnosis is not None:
             self._found()
 
     def _stopped(self) -> None:
-        if self._bench.judging is not None:
-            self._bench.judging.stop()
+        if self._state.judging is not None:
+            self._state.judging.stop()
 
     def _running(self, *, now: bool) -> None:
         self._start.set_visibility(not now)
@@ -103,7 +106,7 @@ class DiagnosisCard:
         if self._buttons is None:
             return
         self._buttons.clear()
-        found = self._bench.diagnosis
+        found = self._state.diagnosis
         missing = [] if found is None else [e.effect for e in found.accepted if e.effect not in chosen]
         with self._buttons:
             for count in range(1, len(missing) + 1):
@@ -114,7 +117,7 @@ class DiagnosisCard:
 
     def _show(self) -> None:
         try:
-            found = self._bench.diagnosis
+            found = self._state.diagnosis
         except InputError as error:
             ui.notify(str(error), type="warning")
             return
@@ -140,7 +143,7 @@ class DiagnosisCard:
                 for remark in said.remarks:
                     ui.label(remark).classes("quiet")
             self._buttons = ui.element("div").classes("steps")
-            self.offer(self._bench.choice.effects)
+            self.offer(self._state.choice.effects)
             if found.next_experiment is not None:
                 following = ui.label(f"Next: {found.next_experiment.instruction}").classes("q-mt-sm")
                 set_props(following, title=f"To {found.next_experiment.purpose}.")

@@ -13,8 +13,8 @@ from palpate.render import palette
 from palpate.render.example import Example
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.processes import Ahead
-from palpate.workbench.state import TELLING, Bench, Evidence, evidence_of, groups
+from palpate.workbench.processes import FitPrefetcher
+from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
 from palpate.workbench.thumbnails import picture
 from robot_io.errors import PalpateError
 
@@ -25,7 +25,7 @@ Row = dict[str, Any]  # of the list, as effects.js has it
 _APART: Row = {"alike": False, "together": ""}
 
 
-class Rows(Element, component="effects.js"):
+class EffectRows(Element, component="effects.js"):
     """The library in the browser: one element, so that a tick does not redraw the page."""
 
     def __init__(self, rows: list[Row]) -> None:
@@ -63,10 +63,10 @@ class Rows(Element, component="effects.js"):
 class Effects:
     """The list of effects of one channel; their evidence comes while the page is idle."""
 
-    def __init__(self, bench: Bench, tick: Tick, gallery: Tick) -> None:
-        self._bench, self._tick, self._gallery = bench, tick, gallery
+    def __init__(self, state: WorkbenchState, tick: Tick, gallery: Tick) -> None:
+        self._state, self._tick, self._gallery = state, tick, gallery
         self._effects: dict[str, Effect] = {}
-        self._evidence: list[Evidence] = []
+        self._evidence: list[EffectEvidence] = []
         self._last: dict[str, float] = {}
         self._rivals: dict[str, tuple[str, ...]] = {}  # that did the same, when neither was ticked
 
@@ -80,13 +80,13 @@ class Effects:
 
     def fill(self) -> None:
         """List the library for the channel, those in the model ticked."""
-        self._effects = {one.name: one for one in self._bench.effects()}
-        kind = self._bench.channel.data.kind
+        self._effects = {effect.name: effect for effect in self._state.effects()}
+        kind = self._state.channel.data.kind
         with self._card:
-            self._rows = Rows([_row(effect, kind) for effect in self._effects.values()])
+            self._rows = EffectRows([_row(effect, kind) for effect in self._effects.values()])
         self._rows.on("tick", lambda event: self._ticked(event.args))
         self._rows.on("picture", lambda event: self._gallery(event.args))
-        self.show(self._bench.choice.effects)
+        self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
         """Tick what is chosen."""
@@ -100,23 +100,23 @@ class Effects:
 
         A tick finds its fit made already.
         """
-        channel, weighed = self._bench.channel, None
-        ahead = Ahead(self._bench.study, channel)
+        channel, weighed = self._state.channel, None
+        ahead = FitPrefetcher(self._state.study, channel)
         try:
-            while not self._card.is_deleted and self._bench.channel is channel:
-                chosen = self._bench.choice.effects
+            while not self._card.is_deleted and self._state.channel is channel:
+                chosen = self._state.choice.effects
                 if chosen != weighed and await self._weigh_beside(chosen, ahead, idle):
                     weighed = chosen
                 await asyncio.sleep(_PAUSE_S)
         finally:
             ahead.close()
 
-    async def _weigh_beside(self, chosen: tuple[str, ...], ahead: Ahead, idle: asyncio.Event) -> bool:
+    async def _weigh_beside(self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event) -> bool:
         """Weigh all effects beside those chosen; whether nothing else was chosen meanwhile."""
-        study, channel, found = self._bench.study, self._bench.channel, list[Evidence]()
+        study, channel, found = self._state.study, self._state.channel, list[EffectEvidence]()
         for name in sorted(self._effects, key=self._urgency):
             await idle.wait()
-            if self._card.is_deleted or self._bench.choice.effects != chosen:
+            if self._card.is_deleted or self._state.choice.effects != chosen:
                 return False
             beside = tuple(one for one in chosen if one != name)
             try:
@@ -139,21 +139,21 @@ class Effects:
     def arrange(self) -> None:
         """The most telling first; what cannot be told apart in one frame."""
         changes = {name: {**_APART, "order": self._rows[name]["order"]} for name in self._effects}
-        found, placed = self._bench.diagnosis, set[str]()
+        found, placed = self._state.diagnosis, set[str]()
         named = {one.effect: one.confused_with for one in found.accepted} if found is not None else {}
         for group in groups(self._evidence):
             names = [one.effect for one in group]
             if len(names) > 1:
                 self._rivals |= dict.fromkeys(names, tuple(names))
-            known = [self._rivals.get(one, ()) for one in names if one in self._bench.choice.effects]
+            known = [self._rivals.get(name, ()) for name in names if name in self._state.choice.effects]
             rivals = [
-                other for others in (*known, *(named.get(one, ()) for one in names)) for other in others
+                other for others in (*known, *(named.get(name, ()) for name in names)) for other in others
             ]
             names = [
                 one for one in dict.fromkeys([*names, *rivals]) if one in self._effects and one not in placed
             ]
             placed.update(names)
-            chosen = any(name in self._bench.choice.effects for name in names)
+            chosen = any(name in self._state.choice.effects for name in names)
             for name in names:
                 changes[name] |= {"order": _rank(group[0].falls, chosen=chosen), "alike": len(names) > 1}
             if len(names) > 1:
@@ -166,17 +166,17 @@ class Effects:
         self._rows[name]["chosen"] ^= True  # as the browser has it; it is put right if that cannot be fitted
         await self._tick(name)
 
-    def _mark(self, one: Evidence) -> None:
-        falls = max(one.falls, 0.0)
+    def _mark(self, evidence: EffectEvidence) -> None:
+        falls = max(evidence.falls, 0.0)
         change: Row = {
             "mark": f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %",
-            "look": "strong" if one.falls > TELLING else "quiet",
+            "look": "strong" if evidence.falls > TELLING else "quiet",
             "about": elements.EVIDENCE,
             "share": round(_BAR_PX * falls),
         }
         if not self._evidence:  # later the list keeps still until all are weighed again
-            change["order"] = _rank(one.falls, chosen=one.effect in self._bench.choice.effects)
-        self._rows.change({one.effect: change})
+            change["order"] = _rank(evidence.falls, chosen=evidence.effect in self._state.choice.effects)
+        self._rows.change({evidence.effect: change})
 
     def _narrow(self, event: events.ValueChangeEventArguments[Any]) -> None:
         wanted = (event.value or "").strip().lower()

@@ -10,9 +10,9 @@ from estimation.effect import Effect, Parameter
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.render.example import Example
-from palpate.workbench.curves import Motion, axis, curve, layout_of, near, picked
+from palpate.workbench.curves import DrawnMotion, axis, curve, layout_of, near, picked
 from palpate.workbench.elements import Figure, Plot, Restyle, heading, set_props
-from palpate.workbench.state import Bench
+from palpate.workbench.state import WorkbenchState
 from robot_io.errors import PalpateError
 
 _POINTS = 600  # samples drawn
@@ -23,14 +23,14 @@ _DECADES = 1.0  # to either side of where a gain's slider begins
 class Gallery:
     """A dialog for one effect after the other: the fitted base model with it, simulated."""
 
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
+    def __init__(self, state: WorkbenchState) -> None:
+        self._state = state
 
     async def open(self, name: str) -> None:
         """Show an effect beside the base model."""
-        effect = next(one for one in self._bench.effects() if one.name == name)
+        effect = next(effect for effect in self._state.effects() if effect.name == name)
         try:
-            simulated = await asyncio.to_thread(_Simulated, self._bench, effect)
+            simulated = await asyncio.to_thread(_Simulated, self._state, effect)
         except PalpateError as error:
             ui.notify(str(error), type="warning")
             return
@@ -52,9 +52,9 @@ class Gallery:
 class _Simulated:
     """An effect added to the fitted base model, on a few runs of the user's motion."""
 
-    def __init__(self, bench: Bench, effect: Effect) -> None:
-        self.example = Example.beside(bench.study.fit(bench.channel), effect)
-        self._motion = Motion.of(self.example.data)
+    def __init__(self, state: WorkbenchState, effect: Effect) -> None:
+        self.example = Example.beside(state.study.fit(state.channel), effect)
+        self._motion = DrawnMotion.of(self.example.data)
         rows = np.flatnonzero(near(self._motion))
         rows = rows[:: max(len(rows) // _POINTS, 1)]
         self._rows = np.insert(rows, np.flatnonzero(np.diff(self.example.data.run[rows])) + 1, -1)

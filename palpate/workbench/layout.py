@@ -18,55 +18,55 @@ from palpate.common.formatting import safe
 from palpate.planning.next_probe import plan_text, same_world
 from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
-from palpate.workbench.app_state import Home
+from palpate.workbench.app_state import AppState
 from palpate.workbench.diagnosis import DiagnosisCard
 from palpate.workbench.elements import set_props
 from palpate.workbench.gallery import Gallery
 from palpate.workbench.live import Live, newest_growing, ran
-from palpate.workbench.load import Drop
+from palpate.workbench.load import FileDrop
 from palpate.workbench.page import Page
-from palpate.workbench.state import Bench
+from palpate.workbench.state import WorkbenchState
 from robot_io.errors import PalpateError
 
 _NEXT = "next-experiment.yaml"
 _CODE_DIGITS = 6
 
 
-async def compose(home: Home) -> None:
+async def lay_out_page(home: AppState) -> None:
     """Build the page for what the server shows."""
-    if home.bench is None:
+    if home.state is None:
         _begin(home)
         return
-    bench = home.bench
-    gallery = Gallery(bench)
+    state = home.state
+    gallery = Gallery(state)
 
     def below(page: Page) -> Callable[[Sequence[str]], None]:
-        card = DiagnosisCard(bench, page.add, page.found)
+        card = DiagnosisCard(state, page.add, page.found)
         if home.riddle:
             from palpate.workbench.riddle import RiddleCard  # noqa: PLC0415, with the simulator
 
-            RiddleCard(bench, card.start).build()
-        card.build(lambda: _next_step(home, bench))
+            RiddleCard(state, card.start).build()
+        card.build(lambda: _next_step(home, state))
         return card.offer
 
-    def show(other: Bench) -> None:
-        home.bench = other
+    def show(state: WorkbenchState) -> None:
+        home.state = state
         ui.navigate.reload()
 
-    page = Page(bench, lambda: _opening(home), show, home.serve_report)
+    page = Page(state, lambda: _opening(home), show, home.serve_report)
 
     async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
-        if (tuple(sorted(out)), tuple(sorted(held_out))) == (bench.out, bench.study.held_out):
+        if (tuple(sorted(out)), tuple(sorted(held_out))) == (state.out, state.study.held_out):
             return
         try:
-            show(await asyncio.to_thread(bench.with_runs, out, held_out))
+            show(await asyncio.to_thread(state.with_runs, out, held_out))
         except PalpateError as error:
             ui.notify(str(error), type="warning")
 
     await page.build(below, gallery.open, use_runs)
 
 
-def _begin(home: Home) -> None:
+def _begin(home: AppState) -> None:
     """Where nothing is open: drop a file, choose one, or probe."""
     with ui.element("div").classes("begin"):
         ui.label("palpate workbench").classes("brand")
@@ -77,7 +77,7 @@ def _begin(home: Home) -> None:
             ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
 
 
-def _opening(home: Home) -> None:
+def _opening(home: AppState) -> None:
     """The same in a dialog, where something is open."""
     with ui.dialog() as dialog, ui.card().classes("gallery"):
         _choose(home)
@@ -86,11 +86,11 @@ def _opening(home: Home) -> None:
     dialog.open()
 
 
-def _choose(home: Home) -> Drop:
-    drop = Drop(lambda path, options: _show(home, path, options))
+def _choose(home: AppState) -> FileDrop:
+    drop = FileDrop(lambda path, options: _show(home, path, options))
     drop.build()
     files = [file for file in home.folder.iterdir() if is_data(file)] if home.folder.is_dir() else []
-    for file in sorted(files, key=lambda one: -one.stat().st_mtime)[:12]:
+    for file in sorted(files, key=lambda file: -file.stat().st_mtime)[:12]:
         ui.button(file.name, on_click=partial(drop.begin, file)).props("flat dense no-caps")
     if sum(map(is_session, files)) > 1:
         words_of_all = "All sessions of the folder as one study"
@@ -111,22 +111,22 @@ def is_data(file: Path) -> bool:
     return file.is_file() and (is_table or is_session(file))
 
 
-async def _show(home: Home, path: Path, options: ImportOptions) -> None:
+async def _show(home: AppState, path: Path, options: ImportOptions) -> None:
     """Open a file, and show it; an error is said where it was chosen."""
     assert home.open is not None  # noqa: S101, set before the page is served
     opener = home.open
-    home.bench = await asyncio.to_thread(lambda: opener(path, options))
+    home.state = await asyncio.to_thread(lambda: opener(path, options))
     home.error, home.riddle = "", False
     ui.navigate.reload()
 
 
-async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
+async def _probe(home: AppState, arguments: list[str], place: ui.element, *, join: bool = False) -> None:
     """Probe, following the session as it grows; what comes back is opened, or joined to what is there."""
     session = _unused(home, "workbench", ".mcap")
 
     async def done(path: Path) -> None:
-        if join and home.bench is not None:
-            home.bench = await asyncio.to_thread(home.bench.joined_with, path)
+        if join and home.state is not None:
+            home.state = await asyncio.to_thread(home.state.joined_with, path)
             ui.navigate.reload()
         else:
             await _show(home, path, ImportOptions())
@@ -140,7 +140,7 @@ async def _probe(home: Home, arguments: list[str], place: ui.element, *, join: b
             ui.label(failed).classes("bad")
 
 
-async def _resolve(home: Home, world: str, place: ui.element) -> None:
+async def _resolve(home: AppState, world: str, place: ui.element) -> None:
     """Run `palpate resolve` in the world that was probed; its decisions are told as they come."""
     folder = _unused(home, "resolve")
     arguments = ["resolve", *shlex.split(world), "--out", str(folder)]
@@ -154,7 +154,7 @@ async def _resolve(home: Home, world: str, place: ui.element) -> None:
     await _show(home, folder, ImportOptions())
 
 
-def _unused(home: Home, name: str, ending: str = "") -> Path:
+def _unused(home: AppState, name: str, ending: str = "") -> Path:
     """A place where nothing is, and which no other tab is about to write to."""
     folder = output_folder(SESSIONS if home.folder == Path() else home.folder)
     paths = (folder / f"{name}-{number}{ending}" for number in count(1))
@@ -163,11 +163,11 @@ def _unused(home: Home, name: str, ending: str = "") -> Path:
     return free
 
 
-def _next_step(home: Home, bench: Bench) -> None:
+def _next_step(home: AppState, state: WorkbenchState) -> None:
     """The experiment that sets apart what is left, on the arm that was probed, one click away."""
-    found, session = bench.diagnosis, bench.study.source.session
+    found, session = state.diagnosis, state.study.source.session
     world = None if session is None else same_world(session)
-    folder = bench.study.folder
+    folder = state.study.folder
     if session is None or found is None or found.next_experiment is None or folder is None:
         return
     if world is None:
@@ -182,7 +182,7 @@ def _next_step(home: Home, bench: Bench) -> None:
         with place:
             ui.label(elements.DESIGNING).classes("quiet")
         try:
-            following = await run.io_bound(lambda: bench.study.next_probe([found]))
+            following = await run.io_bound(lambda: state.study.next_probe([found]))
             if following is None:
                 ui.notify("no experiment that this arm can do would tell more")
                 return

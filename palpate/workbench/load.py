@@ -29,7 +29,7 @@ _SHOWN = 4  # values of a column that are shown
 
 
 @dataclass
-class Column:
+class ColumnGuess:
     """What a column is taken for; `quantity` may number a joint, as in position_2."""
 
     name: str
@@ -39,7 +39,7 @@ class Column:
     values: str
 
 
-def guess(table: Table) -> list[Column]:
+def guess(table: Table) -> list[ColumnGuess]:
     """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
     guesses = [one for one in guesses if table.is_numeric(one.column)]
@@ -55,9 +55,9 @@ def guess(table: Table) -> list[Column]:
     return found
 
 
-def options_of(columns: Sequence[Column]) -> ImportOptions:
+def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     """How to read the file, as the page has it. InputError: two columns hold the same."""
-    used = [one for one in columns if one.quantity]
+    used = [column for column in columns if column.quantity]
     names = [one.quantity for one in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"several columns are taken for {twice[0]}; choose one")
@@ -72,11 +72,11 @@ def units_of(quantity: str) -> list[str]:
     ]
 
 
-def _column(table: Table, guessed: Guess) -> Column:
+def _column(table: Table, guessed: Guess) -> ColumnGuess:
     quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
     values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
     why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
-    return Column(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)
+    return ColumnGuess(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)
 
 
 def _usual(quantity: str) -> str:
@@ -91,7 +91,7 @@ def _warn(error: PalpateError) -> None:
 Opened = Callable[[Path, ImportOptions], Awaitable[None]]
 
 
-class Drop:
+class FileDrop:
     """The place to drop a file, and then the columns of it."""
 
     def __init__(self, opened: Opened) -> None:
@@ -149,7 +149,7 @@ class Drop:
                 raise InputError(f"{name[:80]!r}: cannot be kept in {folder} ({error})") from error
         raise InputError(f"{folder}: too many files are called {name}")
 
-    def _ask(self, path: Path, columns: list[Column]) -> None:
+    def _ask(self, path: Path, columns: list[ColumnGuess]) -> None:
         self._review.clear()
         choices = [NOTHING, *QUANTITIES, RUN]
         with self._review:
@@ -159,8 +159,8 @@ class Drop:
                     for heading in ("column", "holds", "in", "first values"):
                         with ui.element("th"):
                             ui.label(heading)
-                for one in columns:
-                    self._column_row(one, choices)
+                for column in columns:
+                    self._column_row(column, choices)
 
             async def use() -> None:
                 try:
@@ -172,7 +172,7 @@ class Drop:
             ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
 
     @staticmethod
-    def _column_row(one: Column, choices: list[str]) -> None:
+    def _column_row(one: ColumnGuess, choices: list[str]) -> None:
         with ui.element("tr"):
             with ui.element("td"):
                 set_props(ui.label(one.name), title=one.why)

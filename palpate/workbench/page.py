@@ -16,9 +16,9 @@ from palpate.render.results import REPORT
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.parameters import Error, Lines, Parameters, judged
-from palpate.workbench.plot_panel import Centre, UseRuns
-from palpate.workbench.state import Bench, Choice, Shown, kind_in_words
+from palpate.workbench.parameters import ErrorCard, Lines, Parameters, judged
+from palpate.workbench.plot_panel import PlotPanel, UseRuns
+from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
 from robot_io.errors import InputError, PalpateError
 
 _FOLLOW_S = 0.5
@@ -26,30 +26,30 @@ _NEXT_S = 0.03  # for the browser to draw what was sent before
 
 
 class Page:
-    """One browser's view of the bench."""
+    """One browser's view of the workbench."""
 
     def __init__(
         self,
-        bench: Bench,
+        state: WorkbenchState,
         opening: Callable[[], None],
-        show_bench: Callable[[Bench], None],
+        show_state: Callable[[WorkbenchState], None],
         serve_report: Callable[[Path], str],
     ) -> None:
-        """Show a bench.
+        """Show a state of the workbench.
 
         Args:
-            bench: what is shown.
+            state: what is shown.
             opening: offers another file.
-            show_bench: shows another bench in place of this page.
+            show_state: shows another state in place of this page.
             serve_report: makes a report available to the browser; returns its address.
         """
-        self.bench, self._opening = bench, opening
-        self._show_bench, self._serve_report = show_bench, serve_report
+        self.state, self._opening = state, opening
+        self._show_state, self._serve_report = show_state, serve_report
         self._busy = asyncio.Lock()
         self._idle = asyncio.Event()
         self._idle.set()
         self._turn = 0
-        self._shown: Shown | None = None
+        self._shown: DisplayedFit | None = None
 
     async def build(
         self,
@@ -64,27 +64,27 @@ class Page:
             gallery: opens the picture of an effect.
             use_runs: uses runs otherwise.
         """
-        refused = self.bench.study.refusal(self.bench.channel)
-        self._error = Error()
+        refused = self.state.study.refusal(self.state.channel)
+        self._error = ErrorCard()
         self._header(refused)
         with ui.element("div").classes("desk"):
             with ui.element("div").classes("left"):
                 if refused:
-                    gates(self.bench)
+                    gates(self.state)
                 self._offer = below(self)
-                self._effects = Effects(self.bench, self.tick, gallery)
+                self._effects = Effects(self.state, self.tick, gallery)
                 if not refused:
                     self._effects.build()
             with ui.element("div").classes("middle"):
-                self._centre = Centre(self.bench, use_runs)
+                self._centre = PlotPanel(self.state, use_runs)
                 self._centre.build()
             with ui.element("div").classes("right"):
-                self._lines = Lines(self.bench)
-                self._parameters = Parameters(self.bench, self.choose, self._pulled)
+                self._lines = Lines(self.state)
+                self._parameters = Parameters(self.state, self.choose, self._pulled)
                 if not refused:
                     self._error.build()
                     self._parameters.build()
-                    gates(self.bench)
+                    gates(self.state)
                 self._lines.build()
                 self._revisions = ui.element("section").classes("card")
         self._lines.show()
@@ -97,43 +97,45 @@ class Page:
     async def tick(self, effect: str) -> None:
         """Add an effect, or take it away."""
 
-        def toggled() -> Choice:
-            return self.bench.toggled(effect)
+        def toggled() -> ModelSelection:
+            return self.state.toggled(effect)
 
-        await self._change(lambda: self.bench.choose(toggled()), toggled)
+        await self._change(lambda: self.state.choose(toggled()), toggled)
 
-    async def choose(self, choice: Choice) -> None:
+    async def choose(self, choice: ModelSelection) -> None:
         """Show another choice."""
-        await self._change(lambda: self.bench.choose(choice), lambda: choice)
+        await self._change(lambda: self.state.choose(choice), lambda: choice)
 
     async def add(self, effects: Sequence[str]) -> None:
         """Tick effects, as a diagnosis proposes."""
-        choice = self.bench.choice
+        choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
     def found(self) -> None:
         """A diagnosis is there: the error is measured by its noise level, and groups by its word."""
         if self._shown is not None:
             self._effects.arrange()
-            ui.timer(0.01, lambda: self._change(self.bench.show), once=True)
+            ui.timer(0.01, lambda: self._change(self.state.show), once=True)
 
     async def _first(self) -> None:
-        await self._change(self.bench.show)
+        await self._change(self.state.show)
         if self._shown is not None:
             self._effects.fill()
             await self._effects.weigh(self._idle)
 
     async def _follow(self) -> None:
         """Show what was chosen in another tab."""
-        shown, choice = self._shown, self.bench.choice
+        shown, choice = self._shown, self.state.choice
         if shown is None or choice == shown.choice or not self._idle.is_set():
             return
         if choice.channel != shown.choice.channel:
             ui.navigate.reload()
         else:
-            await self._change(self.bench.show)
+            await self._change(self.state.show)
 
-    async def _change(self, work: Callable[[], Shown], coming: Callable[[], Choice] | None = None) -> None:
+    async def _change(
+        self, work: Callable[[], DisplayedFit], coming: Callable[[], ModelSelection] | None = None
+    ) -> None:
         """Fit, and show: error and curves first, maps next, intervals when they are ready.
 
         Where the fit takes longer, a first look at what is coming is shown until it is there.
@@ -164,10 +166,10 @@ class Page:
             if turn == self._turn:
                 self._idle.set()
 
-    async def _glance(self, coming: Callable[[], Choice]) -> None:
+    async def _glance(self, coming: Callable[[], ModelSelection]) -> None:
         """Show error and curves of a first look, if there is one."""
         try:
-            first = await asyncio.to_thread(lambda: self.bench.glance(coming()))
+            first = await asyncio.to_thread(lambda: self.state.glance(coming()))
         except PalpateError:  # the fit says why
             return
         if first is not None:
@@ -175,7 +177,7 @@ class Page:
             self._centre.show(first)
             await asyncio.sleep(_NEXT_S)
 
-    async def _worked(self, work: Callable[[], Shown]) -> Shown | None:
+    async def _worked(self, work: Callable[[], DisplayedFit]) -> DisplayedFit | None:
         """What work gives; what was shown before if it fails, for the ticks to say so."""
         try:
             return await asyncio.to_thread(work)
@@ -183,7 +185,7 @@ class Page:
             ui.notify(str(error), type="warning", multi_line=True, timeout=8000)
             return self._shown
 
-    def _show(self, shown: Shown) -> None:
+    def _show(self, shown: DisplayedFit) -> None:
         """What the user looks at after a tick."""
         self._shown = shown
         self._error.show(shown)
@@ -193,7 +195,7 @@ class Page:
         if shown.choice.pulled:
             self._draw_pulled(shown)
 
-    def _show_beside(self, shown: Shown) -> None:
+    def _show_beside(self, shown: DisplayedFit) -> None:
         """What takes the browser longer, and is looked at later."""
         self._parameters.show(shown)
         self._effects.show(shown.choice.effects)
@@ -205,11 +207,11 @@ class Page:
         if (
             self._shown is None
             or name not in self._shown.fitted.values
-            or self._shown.choice.fitted != self.bench.choice.fitted
+            or self._shown.choice.fitted != self.state.choice.fitted
         ):
             return  # another model is being fitted
-        self.bench.pull(name, value)
-        shown = self._shown = replace(self._shown, choice=self.bench.choice)
+        self.state.pull(name, value)
+        shown = self._shown = replace(self._shown, choice=self.state.choice)
         self._draw_pulled(shown)
         self._parameters.mark_pulled(shown)
         self._enable_steps()
@@ -220,26 +222,26 @@ class Page:
         if shown is self._shown:
             self._centre.show_map()
 
-    def _draw_pulled(self, shown: Shown) -> None:
+    def _draw_pulled(self, shown: DisplayedFit) -> None:
         self._centre.preview(shown.fitted.predict(shown.values))
         unit = axes_of(shown.fitted.data.kind).effort_unit
         self._error.preview(shown.error_at(shown.values), unit, shown.floor)
 
     def _header(self, refused: str | None) -> None:
-        study, choice = self.bench.study, self.bench.choice
+        study, choice = self.state.study, self.state.choice
         with ui.element("div").classes("top"):
             ui.label("palpate").classes("brand")
             ui.label(study.source.name).classes("file")
             if not refused:
                 self._error.build_number()
             options = {
-                one.name: f"{one.name.replace('_', ' ')} · {kind_in_words(one.kind)}"
-                for one in study.channels
+                channel.name: f"{channel.name.replace('_', ' ')} · {describe_kind(channel.kind)}"
+                for channel in study.channels
             }
             ui.select(options, value=choice.channel, on_change=self._channel_chosen).props(
                 "dense outlined options-dense aria-label=channel"
             ).classes("channel").mark("channel")
-            ui.label(f"base model {self.bench.channel.model.name}").classes("quiet wide")
+            ui.label(f"base model {self.state.channel.model.name}").classes("quiet wide")
             ui.space()
             _button("Open", "folder_open", self._opening, "Another file or session, or a new probing")
             self._undo = _button("Undo", "undo", self._undone, "Ctrl+Z")
@@ -250,31 +252,31 @@ class Page:
             _button("Report", "description", self._report, about, look="unelevated")
 
     def _enable_steps(self) -> None:
-        self._undo.set_enabled(self.bench.can_undo)
-        self._redo.set_enabled(self.bench.can_redo)
+        self._undo.set_enabled(self.state.can_undo)
+        self._redo.set_enabled(self.state.can_redo)
 
     async def _channel_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
         try:
-            await asyncio.to_thread(self.bench.to_channel, event.value)
+            await asyncio.to_thread(self.state.to_channel, event.value)
         except InputError:  # it cannot be judged: its raw curves and the reason are shown
-            self.bench.set_choice(Choice(event.value))
+            self.state.set_choice(ModelSelection(event.value))
         ui.navigate.reload()
 
     async def _undone(self) -> None:
-        await self._step(self.bench.undo)
+        await self._step(self.state.undo)
 
     async def _redone(self) -> None:
-        await self._step(self.bench.redo)
+        await self._step(self.state.redo)
 
-    async def _step(self, work: Callable[[], Bench]) -> None:
-        before = self.bench.choice.channel
-        bench = await asyncio.to_thread(work)
-        if bench is not self.bench:
-            self._show_bench(bench)
-        elif bench.choice.channel != before:
+    async def _step(self, work: Callable[[], WorkbenchState]) -> None:
+        before = self.state.choice.channel
+        state = await asyncio.to_thread(work)
+        if state is not self.state:
+            self._show_state(state)
+        elif state.choice.channel != before:
             ui.navigate.reload()
         else:
-            await self._change(bench.show)
+            await self._change(state.show)
 
     async def _key(self, event: events.KeyEventArguments) -> None:
         if event.action.keydown and event.modifiers.ctrl and event.key.name in {"z", "Z", "y"}:
@@ -283,7 +285,7 @@ class Page:
 
     async def _keep(self) -> None:
         try:
-            kept = await asyncio.to_thread(self.bench.keep)
+            kept = await asyncio.to_thread(self.state.keep)
         except PalpateError as error:
             ui.notify(str(error), type="warning")
             return
@@ -291,13 +293,13 @@ class Page:
         self._list_revisions()
 
     async def _report(self) -> None:
-        study = self.bench.study
+        study = self.state.study
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
         try:
-            if self.bench.choice.effects and not self.bench.is_kept:
-                await asyncio.to_thread(self.bench.keep)
-            commands = [line for line in [self.bench.command()] if line]
+            if self.state.choice.effects and not self.state.is_kept:
+                await asyncio.to_thread(self.state.keep)
+            commands = [line for line in [self.state.command()] if line]
             written = await asyncio.to_thread(lambda: study.report(output_folder(folder) / REPORT, commands))
         except PalpateError as error:
             ui.notify(str(error), type="warning")
@@ -310,14 +312,16 @@ class Page:
         self._revisions.clear()
         with self._revisions:
             heading("Revisions", elements.REVISIONS)
-            kept = [one for one in self.bench.study.revisions if one.channel == self.bench.choice.channel][
-                -8:
-            ]
+            kept = [
+                revision
+                for revision in self.state.study.revisions
+                if revision.channel == self.state.choice.channel
+            ][-8:]
             for one in reversed(kept):
                 terms = " + ".join([one.model, *one.effects])
                 text = f"{one.number} · {one.rmse:.3g} {one.effort_unit} · {terms}"
                 ui.button(
-                    text, on_click=lambda one=one: self._change(lambda: self.bench.to_revision(one))
+                    text, on_click=lambda one=one: self._change(lambda: self.state.to_revision(one))
                 ).props("flat dense no-caps align=left").classes("revision")
             if not kept:
                 ui.label("none kept yet").classes("quiet")
@@ -330,11 +334,11 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
     return set_props(made, aria_label=text, title=f"{text}: {about}", **{look: True})
 
 
-def gates(bench: Bench) -> None:
+def gates(state: WorkbenchState) -> None:
     """The checklist of the gate."""
     from estimation.data_quality import checklist  # noqa: PLC0415
 
-    one = bench.channel
+    one = state.channel
     found = checklist(one.to_fit, one.model)
     with ui.element("section").classes("card"):
         heading("Is this data fit to be judged?", elements.GATES)

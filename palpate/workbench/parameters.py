@@ -13,34 +13,34 @@ from palpate.render.sentences import impossible
 from palpate.render.view import NOISE
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.state import Bench, Choice, Shown
+from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
 from robot_io.errors import InputError
 
-Choose = Callable[[Choice], Awaitable[None]]
+Choose = Callable[[ModelSelection], Awaitable[None]]
 _STEPS = 200  # of a slider
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedFit:
     """What is known of a fit once its intervals are."""
 
-    shown: Shown  # the fit
+    shown: DisplayedFit  # the fit
     unphysical: tuple[str, ...]  # gains beyond what is physical, in words
     floor: (
         float  # the error that could be left beside this model; that of the channel is beside the base model
     )
 
 
-def judged(shown: Shown) -> Judged:
+def judged(shown: DisplayedFit) -> JudgedFit:
     """What is known of a fit; takes as long as its intervals."""
-    return Judged(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
+    return JudgedFit(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
 
 
-class Error:
+class ErrorCard:
     """The held-out error, large, and how it fell."""
 
     def __init__(self) -> None:
-        self._judged: Judged | None = None
+        self._judged: JudgedFit | None = None
 
     def build_number(self) -> None:
         """Put the number where it is always in sight."""
@@ -53,7 +53,7 @@ class Error:
             self._wrong = ui.label().classes("bad unphysical").mark("unphysical")
             self._fall = set_props(ui.html("").mark("waterfall"), title=elements.FALL)
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: DisplayedFit) -> None:
         """State the error of a fit; whether that is good is said by `judge`."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
         self._number.set_content(_number(error, unit, shown.floor, elements.ROUGH if shown.is_rough else ""))
@@ -62,15 +62,15 @@ class Error:
         if self._judged is not None and shown.fitted is self._judged.shown.fitted:
             self.judge(self._judged)
 
-    def judge(self, found: "Judged") -> None:
+    def judge(self, fit: "JudgedFit") -> None:
         """State whether a fit whose intervals are known is good: a small error alone does not make it so."""
-        self._judged, shown = found, found.shown
+        self._judged, shown = fit, fit.shown
         unit, error, floor = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.floor
-        more = error > NOISE * found.floor
-        said = f"a smooth law takes it to {found.floor:.3g} {unit}" if more and error < NOISE * floor else ""
-        kind = "" if more or found.unphysical else "fits"
+        more = error > NOISE * fit.floor
+        said = f"a smooth law takes it to {fit.floor:.3g} {unit}" if more and error < NOISE * floor else ""
+        kind = "" if more or fit.unphysical else "fits"
         self._number.set_content(_number(error, unit, floor, said, kind))
-        self._wrong.set_text(" ".join(impossible(found.unphysical)))
+        self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, floor: float) -> None:
         """State the error at the values of the sliders."""
@@ -110,11 +110,13 @@ def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> 
 class Parameters:
     """Sliders, intervals, and what is held or bounded."""
 
-    def __init__(self, bench: Bench, choose: Choose, pulled: Callable[[str, float], Awaitable[None]]) -> None:
-        self._bench, self._choose, self._pulled = bench, choose, pulled
-        self._shown: Shown | None = None
+    def __init__(
+        self, state: WorkbenchState, choose: Choose, pulled: Callable[[str, float], Awaitable[None]]
+    ) -> None:
+        self._state, self._choose, self._pulled = state, choose, pulled
+        self._shown: DisplayedFit | None = None
         self._estimates: dict[str, ParameterEstimate] = {}  # of the fit that is shown, once they are known
-        self._listed: Choice | None = None  # whose parameters have rows
+        self._listed: ModelSelection | None = None  # whose parameters have rows
         self._values: dict[str, float] = {}
         self._intervals: dict[str, ui.label] = {}
         self._numbers: dict[str, ui.label] = {}
@@ -131,7 +133,7 @@ class Parameters:
                 self._back.set_visibility(False)
             self._list = ui.element("div").classes("parameters")
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: DisplayedFit) -> None:
         """List the parameters of a fit; its intervals come later, unless they are known already."""
         if self._shown is None or shown.fitted is not self._shown.fitted:
             self._estimates = {}
@@ -139,7 +141,7 @@ class Parameters:
         self._back.set_visibility(bool(shown.choice.pulled))
         if shown.choice.fitted == self._listed:
             for name, value in self._values.items():
-                self._state(name)
+                self._mark_state(name)
                 self._sliders[name].set_value(value)
             return
         self._listed = shown.choice.fitted
@@ -157,17 +159,17 @@ class Parameters:
         self._estimates = dict(estimates)
         self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)
         for name in self._numbers:
-            self._state(name)
+            self._mark_state(name)
 
-    def mark_pulled(self, shown: Shown) -> None:
+    def mark_pulled(self, shown: DisplayedFit) -> None:
         """State the values that sliders were pulled to."""
         self._shown = shown
         self._values |= shown.choice.pulled
         self._back.set_visibility(True)
         for name in shown.choice.pulled:
-            self._state(name)
+            self._mark_state(name)
 
-    def _state(self, name: str) -> None:
+    def _mark_state(self, name: str) -> None:
         """Write value and interval of a parameter."""
         self._numbers[name].set_text(self._worded(name, self._values[name]))
         self._intervals[name].set_text(self._interval(name))
@@ -217,7 +219,7 @@ class Parameters:
             )
             slider.on("change", lambda event, name=name: self._released(name, float(event.args)))
             self._sliders[name] = slider
-            held = name in self._bench.choice.held
+            held = name in self._state.choice.held
             lock = ui.button(
                 icon="lock" if held else "lock_open", on_click=lambda name=name: self._hold(name)
             )
@@ -228,14 +230,14 @@ class Parameters:
     def _ask_bounds(self, name: str, low: float, high: float) -> None:
         with self._list, ui.dialog() as dialog, ui.card().classes("bounds"):
             ui.label(f"Bounds of {name}").classes("text-bold")
-            low, high = self._bench.choice.bounds.get(name, (float(f"{low:.4g}"), float(f"{high:.4g}")))
+            low, high = self._state.choice.bounds.get(name, (float(f"{low:.4g}"), float(f"{high:.4g}")))
             lower = ui.number("at least", value=low).props("dense outlined")
             upper = ui.number("at most", value=high).props("dense outlined")
 
             async def bound() -> None:
                 try:
                     pair = [math.nan if one.value is None else one.value for one in (lower, upper)]
-                    choice = self._bench.with_bounds(name, (pair[0], pair[1]))
+                    choice = self._state.with_bounds(name, (pair[0], pair[1]))
                 except InputError as error:
                     ui.notify(str(error), type="warning")
                     return
@@ -244,7 +246,7 @@ class Parameters:
 
             async def free() -> None:
                 dialog.close()
-                await self._choose(self._bench.with_held(name, None))
+                await self._choose(self._state.with_held(name, None))
 
             with ui.row():
                 ui.button("bound", on_click=bound).props("dense unelevated no-caps")
@@ -254,7 +256,7 @@ class Parameters:
 
     def _ends(self, name: str, value: float) -> tuple[float, float]:
         """The range of a slider: twice the value to either side, within what makes sense."""
-        parameter = self._bench.parameter(name)
+        parameter = self._state.parameter(name)
         reach = 2.0 * abs(value) or (parameter.typical[1] - parameter.typical[0])
         low, high = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
         return (low, high) if low < high else (value - reach, value + reach)
@@ -262,21 +264,21 @@ class Parameters:
     async def _released(self, name: str, value: float) -> None:
         """Draw where a slider was let go, and end the step of undo."""
         await self._pulled(name, value)
-        self._bench.release()
+        self._state.release()
 
     async def _reset(self) -> None:
-        await self._choose(self._bench.choice.fitted)
+        await self._choose(self._state.choice.fitted)
 
     async def _hold(self, name: str) -> None:
-        held = name in self._bench.choice.held
-        await self._choose(self._bench.with_held(name, None if held else self._values[name]))
+        held = name in self._state.choice.held
+        await self._choose(self._state.with_held(name, None if held else self._values[name]))
 
 
 class Lines:
     """The command and the Python line that do the same."""
 
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
+    def __init__(self, state: WorkbenchState) -> None:
+        self._state = state
 
     def build(self) -> None:
         """Put the elements."""
@@ -287,5 +289,5 @@ class Lines:
 
     def show(self) -> None:
         """State the lines."""
-        self._command.set_text(self._bench.command() or "no command does this; in Python:")
-        self._python.set_text(self._bench.python())
+        self._command.set_text(self._state.command() or "no command does this; in Python:")
+        self._python.set_text(self._state.python())

@@ -7,24 +7,24 @@ import numpy as np
 from nicegui import events, ui
 
 from palpate.workbench import curves, elements
-from palpate.workbench.curves import Motion
+from palpate.workbench.curves import DrawnMotion
 from palpate.workbench.elements import Plot, heading, set_props
-from palpate.workbench.state import Bench, Shown
+from palpate.workbench.state import DisplayedFit, WorkbenchState
 from robot_io.types import FloatArray
 
 MOST_RUNS = 60  # that can be chosen one by one
 UseRuns = Callable[[Sequence[int], Sequence[int]], Awaitable[None]]  # takes those left out, those held out
 
 
-class Centre:
+class PlotPanel:
     """Curves of one channel; a tick redraws the model's alone."""
 
-    def __init__(self, bench: Bench, use_runs: UseRuns) -> None:
-        self._bench, self._use_runs = bench, use_runs
-        self._data = bench.channel.data
-        self._motion = Motion.of(self._data)
+    def __init__(self, state: WorkbenchState, use_runs: UseRuns) -> None:
+        self._state, self._use_runs = state, use_runs
+        self._data = state.channel.data
+        self._motion = DrawnMotion.of(self._data)
         self._span_s: tuple[float, float] | None = None
-        self._shown: Shown | None = None
+        self._shown: DisplayedFit | None = None
         self._drawn: tuple[FloatArray, FloatArray] | None = None  # effort and residual of the model
         self._cursors: dict[str, float] = {}
         self._next = "A"
@@ -41,12 +41,12 @@ class Centre:
             self._cursor_bar()
         with ui.element("section").classes("card"):
             heading("Over the state", elements.STATE)
-            self._state = Plot(curves.state_figure(self._motion, None))
+            self._state_plot = Plot(curves.state_figure(self._motion, None))
         with ui.element("section").classes("card") as self._map_card:
             heading("Residual over the state", elements.MAP)
             self._map: Plot | None = None
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: DisplayedFit) -> None:
         """Draw a fit; the first one of a channel with its base model."""
         first, self._shown = self._shown is None, shown
         self._drawn = _of(shown)
@@ -58,7 +58,7 @@ class Centre:
     def show_state(self) -> None:
         """Draw the fit over the state: what is looked at after the curves over time."""
         if self._drawn is not None:
-            self._state.restyle(curves.state_update(self._motion, self._drawn[0]))
+            self._state_plot.restyle(curves.state_update(self._motion, self._drawn[0]))
 
     def show_map(self) -> None:
         """Draw the residual map, which takes longest and so comes last."""
@@ -83,7 +83,7 @@ class Centre:
     def _redraw(self) -> None:
         if self._shown is None or self._drawn is None:
             self._time.replace(curves.time_figure(self._motion, None, None))
-            self._state.replace(curves.state_figure(self._motion, None))
+            self._state_plot.replace(curves.state_figure(self._motion, None))
             return
         base = _of_base(self._shown)
         figure = curves.time_figure(self._motion, *base)
@@ -92,17 +92,17 @@ class Centre:
             figure["data"][number] |= {"x": update["x"][number], "y": update["y"][number]}
         figure["layout"] |= curves.cursor_shapes(self._cursors)
         self._time.replace(figure)
-        self._state.replace(curves.state_figure(self._motion, self._drawn[0]))
+        self._state_plot.replace(curves.state_figure(self._motion, self._drawn[0]))
 
     def _runs(self) -> None:
-        measured = (self._bench.whole or self._bench).study.source
+        measured = (self._state.whole or self._state).study.source
         if not 1 < len(measured.runs) <= MOST_RUNS:
             return
         names = {run: f"run {run}" for run in measured.runs}
-        left = {run: name for run, name in names.items() if run not in self._bench.out}
+        left = {run: name for run, name in names.items() if run not in self._state.out}
         _select(left, "drawn: all", "runs to draw", elements.RUNS).on_value_change(self._chose_runs)
-        out = _select(names, "runs left out", "runs to leave out", elements.LEFT_OUT, self._bench.out)
-        held = self._bench.study.held_out
+        out = _select(names, "runs left out", "runs to leave out", elements.LEFT_OUT, self._state.out)
+        held = self._state.study.held_out
         judged = _select(left, "runs held out", "runs to hold out", elements.HELD_OUT, held)
 
         choosing = False
@@ -118,8 +118,8 @@ class Centre:
             one.on_value_change(lambda: use(still=choosing))
 
     def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        drawn = self._bench.study.source.runs_of(self._data, event.value or ())
-        self._motion = Motion.of(self._data, drawn)
+        drawn = self._state.study.source.runs_of(self._data, event.value or ())
+        self._motion = DrawnMotion.of(self._data, drawn)
         self._span_s = None
         self._redraw()
         if self._map is not None and self._shown is not None and self._drawn is not None:
@@ -193,10 +193,10 @@ def _select(
     )
 
 
-def _of(shown: Shown) -> tuple[FloatArray, FloatArray]:
+def _of(shown: DisplayedFit) -> tuple[FloatArray, FloatArray]:
     """Effort that the fit expects, and what it leaves in held-out runs, (n,) each."""
     return shown.fitted.predict(shown.fitted.values), shown.fitted.residual
 
 
-def _of_base(shown: Shown) -> tuple[FloatArray, FloatArray]:
+def _of_base(shown: DisplayedFit) -> tuple[FloatArray, FloatArray]:
     return shown.base.predict(shown.base.values), shown.base.residual

@@ -27,7 +27,7 @@ class StoppedError(PalpateError):
     """The user stopped the diagnosis."""
 
 
-class Elsewhere:
+class DiagnosisProcess:
     """Judges in another process, so that the page stays quick, and can be stopped; see `fitting.diagnose`."""
 
     def __init__(self) -> None:
@@ -100,12 +100,12 @@ _NICE = 10
 _MOST = 6  # fits that the other process keeps to go on from: those asked for last
 
 
-class Ahead:
+class FitPrefetcher:
     """One process that fits models of one channel."""
 
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel
-        own = [one for one in study.effects if type(one).__module__.startswith("estimation.")]
+        own = [effect for effect in study.effects if type(effect).__module__.startswith("estimation.")]
         self._names = {one.name for one in own}
         given = (channel, own)
         _working.add(self)
@@ -129,7 +129,7 @@ class Ahead:
         end_workers(self._pool)
 
 
-_working: set[Ahead] = set()
+_working: set[FitPrefetcher] = set()
 
 
 def close_all() -> None:
@@ -149,7 +149,7 @@ def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
     end_with_parent()
     os.nice(_NICE)
     _channel = channel
-    _library.update({one.name: one for one in effects})
+    _library.update({effect.name: effect for effect in effects})
 
 
 def _packed(effects: tuple[str, ...]) -> PackedFit:

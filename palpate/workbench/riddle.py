@@ -11,7 +11,7 @@ from nicegui import ui
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.robots import DEFAULT_SCENARIO
 from palpate.workbench.elements import heading
-from palpate.workbench.state import Bench
+from palpate.workbench.state import WorkbenchState
 from palpate.workflows.demo import HIDDEN_PLAN, drawn_seed, hide_one, probe_demo
 from robot_io.errors import PalpateError
 from robot_io.session import Session
@@ -37,7 +37,7 @@ def pose(folder: Path) -> Path:
 
 
 @dataclass(frozen=True)
-class Score:
+class RiddleScore:
     """Who was right."""
 
     truth: frozenset[str]  # what was hidden
@@ -71,8 +71,8 @@ def _listed(names: frozenset[str], joint: str = " and ") -> str:
 class RiddleCard:
     """Where the user says what is hidden, and hears the answer."""
 
-    def __init__(self, bench: Bench, diagnose: Callable[[], Awaitable[None]]) -> None:
-        self._bench, self._diagnose = bench, diagnose
+    def __init__(self, state: WorkbenchState, diagnose: Callable[[], Awaitable[None]]) -> None:
+        self._state, self._diagnose = state, diagnose
 
     def build(self) -> None:
         """Put the elements."""
@@ -88,12 +88,12 @@ class RiddleCard:
             self._answer = ui.label().classes("text-bold").mark("score")
 
     async def _judge(self) -> None:
-        guessed = frozenset(self._bench.choice.effects)
+        guessed = frozenset(self._state.choice.effects)
         self._button.disable()
         self._answer.set_text("the diagnosis is thinking about it, too")
         await self._diagnose()
         self._button.enable()
-        found, path = self._bench.diagnosis, self._bench.study.source.path
+        found, path = self._state.diagnosis, self._state.study.source.path
         if found is None or path is None:
             self._answer.set_text("stopped: no answer was opened")
             return
@@ -105,5 +105,5 @@ class RiddleCard:
         named = frozenset(entry.effect for entry in found.accepted)
         alike = frozenset(name for entry in found.accepted for name in entry.confused_with) | named
         self._answer.set_text(
-            Score(frozenset(e.name for e in answer.hidden), guessed, named, alike).in_words()
+            RiddleScore(frozenset(e.name for e in answer.hidden), guessed, named, alike).in_words()
         )

@@ -23,7 +23,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from palpate.workbench.app_state import Home
+from palpate.workbench.app_state import AppState
 from palpate.workbench.early_server import CLOSED, HEADERS, STYLE
 from palpate.workbench.elements import Plot
 
@@ -103,7 +103,7 @@ _RESENT = 30  # messages, with their curves, that are kept for a browser that wa
 _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before the page begins anew
 
 
-def serve(home: Home, listening: socket) -> None:
+def serve(home: AppState, listening: socket) -> None:
     """Serve at an open socket until interrupted."""
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
@@ -115,9 +115,9 @@ def serve(home: Home, listening: socket) -> None:
         else:
             await ui.context.client.connected(timeout=_CONNECT_S)
         # with all that draws, while the browser is loading
-        from palpate.workbench.layout import compose  # noqa: PLC0415
+        from palpate.workbench.layout import lay_out_page  # noqa: PLC0415
 
-        await compose(home)
+        await lay_out_page(home)
         ui.run_javascript("document.getElementById('waiting')?.remove()")
 
     @app.get("/report/{key}")
@@ -149,7 +149,7 @@ def serve(home: Home, listening: socket) -> None:
     server.run([listening])
 
 
-async def _wait(home: Home) -> None:
+async def _wait(home: AppState) -> None:
     """Show what was measured, in the page as it is first sent, until the data can be worked with."""
     ui.add_body_html(f'<div id="waiting">{home.waiting}</div>')
     Plot({})  # for the browser to load what draws
@@ -158,7 +158,7 @@ async def _wait(home: Home) -> None:
         await asyncio.sleep(_POLL_S)
 
 
-def _end(home: Home) -> None:
+def _end(home: AppState) -> None:
     from palpate.workbench.processes import close_all  # noqa: PLC0415, as above
 
     close_all()

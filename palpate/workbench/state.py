@@ -16,18 +16,18 @@ from estimation.study import Revision, StudyChannel
 from estimation.study.source import Source, joined, open_source
 from palpate.common.formatting import as_shell_word
 from palpate.study import Study
-from palpate.workbench.processes import Elsewhere
+from palpate.workbench.processes import DiagnosisProcess
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
 Bounds = tuple[float, float]
 _Runs = tuple[tuple[int, ...], tuple[int, ...]]  # left out, held out
-_Step = tuple["Choice", _Runs]  # of undo and redo
+_Step = tuple["ModelSelection", _Runs]  # of undo and redo
 _MOST_STEPS = 100  # that can be undone
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelSelection:
     """The model that is chosen: one step of undo and redo."""
 
     channel: str  # its name
@@ -39,23 +39,23 @@ class Choice:
     pulled: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def fitted(self) -> "Choice":
+    def fitted(self) -> "ModelSelection":
         """The same choice with all sliders at the fitted values."""
         return replace(self, pulled={})
 
-    def with_effects(self, effects: Sequence[str]) -> "Choice":
+    def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
         """The same with other effects; what was said of parameters that are gone is dropped."""
         gone = set(self.effects) - set(effects)
         held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
         bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
-        return Choice(self.channel, tuple(effects), held, bounds)
+        return ModelSelection(self.channel, tuple(effects), held, bounds)
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class DisplayedFit:
     """The chosen model beside the base model."""
 
-    choice: Choice  # what was chosen
+    choice: ModelSelection  # what was chosen
     base: FitResult  # the base model
     fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
     # Label and held-out error of the base model and of each effect added.
@@ -75,7 +75,7 @@ class Shown:
         return float(np.sqrt(np.mean(left**2)))
 
 
-class Bench:
+class WorkbenchState:
     """One study on the page, with undo and redo.
 
     Args:
@@ -85,13 +85,13 @@ class Bench:
 
     def __init__(self, study: Study, source: str = "") -> None:
         self.study, self.source = study, source
-        self.whole: Bench | None = None  # with the runs that were taken out, as the page was opened
+        self.whole: WorkbenchState | None = None  # with the runs that were taken out, as the page was opened
         self.out: tuple[int, ...] = ()
-        self.judging: Elsewhere | None = None  # the diagnosis that goes on
+        self.judging: DiagnosisProcess | None = None  # the diagnosis that goes on
         self._past: deque[_Step] = deque(maxlen=_MOST_STEPS)
         self._future: list[_Step] = []
         self._pulling = ""  # parameter whose slider is being pulled
-        first = next((one for one in study.channels if not study.refusal(one)), study.channels[0])
+        first = next((channel for channel in study.channels if not study.refusal(channel)), study.channels[0])
         self.choice = self._start_of(first.name)
 
     @property
@@ -109,7 +109,7 @@ class Bench:
         fitted = self.study.fit(self.channel)
         return applicable_effects(fitted.data, fitted.model, self.study.effects)
 
-    def show(self, choice: Choice | None = None) -> Shown:
+    def show(self, choice: ModelSelection | None = None) -> DisplayedFit:
         """Fit a choice, the present one by default, by the very fit that the commands use.
 
         Raises:
@@ -122,15 +122,17 @@ class Bench:
         fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
         return self._shown(chosen, stages if fitted is stages[-1] else [*stages, fitted])
 
-    def _shown(self, choice: Choice, stages: Sequence[FitResult], *, is_rough: bool = False) -> Shown:
+    def _shown(
+        self, choice: ModelSelection, stages: Sequence[FitResult], *, is_rough: bool = False
+    ) -> DisplayedFit:
         """The last of some fits, which were made by adding one effect after the other."""
         base = stages[0]
         labels = [base.model.name, *(f"+ {name}" for name in choice.effects), "held and bounded"]
-        steps = tuple((label, one.rmse) for label, one in zip(labels, stages, strict=False))
+        steps = tuple((label, stage.rmse) for label, stage in zip(labels, stages, strict=False))
         noise = self.study.noise(choice.channel).value
-        return Shown(choice, base, stages[-1], steps, noise, is_rough)
+        return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough)
 
-    def glance(self, choice: Choice) -> Shown | None:
+    def glance(self, choice: ModelSelection) -> DisplayedFit | None:
         """What `show` is going to give, roughly; None where that is known, or holds and bounds are asked for.
 
         Raises:
@@ -142,7 +144,7 @@ class Bench:
         stages = [self.study.preview(one, names[:count]) for count in range(len(names) + 1)]
         return self._shown(choice, stages, is_rough=True)
 
-    def choose(self, choice: Choice) -> Shown:
+    def choose(self, choice: ModelSelection) -> DisplayedFit:
         """Fit a choice and make it the present one; nothing changes if it cannot be fitted.
 
         Raises:
@@ -152,7 +154,7 @@ class Bench:
         self.set_choice(choice)
         return shown
 
-    def set_choice(self, choice: Choice) -> None:
+    def set_choice(self, choice: ModelSelection) -> None:
         """Make a choice the present one without a fit; undo goes back to the one before."""
         self._pulling = ""
         if choice != self.choice:
@@ -175,21 +177,21 @@ class Bench:
         """Note that the slider was let go."""
         self._pulling = ""
 
-    def toggled(self, effect: str) -> Choice:
+    def toggled(self, effect: str) -> ModelSelection:
         """The present choice with an effect added, or taken away if it is there."""
         now = self.choice.effects
         return self.choice.with_effects(
             [name for name in now if name != effect] if effect in now else [*now, effect]
         )
 
-    def with_held(self, name: str, value: float | None) -> Choice:
+    def with_held(self, name: str, value: float | None) -> ModelSelection:
         """The present choice with a parameter held at a value; None to free it."""
         held = {other: at for other, at in self.choice.held.items() if other != name}
         bounds = {other: pair for other, pair in self.choice.bounds.items() if other != name}
         held = held if value is None else held | {name: value}
         return replace(self.choice, held=held, bounds=bounds, pulled={})
 
-    def with_bounds(self, name: str, bounds: Bounds) -> Choice:
+    def with_bounds(self, name: str, bounds: Bounds) -> ModelSelection:
         """The present choice with a parameter bounded.
 
         Raises:
@@ -213,7 +215,7 @@ class Bench:
         """Whether a step was undone."""
         return bool(self._future)
 
-    def undo(self) -> "Bench":
+    def undo(self) -> "WorkbenchState":
         """Go back one step.
 
         Returns:
@@ -221,29 +223,29 @@ class Bench:
         """
         return self._moved(self._past, self._future)
 
-    def redo(self) -> "Bench":
+    def redo(self) -> "WorkbenchState":
         """Go forward again; see `undo`."""
         return self._moved(self._future, self._past)
 
-    def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "Bench":
+    def _moved(self, source: MutableSequence[_Step], target: MutableSequence[_Step]) -> "WorkbenchState":
         self._pulling = ""
         if not source:
             return self
         target.append(self._step)
         choice, runs = source.pop()
-        bench = self if runs == self._step[1] else self._using(*runs)
-        bench.choice, bench._past, bench._future = choice, self._past.copy(), self._future.copy()
-        return bench
+        state = self if runs == self._step[1] else self._using(*runs)
+        state.choice, state._past, state._future = choice, self._past.copy(), self._future.copy()
+        return state
 
     @property
     def _step(self) -> _Step:
         return self.choice, (self.out, self.study.held_out)
 
-    def to_channel(self, name: str) -> Shown:
+    def to_channel(self, name: str) -> DisplayedFit:
         """Show another channel, with what was last added to it."""
         return self.choose(self._start_of(name))
 
-    def to_revision(self, revision: Revision) -> Shown:
+    def to_revision(self, revision: Revision) -> DisplayedFit:
         """Show a kept revision.
 
         Raises:
@@ -255,7 +257,7 @@ class Bench:
                 f"revision {revision.number} begins with {revision.model}: open the page with "
                 f"--model {revision.model}"
             )
-        return self.choose(Choice(revision.channel, tuple(revision.effects)))
+        return self.choose(ModelSelection(revision.channel, tuple(revision.effects)))
 
     def keep(self) -> tuple[Revision, ...]:
         """Keep the chosen effects as revisions, as `palpate add --fresh` does; held values are not kept."""
@@ -274,7 +276,7 @@ class Bench:
         model = self.study.fit(self.channel, self.choice.effects).model
         return {**model.gains, **model.inner}[name]
 
-    def joined_with(self, path: Path) -> "Bench":
+    def joined_with(self, path: Path) -> "WorkbenchState":
         """A bench with the runs of another session after those of this one; in memory.
 
         Raises:
@@ -283,7 +285,7 @@ class Bench:
         source = joined(self.study.source, open_source(path))
         return self._with(source, self.study.held_out)
 
-    def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "Bench":
+    def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "WorkbenchState":
         """A bench of the same measurement, its runs used otherwise; in memory.
 
         Args:
@@ -293,29 +295,29 @@ class Bench:
         Raises:
             InputError: nothing would be left of a channel, or nothing to be fitted to.
         """
-        bench = self._using(tuple(sorted(out)), tuple(sorted(set(held_out) - set(out))))
-        bench.choice = Choice(self.choice.channel, self.choice.effects)
-        bench._past = deque([*self._past, self._step], _MOST_STEPS)
-        bench._future = []
-        return bench
+        state = self._using(tuple(sorted(out)), tuple(sorted(set(held_out) - set(out))))
+        state.choice = ModelSelection(self.choice.channel, self.choice.effects)
+        state._past = deque([*self._past, self._step], _MOST_STEPS)
+        state._future = []
+        return state
 
-    def _using(self, out: tuple[int, ...], held_out: tuple[int, ...]) -> "Bench":
+    def _using(self, out: tuple[int, ...], held_out: tuple[int, ...]) -> "WorkbenchState":
         whole = self.whole or self
         if not out and held_out == whole.study.held_out:
             return whole
         source = whole.study.source.without(out)
         if not all(map(len, source.channels)):
             raise InputError("leave at least one run of each channel in")
-        bench = self._with(source, held_out)
-        bench.source, bench.whole, bench.out = self.source, whole, out
-        return bench
+        state = self._with(source, held_out)
+        state.source, state.whole, state.out = self.source, whole, out
+        return state
 
-    def _with(self, source: Source, held_out: Sequence[int]) -> "Bench":
+    def _with(self, source: Source, held_out: Sequence[int]) -> "WorkbenchState":
         """A bench of other data with the base model and effects of this one."""
         study = self.study
-        bench = Bench(Study(source, study.model, effects=study.own_effects, held_out=held_out))
-        bench.choice = Choice(self.choice.channel, self.choice.effects)
-        return bench
+        state = WorkbenchState(Study(source, study.model, effects=study.own_effects, held_out=held_out))
+        state.choice = ModelSelection(self.choice.channel, self.choice.effects)
+        return state
 
     def command(self) -> str:
         """The command that does what the page shows; empty where none does."""
@@ -354,14 +356,14 @@ class Bench:
             return f"study.compare({channel})"
         return f"study.add({effects}channel={channel}, fresh=True)"
 
-    def _start_of(self, name: str) -> Choice:
+    def _start_of(self, name: str) -> ModelSelection:
         newest = self.study.latest(self.study.channel(name))
         own = () if newest is None or newest.user_effects else tuple(newest.effects)
-        return Choice(name, own)
+        return ModelSelection(name, own)
 
 
 @dataclass(frozen=True)
-class Evidence:
+class EffectEvidence:
     """What one effect takes from the error beside the others that are chosen."""
 
     effect: str  # its name
@@ -373,18 +375,20 @@ ALIKE = 0.95  # cosine above which two effects do the same to this data
 TELLING = 0.05  # share of the error below which an effect does nothing here
 
 
-def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> Evidence:
+def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
     """What one effect takes away beside others of the model. InputError: it cannot be fitted."""
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))
-    return Evidence(effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change)
+    return EffectEvidence(
+        effect, 1.0 - fitted.rmse / before.rmse, change / length if length > 0.0 else change
+    )
 
 
-def groups(found: Sequence[Evidence]) -> list[list[Evidence]]:
+def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
     """Effects with those that do the same to this data, the most telling first."""
-    left = sorted(found, key=lambda one: -one.falls)
-    made: list[list[Evidence]] = []
+    left = sorted(evidence, key=lambda one: -one.falls)
+    made: list[list[EffectEvidence]] = []
     while left:
         first = left[0]
         alike = [
@@ -402,7 +406,7 @@ def _listed(runs: Sequence[int]) -> str:
     return ",".join(map(str, runs))
 
 
-def kind_in_words(kind: ChannelKind) -> str:
+def describe_kind(kind: ChannelKind) -> str:
     """What a channel is, for its button."""
     return {ChannelKind.CONTACT: "contact force", ChannelKind.REVOLUTE: "joint torque"}.get(
         kind, "joint force"

@@ -85,7 +85,9 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
 
 def implausible(imported: Imported) -> list[str]:
     """What in the channels is implausible, in one sentence each."""
-    return [f"{one.name}: {warning}" for one in imported.channels for warning in quality_warnings(one)]
+    return [
+        f"{channel.name}: {warning}" for channel in imported.channels for warning in quality_warnings(channel)
+    ]
 
 
 def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:

@@ -70,18 +70,18 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
 def not_whole(sessions: Sequence[Session]) -> list[str]:
     """Which sessions lack something, in one sentence each: what is merged of them does not show it."""
     return [
-        f"{one.path.name}: is not whole (palpate info says why), and only what is there was merged"
-        for one in sessions
-        if _lacking([one])
+        f"{session.path.name}: is not whole (palpate info says why), and only what is there was merged"
+        for session in sessions
+        if _lacking([session])
     ]
 
 
 def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
     """Which sessions lack something, or were merged from such, as metadata; nothing if none does."""
     lacking = [
-        one.path.name
-        for one in sessions
-        if one.truncated or one.unclosed or one.dropped or NOT_WHOLE in one.metadata.extra
+        session.path.name
+        for session in sessions
+        if session.truncated or session.unclosed or session.dropped or NOT_WHOLE in session.metadata.extra
     ]
     return {NOT_WHOLE: ", ".join(lacking)} if lacking else {}
 
@@ -108,7 +108,7 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
 
 def _contacts(session: Session) -> dict[str, ChannelData]:
     channels = session_channels(session, tared=True)
-    return {one.name: one for one in channels if one.kind is ChannelKind.CONTACT}
+    return {channel.name: channel for channel in channels if channel.kind is ChannelKind.CONTACT}
 
 
 def _deeper(first: ChannelData, second: ChannelData) -> float:
@@ -132,25 +132,29 @@ def _begins(contact: ChannelData, force_n: float) -> FloatArray:
 
 def _check(sessions: Sequence[Session]) -> None:
     first = sessions[0]
-    for one in sessions[1:]:
-        if one.metadata.urdf != first.metadata.urdf:
-            raise InputError(f"{one.path}: {_other_arm(one, first)}")
-        if set(one.stream_names) != set(first.stream_names):
-            there = [", ".join(each.stream_names) or "none" for each in (one, first)]
-            raise InputError(f"{one.path}: has streams {there[0]}, and {first.path} has {there[1]}")
+    for session in sessions[1:]:
+        if session.metadata.urdf != first.metadata.urdf:
+            raise InputError(f"{session.path}: {_other_arm(session, first)}")
+        if set(session.stream_names) != set(first.stream_names):
+            there = [", ".join(each.stream_names) or "none" for each in (session, first)]
+            raise InputError(f"{session.path}: has streams {there[0]}, and {first.path} has {there[1]}")
         for name in first.stream_names:
-            _check_columns(one, first, name)
+            _check_columns(session, first, name)
 
 
-def _other_arm(one: Session, first: Session) -> str:
-    if not one.metadata.urdf or not first.metadata.urdf:
+def _other_arm(session: Session, first: Session) -> str:
+    if not session.metadata.urdf or not first.metadata.urdf:
         with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
         return f"was{without} made by an arm, and {first.path} was{with_arm}; merge like with like"
     return f"was made by another arm than {first.path} (their URDFs differ)"
 
 
-def _check_columns(one: Session, first: Session, name: str) -> None:
-    forms = [{(c.name, c.width, c.unit) for c in each.samples(name).stream.columns} for each in (one, first)]
+def _check_columns(session: Session, first: Session, name: str) -> None:
+    forms = [
+        {(c.name, c.width, c.unit) for c in each.samples(name).stream.columns} for each in (session, first)
+    ]
     if forms[0] != forms[1]:
         differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
-        raise InputError(f"{one.path}: stream '{name}' has other columns than in {first.path}: {differing}")
+        raise InputError(
+            f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
+        )

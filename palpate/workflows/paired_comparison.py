@@ -20,7 +20,7 @@ RESULT, RECORDING = "comparison.json", "sides.rrd"
 NAMES = (RESULT, REPORT, RECORDING)  # of what `write_pair` may write
 
 
-class Pair:
+class ComparedPair:
     """Two studies that are compared.
 
     Args:
@@ -39,16 +39,16 @@ class Pair:
     def __init__(
         self,
         data: DataArguments,
-        other: Path | None,
+        path: Path | None,
         models: tuple[str | None, str | None],
         channel: str | None,
         *,
         revisions: tuple[Sequence[int], Sequence[int]] = ((), ()),
         folder: Path | None = None,
     ) -> None:
-        files = (data.file, other or data.file)
+        files = (data.file, path or data.file)
         first = data.study(models[0], folder)
-        second = replace(data, file=files[1]).study(models[1] or models[0], None if other else folder)
+        second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder)
         kept = chosen_revisions(first, revisions[0])
         grown = _grown(first, kept), _grown(second, chosen_revisions(second, revisions[1]) or kept)
         self.files = files
@@ -58,7 +58,7 @@ class Pair:
         if not self.sides:
             there = ", ".join(one.channel for one in found)
             raise InputError(f"--channel {channel}: not in both. Both have: {there}")
-        if all(one.is_same_data and one.first.model == one.second.model for one in self.sides):
+        if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
             raise InputError(
                 f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
                 "or another model of it with --other-model or --other-revision"
@@ -70,21 +70,26 @@ class Pair:
         first, second = self._studies
         channels = [
             sides_view(
-                one,
+                side,
                 (
-                    result_view(first.result(one.first.channel, one.first.effects, reason=one.first.reason)),
                     result_view(
-                        second.result(one.second.channel, one.second.effects, reason=one.second.reason)
+                        first.result(side.first.channel, side.first.effects, reason=side.first.reason)
+                    ),
+                    result_view(
+                        second.result(side.second.channel, side.second.effects, reason=side.second.reason)
                     ),
                 ),
             )
-            for one in self.sides
+            for side in self.sides
         ]
         return PairView(self.names, tuple(channels), tuple(commands))
 
     def as_data(self) -> dict[str, Any]:
         """The comparison as plain data; the keys are stable."""
-        return {"files": [str(file) for file in self.files], "channels": [as_data(one) for one in self.sides]}
+        return {
+            "files": [str(file) for file in self.files],
+            "channels": [as_data(side) for side in self.sides],
+        }
 
 
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
@@ -98,10 +103,12 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
 
 def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
     """The models of revisions in a study, or its base models where there are none."""
-    return [(study.channel_of(one), one.effects) for one in kept] or [(one, ()) for one in study.channels]
+    return [(study.channel_of(one), one.effects) for one in kept] or [
+        (channel, ()) for channel in study.channels
+    ]
 
 
-def write_pair(folder: Path, pair: Pair, view: PairView) -> dict[str, Path]:
+def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
     """Write result, report and recording; all of them appear, or none. Returns them by what they are.
 
     Raises:

@@ -27,7 +27,7 @@ Watch = Callable[[ProbingPlan], AbstractContextManager[Watcher]]
 Work = Callable[[Sequence[str]], AbstractContextManager[Progress]]
 
 
-class End(StrEnum):
+class StopReason(StrEnum):
     """Why no further probe is run."""
 
     SEPARATED = "separated"  # one explanation is left in each channel
@@ -49,7 +49,7 @@ class Decision:
     seconds: float  # that it took on the robot's clock
     # What each channel may be explained by: by channel, groups of effects that are not told apart.
     left: dict[str, list[list[str]]]
-    end: End | None  # why it was the last; None if another follows
+    end: StopReason | None  # why it was the last; None if another follows
     next: str  # what is done next, in words; empty after the last
     sentence: str  # all this in one sentence
 
@@ -71,20 +71,20 @@ class Resolved:
     channels: tuple[ChannelDiagnosis, ...]  # the last diagnosis
 
     @property
-    def end(self) -> End | None:
+    def end(self) -> StopReason | None:
         """Why it ended."""
         return self.decisions[-1].end
 
     def as_data(self) -> dict[str, Any]:
         """The same as plain data; the keys are stable."""
-        channels = [one.model_dump(mode="json") for one in self.channels]
-        seconds = sum(one.seconds for one in self.decisions)
+        channels = [channel.model_dump(mode="json") for channel in self.channels]
+        seconds = sum(decision.seconds for decision in self.decisions)
         return {
             "folder": str(self.folder),
             "end": self.end,
             "probes": len(self.decisions),
             "seconds": seconds,
-            "decisions": [asdict(one) for one in self.decisions],
+            "decisions": [asdict(decision) for decision in self.decisions],
             "channels": channels,
         }
 
@@ -124,15 +124,17 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
             outcome = run_probing(ran, watcher)
         outcome.raise_for_failure()
         study = Study(folder)
-        used_s = sum(one.seconds for one in decisions) + outcome.loop.duration_s
+        used_s = sum(decision.seconds for decision in decisions) + outcome.loop.duration_s
         with work([one.name for one in study.chosen(channel)]) as progress:
             diagnosis = study.diagnose(channel, plan=False, progress=progress)
             found = diagnosis.channels
             end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
-            if end is End.SEPARATED and any(_is_adequate(one) and one.channel in shown for one in found):
-                end = End.UNSEEN
+            if end is StopReason.SEPARATED and any(
+                _is_adequate(one) and one.channel in shown for one in found
+            ):
+                end = StopReason.UNSEEN
             shown |= {one.channel for one in found if one.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}}
-            if end is End.INSEPARABLE:
+            if end is StopReason.INSEPARABLE:
                 end, found = _simplest(study, found)
                 diagnosis = diagnosis.model_copy(update={"channels": found})
         write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
@@ -159,60 +161,62 @@ def _unseen(what: str, share: float) -> None:
 
 def _decide(  # noqa: PLR0917 (all that it depends on)
     study: Study,
-    found: Sequence[ChannelDiagnosis],
+    diagnoses: Sequence[ChannelDiagnosis],
     probes: int,
     used_s: float,
     budget: Budget,
     progress: Progress,
     design: Design,
-) -> tuple[End | None, NextProbe | None]:
-    undecided = [one for one in found if is_undecided(one)]
+) -> tuple[StopReason | None, NextProbe | None]:
+    undecided = [one for one in diagnoses if is_undecided(one)]
     is_open = bool(undecided)
-    refused = any(one.verdict is Verdict.INSUFFICIENT for one in found)
+    refused = any(one.verdict is Verdict.INSUFFICIENT for one in diagnoses)
     if not is_open and not refused:
-        return End.SEPARATED, None
+        return StopReason.SEPARATED, None
     if not is_open and probes >= budget.probes:
-        return End.INSUFFICIENT, None
+        return StopReason.INSUFFICIENT, None
     left_s = budget.seconds - used_s
-    following = design(study, found, min(left_s, LONGEST_S), progress)
+    following = design(study, diagnoses, min(left_s, LONGEST_S), progress)
     if following is not None:
-        return (End.PROBES, None) if probes >= budget.probes else (None, following)
+        return (StopReason.PROBES, None) if probes >= budget.probes else (None, following)
     if not is_open:
-        return End.INSUFFICIENT, None
-    separable = left_s < LONGEST_S and design(study, found, LONGEST_S, progress) is not None
+        return StopReason.INSUFFICIENT, None
+    separable = left_s < LONGEST_S and design(study, diagnoses, LONGEST_S, progress) is not None
     if separable:
-        return End.SECONDS, None
+        return StopReason.SECONDS, None
     is_named = any(one.accepted for one in undecided)
-    return (End.INSEPARABLE if is_named else End.UNEXPLAINED), None
+    return (StopReason.INSEPARABLE if is_named else StopReason.UNEXPLAINED), None
 
 
-def _is_adequate(found: ChannelDiagnosis) -> bool:
-    return found.verdict is Verdict.ADEQUATE
+def _is_adequate(diagnosis: ChannelDiagnosis) -> bool:
+    return diagnosis.verdict is Verdict.ADEQUATE
 
 
-def _simplest(study: Study, found: Sequence[ChannelDiagnosis]) -> tuple[End, list[ChannelDiagnosis]]:
+def _simplest(
+    study: Study, diagnoses: Sequence[ChannelDiagnosis]
+) -> tuple[StopReason, list[ChannelDiagnosis]]:
     """Where one of the laws that are left is contained in all others, that one is stated."""
-    stated = [with_the_simplest(study, study.channel(one.channel), one) for one in found]
+    stated = [with_the_simplest(study, study.channel(one.channel), one) for one in diagnoses]
     is_open = any(is_undecided(one) for one in stated)
-    return End.INSEPARABLE if is_open else End.SIMPLEST, stated
+    return StopReason.INSEPARABLE if is_open else StopReason.SIMPLEST, stated
 
 
 def _decision(  # noqa: PLR0917 (what it is made of)
     number: int,
     session: Path,
     seconds: float,
-    found: Sequence[ChannelDiagnosis],
-    end: End | None,
+    diagnoses: Sequence[ChannelDiagnosis],
+    end: StopReason | None,
     following: NextProbe | None,
 ) -> Decision:
     left = {
-        one.channel: [[e.effect, *e.confused_with] for e in one.accepted] for one in found if one.accepted
+        one.channel: [[e.effect, *e.confused_with] for e in one.accepted] for one in diagnoses if one.accepted
     }
-    what = "; ".join(_in_words(one) for one in found if not _is_adequate(one)) or "nothing is missing"
+    what = "; ".join(_in_words(one) for one in diagnoses if not _is_adequate(one)) or "nothing is missing"
     if following is not None:
         then = f"next, to {following.proposal.purpose}: {following.choice.reason}"
     else:
-        then = _ENDS[end or End.SEPARATED]
+        then = _ENDS[end or StopReason.SEPARATED]
     return Decision(
         number,
         session.name,
@@ -225,23 +229,25 @@ def _decision(  # noqa: PLR0917 (what it is made of)
 
 
 _ENDS = {
-    End.SEPARATED: "one explanation is left",
-    End.SIMPLEST: "nothing that the arm can do is expected to show more than this, which the others contain",
-    End.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
-    End.UNEXPLAINED: "what is left is no effect of the library, as far as this arm can show",
-    End.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
-    End.PROBES: "the budget of probes is used up",
-    End.SECONDS: "what would separate takes longer than the time that is left",
-    End.INSUFFICIENT: "the data cannot say more",
+    StopReason.SEPARATED: "one explanation is left",
+    StopReason.SIMPLEST: "no experiment of this arm is expected to show more than this, which others contain",
+    StopReason.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
+    StopReason.UNEXPLAINED: "what is left is no effect of the library, as far as this arm can show",
+    StopReason.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
+    StopReason.PROBES: "the budget of probes is used up",
+    StopReason.SECONDS: "what would separate takes longer than the time that is left",
+    StopReason.INSUFFICIENT: "the data cannot say more",
 }
 
 
-def _in_words(found: ChannelDiagnosis) -> str:
+def _in_words(diagnosis: ChannelDiagnosis) -> str:
     """A channel and what may explain it."""
-    if found.verdict is Verdict.INSUFFICIENT:
-        return f"{found.channel} cannot be judged ({found.reason})"
-    names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in found.accepted)
+    if diagnosis.verdict is Verdict.INSUFFICIENT:
+        return f"{diagnosis.channel} cannot be judged ({diagnosis.reason})"
+    names = " and ".join(" or ".join([e.effect, *e.confused_with]) for e in diagnosis.accepted)
     rest = (
-        "" if found.complete else "something that depends on " + (", ".join(found.depends_on) or "no signal")
+        ""
+        if diagnosis.complete
+        else "something that depends on " + (", ".join(diagnosis.depends_on) or "no signal")
     )
-    return f"{found.channel} shows {' and '.join(filter(None, (names, rest)))}"
+    return f"{diagnosis.channel} shows {' and '.join(filter(None, (names, rest)))}"

@@ -19,7 +19,7 @@ from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
-from palpate.workflows.resolve import DECISIONS, Budget, End, resolve
+from palpate.workflows.resolve import DECISIONS, Budget, StopReason, resolve
 from robot_io.errors import InputError
 from robot_io.session import Session
 from tests.palpate.cli import assert_refused, done, run
@@ -47,7 +47,7 @@ def test_what_the_first_probe_leaves_open_a_second_decides(resolved):
     assert first.left["joint_1"] == [["deadband", "bias"]]
     assert first.next
     assert last.left == {"joint_1": [["deadband"]]}
-    assert done.end is End.SEPARATED
+    assert done.end is StopReason.SEPARATED
     assert told == list(done.decisions)
 
 
@@ -176,7 +176,7 @@ def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_pat
     again = NextProbe(QUICK, proposal, Choice(0, Experiment("again", 1.0, ()), "why"), ("joint_1",))
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     done = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: again)
-    assert [one.end for one in done.decisions] == [None, End.UNSEEN]
+    assert [one.end for one in done.decisions] == [None, StopReason.UNSEEN]
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -186,11 +186,13 @@ def test_only_what_has_names_is_called_inseparable(tmp_path, diagnosed, named, m
     said = diagnosed if named else diagnosed.model_copy(update={"channels": [left]})
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: said)
     monkeypatch.setattr(
-        "palpate.workflows.resolve._simplest", lambda study, found: (End.INSEPARABLE, list(found))
+        "palpate.workflows.resolve._simplest", lambda study, found: (StopReason.INSEPARABLE, list(found))
     )
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     (decision,) = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: None).decisions
-    assert decision.end in ({End.INSEPARABLE, End.SIMPLEST} if named else {End.UNEXPLAINED})
+    assert decision.end in (
+        {StopReason.INSEPARABLE, StopReason.SIMPLEST} if named else {StopReason.UNEXPLAINED}
+    )
 
 
 def test_without_budget_the_first_probe_is_the_last(tmp_path, diagnosed, monkeypatch):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import rerun.blueprint as rrb
 
-from palpate.render.paired import LETTERS, PairView, SidesView
+from palpate.render.paired import LETTERS, PairedView, PairView
 from palpate.render.paired_report import COLORS
 from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on
 
@@ -17,7 +17,7 @@ def record_pair(view: PairView, path: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    tabs = [_tab(one) for one in view.channels]
+    tabs = [_tab(channel) for channel in view.channels]
     with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
         for one in view.channels:
             for letter, color, channel in zip(LETTERS, COLORS, one.views, strict=True):
@@ -33,7 +33,7 @@ def record_pair(view: PairView, path: Path) -> None:
                 send_lines(recording, f"{one.channel}/position/{letter}", channel.time_s, motion)
 
 
-def _tab(view: SidesView) -> rrb.Vertical:
+def _tab(view: PairedView) -> rrb.Vertical:
     axes, corner = view.views[0].axes, rrb.Corner2D.LeftTop
     plots = [
         plot(f"{view.channel}/effort", axes.effort, legend=corner),

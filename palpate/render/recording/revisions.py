@@ -301,9 +301,9 @@ def _stage_markdown(channel: ChannelView, number: int) -> str:
     lines += [f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}", ""]
     lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
     lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
-    for one in stage.parameters:
-        value, interval = with_interval(one)
-        lines.append(f"| {one.effect}.{one.name} | {value} | {interval} | {one.unit} |")
+    for parameter in stage.parameters:
+        value, interval = with_interval(parameter)
+        lines.append(f"| {parameter.effect}.{parameter.name} | {value} | {interval} | {parameter.unit} |")
     return "\n".join(lines)
 
 

@@ -70,7 +70,9 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
     channels = [*contact_channels(samples, tared=False), *joint_channels(samples)]
-    channels = [one for one in channels if one.name in parameters.get("channels", (one.name,))]
+    channels = [
+        channel for channel in channels if channel.name in parameters.get("channels", (channel.name,))
+    ]
     usual = parameters["model"] == CONTACT_MODEL  # then the joints are judged as well, each by its own model
     study = Study(
         channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
@@ -78,9 +80,9 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     common = _conditions(parameters) | {"truth": ", ".join(one.name for one in scenario.hidden) or NOTHING}
     return [
         common
-        | {"channel": one.channel, "verdict": one.verdict.value, "complete": one.complete}
-        | {"accepted": ", ".join(entry.effect for entry in one.accepted)}
-        for one in study.diagnose().channels
+        | {"channel": channel.channel, "verdict": channel.verdict.value, "complete": channel.complete}
+        | {"accepted": ", ".join(entry.effect for entry in channel.accepted)}
+        for channel in study.diagnose().channels
     ]
 
 
@@ -192,8 +194,12 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
         found = estimate_channel(channel, model, estimator, rng=rng)
     except (InputError, np.linalg.LinAlgError) as error:
         return row | {"problem": str(error)}
-    for one in found.parameters:
-        row |= {one.name: one.value, f"low {one.name}": one.interval[0], f"high {one.name}": one.interval[1]}
+    for parameter in found.parameters:
+        row |= {
+            parameter.name: parameter.value,
+            f"low {parameter.name}": parameter.interval[0],
+            f"high {parameter.name}": parameter.interval[1],
+        }
     return row | {"inlier_share": float(np.mean(found.inliers)), "rmse_n": found.rmse}
 
 

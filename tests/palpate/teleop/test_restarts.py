@@ -61,7 +61,7 @@ def led(line):
 def followed(line, monkeypatch):
     answers = []
     fake = SimpleNamespace(answers=lambda: [answers.pop(0)] if answers else [], busy=False)
-    monkeypatch.setattr(follower, "Estimator", lambda *, diagnose: fake)
+    monkeypatch.setattr(follower, "ObjectEstimator", lambda *, diagnose: fake)
     messaging = follower.FollowerMessaging(line, line, [].append, diagnose=True)
     return messaging, answers
 

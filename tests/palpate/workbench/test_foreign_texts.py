@@ -16,9 +16,9 @@ import palpate.workbench
 from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
-from palpate.workbench.app_state import Home
-from palpate.workbench.layout import compose
-from palpate.workbench.state import Bench
+from palpate.workbench.app_state import AppState
+from palpate.workbench.layout import lay_out_page
+from palpate.workbench.state import WorkbenchState
 from robot_io.session import Session, write_session
 from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses
@@ -69,15 +69,15 @@ def keys_of(content, path=()) -> Iterator[tuple[str, ...]]:
         yield path
 
 
-def shown(bench, folder) -> str:
+def shown(state, folder) -> str:
     """All elements of the page as it is sent, once it is known that none is more than its properties."""
 
     async def built():
         core.loop = asyncio.get_running_loop()
-        home = Home(folder)
-        home.bench = bench
+        home = AppState(folder)
+        home.state = state
         with Client(page("")) as client:
-            await compose(home)
+            await lay_out_page(home)
         return [element._to_dict() for element in client.elements.values()]
 
     elements = asyncio.run(built())
@@ -113,7 +113,7 @@ def diagnosed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("diagnosed")
     data = write_presses(folder / "press.csv")
     keep_diagnosis(data, folder)
-    return lambda: Bench(Study(data, folder=folder), "press.csv"), folder
+    return lambda: WorkbenchState(Study(data, folder=folder), "press.csv"), folder
 
 
 @contextmanager
@@ -125,16 +125,16 @@ def changed(file, change):
 
 
 def test_every_text_of_a_kept_diagnosis(diagnosed, tmp_path):
-    bench, folder = diagnosed
+    state, folder = diagnosed
     with changed(folder / RESULT, hostile):
-        said = shown(bench(), tmp_path)
+        said = shown(state(), tmp_path)
     assert f"Next: instruction: {MARK}" in said
     assert f"To purpose: {MARK}" in said
     assert f"effect: {MARK}" in said
 
 
 def test_every_text_of_a_kept_revision(diagnosed, tmp_path):
-    bench, folder = diagnosed
+    state, folder = diagnosed
     file = folder / "revisions" / "0001.json"
 
     def spoil(content):
@@ -143,7 +143,7 @@ def test_every_text_of_a_kept_revision(diagnosed, tmp_path):
         return content | dict.fromkeys(("effort_unit", "created_utc", "software_version"), HOSTILE)
 
     with changed(file, spoil):
-        assert MARK in shown(bench(), tmp_path)
+        assert MARK in shown(state(), tmp_path)
 
 
 def test_names_of_files_and_columns(tmp_path):
@@ -151,8 +151,10 @@ def test_names_of_files_and_columns(tmp_path):
     data = write_presses(tmp_path / f"{name}.csv")
     column = HOSTILE.replace('"', '""')
     data.write_text(data.read_text().replace("force_N", f'"Fz {column} [N]"', 1))
-    bench = Bench(Study(data, columns={"force": f"Fz {HOSTILE} [N]"}, units={"force": "N"}, keep=False), name)
-    assert name[:20] in shown(bench, tmp_path)
+    state = WorkbenchState(
+        Study(data, columns={"force": f"Fz {HOSTILE} [N]"}, units={"force": "N"}, keep=False), name
+    )
+    assert name[:20] in shown(state, tmp_path)
     assert MARK in shown(None, tmp_path)  # offered where nothing is open
 
 
@@ -167,14 +169,14 @@ def test_every_text_of_a_session(probed, tmp_path):
         (one.stream, {column.name: one[column.name] for column in one.stream.columns}) for one in samples
     ]
     file = write_session(tmp_path / "theirs.mcap", streams, metadata, session.events)
-    shown(Bench(Study(file, keep=False), "theirs.mcap"), tmp_path)
+    shown(WorkbenchState(Study(file, keep=False), "theirs.mcap"), tmp_path)
 
 
 def test_a_file_that_is_refused(tmp_path):
     async def built():
         core.loop = asyncio.get_running_loop()
         with Client(page("")) as client:
-            await compose(Home(tmp_path, error=HOSTILE))
+            await lay_out_page(AppState(tmp_path, error=HOSTILE))
         return [element._to_dict() for element in client.elements.values()]
 
     assert [path for one in asyncio.run(built()) for path in keys_of(one)] == [("text",)]

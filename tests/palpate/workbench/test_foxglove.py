@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from control.loop.tick_record import tick_stream
-from palpate.workbench.app_state import Home
+from palpate.workbench.app_state import AppState
 from palpate.workbench.foxglove_feed import TOPIC, Feed
 from palpate.workbench.server import _end
 from robot_io.errors import InputError
@@ -142,7 +142,7 @@ def reached(port):
 
 
 def test_the_feed_ends_with_the_page(feed):
-    _end(Home(Path(), None, feed=feed))
+    _end(AppState(Path(), None, feed=feed))
     until_s = time.monotonic() + WAIT_S
     # the listening socket closes in a thread of the server's: until then, a connection is made or reset
     while reached(feed.port) != errno.ECONNREFUSED:

@@ -15,18 +15,18 @@ from estimation.data_quality import checklist
 from estimation.effects import EFFECTS
 from estimation.fit import long_data
 from estimation.study.source import joined, open_source
-from palpate.commands.workbench import _bench
+from palpate.commands.workbench import _state
 from palpate.render.example import Example, plain, sized
 from palpate.study import Study
 from palpate.workbench import elements
-from palpate.workbench.app_state import Home
-from palpate.workbench.curves import MOST_POINTS, Motion, picked, time_figure
+from palpate.workbench.app_state import AppState
+from palpate.workbench.curves import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.layout import _unused
 from palpate.workbench.live import ran
 from palpate.workbench.load import guess, options_of, units_of
-from palpate.workbench.processes import Ahead
-from palpate.workbench.riddle import Score
-from palpate.workbench.state import Bench, evidence_of, groups
+from palpate.workbench.processes import FitPrefetcher
+from palpate.workbench.riddle import RiddleScore
+from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from robot_io.errors import InputError
 from robot_io.session import Session
@@ -39,62 +39,62 @@ def press(tmp_path_factory):
 
 
 @pytest.fixture
-def bench(press):
-    return Bench(Study(press, keep=False), "press.csv")
+def state(press):
+    return WorkbenchState(Study(press, keep=False), "press.csv")
 
 
-def test_a_tick_is_the_fit_that_add_makes(bench, press):
-    shown = bench.choose(bench.toggled("cubic_stiffness"))
+def test_a_tick_is_the_fit_that_add_makes(state, press):
+    shown = state.choose(state.toggled("cubic_stiffness"))
     change = Study(press, keep=False).add("cubic_stiffness")
     assert shown.fitted.rmse == change.result.stages[-1].rmse
     assert [error for _, error in shown.steps] == [stage.rmse for stage in change.result.stages]
-    assert bench.keep()[-1].rmse == shown.fitted.rmse
+    assert state.keep()[-1].rmse == shown.fitted.rmse
 
 
-def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(bench):
-    choice = bench.toggled("cubic_stiffness")
-    first = bench.glance(choice)
+def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(state):
+    choice = state.toggled("cubic_stiffness")
+    first = state.glance(choice)
     assert first.is_rough
-    assert bench.choice.effects == ()  # nothing is chosen by it
-    fitted = bench.choose(choice)
+    assert state.choice.effects == ()  # nothing is chosen by it
+    fitted = state.choose(choice)
     assert not fitted.is_rough
     assert first.fitted.rmse == pytest.approx(fitted.fitted.rmse, rel=0.2)
-    assert bench.glance(choice) is None
+    assert state.glance(choice) is None
     with pytest.raises(InputError, match="more than once"):
-        bench.glance(choice.with_effects(["cubic_stiffness"] * 2))
+        state.glance(choice.with_effects(["cubic_stiffness"] * 2))
 
 
-def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(bench):
-    plain_error = bench.show().fitted.rmse
-    bench.choose(bench.toggled("cubic_stiffness"))
-    bench.choose(bench.with_held("stiffness.k", 300.0))
-    assert bench.undo().choice.held == {}
-    assert bench.undo().show().fitted.rmse == plain_error
-    assert not bench.can_undo
-    assert bench.redo().choice.effects == ("cubic_stiffness",)
-    bench.choose(bench.toggled("cubic_stiffness"))
-    assert not bench.can_redo
+def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(state):
+    plain_error = state.show().fitted.rmse
+    state.choose(state.toggled("cubic_stiffness"))
+    state.choose(state.with_held("stiffness.k", 300.0))
+    assert state.undo().choice.held == {}
+    assert state.undo().show().fitted.rmse == plain_error
+    assert not state.can_undo
+    assert state.redo().choice.effects == ("cubic_stiffness",)
+    state.choose(state.toggled("cubic_stiffness"))
+    assert not state.can_redo
 
 
-def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(bench):
-    fitted = bench.choose(bench.toggled("cubic_stiffness")).fitted
+def test_each_pull_of_a_slider_is_one_step_and_leaves_the_effects(state):
+    fitted = state.choose(state.toggled("cubic_stiffness")).fitted
     for value in (410.0, 420.0, 430.0):
-        bench.pull("stiffness.k", value)
-    bench.release()
-    bench.pull("stiffness.k", 430.0)  # said again by the browser: no step
-    bench.pull("stiffness.k", 500.0)
-    bench.pull("damping.c", 3.0)
-    assert bench.show().values == {**fitted.values, "stiffness.k": 500.0, "damping.c": 3.0}
-    pulled = [bench.undo().choice.pulled for _ in range(3)]
+        state.pull("stiffness.k", value)
+    state.release()
+    state.pull("stiffness.k", 430.0)  # said again by the browser: no step
+    state.pull("stiffness.k", 500.0)
+    state.pull("damping.c", 3.0)
+    assert state.show().values == {**fitted.values, "stiffness.k": 500.0, "damping.c": 3.0}
+    pulled = [state.undo().choice.pulled for _ in range(3)]
     assert pulled == [{"stiffness.k": 500.0}, {"stiffness.k": 430.0}, {}]
-    assert bench.choice.effects == ("cubic_stiffness",)
-    assert bench.redo().choice.pulled == {"stiffness.k": 430.0}
-    assert bench.choose(bench.with_held("damping.c", 3.0)).choice.pulled == {}
+    assert state.choice.effects == ("cubic_stiffness",)
+    assert state.redo().choice.pulled == {"stiffness.k": 430.0}
+    assert state.choose(state.with_held("damping.c", 3.0)).choice.pulled == {}
 
 
-def test_another_use_of_runs_can_be_undone(bench):
-    bench.choose(bench.toggled("cubic_stiffness"))
-    less = bench.with_runs((1,), ())
+def test_another_use_of_runs_can_be_undone(state):
+    state.choose(state.toggled("cubic_stiffness"))
+    less = state.with_runs((1,), ())
     held = less.with_runs((1,), (2,))
     held.choose(held.toggled("adhesion"))
     back = held.undo()
@@ -109,97 +109,97 @@ def test_another_use_of_runs_can_be_undone(bench):
     assert (back.out, back.study.held_out, back.choice.effects) == ((1,), (2,), ("cubic_stiffness",))
 
 
-def test_what_is_held_goes_with_its_effect(bench):
-    bench.choose(bench.toggled("cubic_stiffness"))
-    bench.choose(bench.with_held("cubic_stiffness.k3", 1e6))
-    assert bench.toggled("cubic_stiffness").held == {}
+def test_what_is_held_goes_with_its_effect(state):
+    state.choose(state.toggled("cubic_stiffness"))
+    state.choose(state.with_held("cubic_stiffness.k3", 1e6))
+    assert state.toggled("cubic_stiffness").held == {}
 
 
-def test_a_choice_that_cannot_be_fitted_changes_nothing(bench):
-    before = bench.choice
+def test_a_choice_that_cannot_be_fitted_changes_nothing(state):
+    before = state.choice
     with pytest.raises(InputError):
-        bench.choose(bench.toggled("no_such_effect"))
-    assert bench.choice == before
+        state.choose(state.toggled("no_such_effect"))
+    assert state.choice == before
     for bounds in ((2.0, 1.0), (math.nan, 1.0), (1.0, math.inf)):
         with pytest.raises(InputError, match="below"):
-            bench.with_bounds("stiffness.k", bounds)
+            state.with_bounds("stiffness.k", bounds)
 
 
-def test_the_python_line_does_what_the_page_shows(bench, press):
-    bench.choose(bench.toggled("cubic_stiffness"))
-    shown = bench.choose(bench.with_held("stiffness.k", 300.0))
-    said = eval(bench.python(), {"study": Study(press, keep=False)})
+def test_the_python_line_does_what_the_page_shows(state, press):
+    state.choose(state.toggled("cubic_stiffness"))
+    shown = state.choose(state.with_held("stiffness.k", 300.0))
+    said = eval(state.python(), {"study": Study(press, keep=False)})
     assert said.values == shown.fitted.values
-    assert bench.command() == ""
-    bench.undo()
-    assert bench.command() == (
+    assert state.command() == ""
+    state.undo()
+    assert state.command() == (
         "palpate add press.csv cubic_stiffness --fresh --model kelvin_voigt --channel contact"
     )
 
 
-def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(bench):
-    whole = bench.choose(bench.toggled("cubic_stiffness")).fitted
-    less = bench.with_runs((1,), ())
+def test_runs_that_are_taken_out_are_neither_fitted_nor_judged(state):
+    whole = state.choose(state.toggled("cubic_stiffness")).fitted
+    less = state.with_runs((1,), ())
     shown = less.show()
     assert 1 not in shown.fitted.data.runs
     assert shown.choice.effects == ("cubic_stiffness",)
     assert shown.fitted.values != whole.values
     assert less.command() == ""
     said = less.python().split("; ")[0].removeprefix("study = ")
-    again = eval(said, {"palpate": palpate, "np": np, "study": bench.study})
+    again = eval(said, {"palpate": palpate, "np": np, "study": state.study})
     assert again.fit("contact", ["cubic_stiffness"]).values == shown.fitted.values
     assert less.with_runs((), ()).show().fitted.values == whole.values
     with pytest.raises(InputError, match="at least one"):
-        bench.with_runs(bench.channel.data.runs.tolist(), ())
+        state.with_runs(state.channel.data.runs.tolist(), ())
 
 
-def test_runs_that_are_held_out_are_in_the_commands(bench):
-    bench.choose(bench.toggled("cubic_stiffness"))
-    held = bench.with_runs((0,), (2,))
+def test_runs_that_are_held_out_are_in_the_commands(state):
+    state.choose(state.toggled("cubic_stiffness"))
+    held = state.with_runs((0,), (2,))
     fitted = held.show().fitted
     assert set(fitted.data.run[fitted.judged]) == {2}
     assert held.python().startswith("study = palpate.Study(study.source.without([0]), held_out=[2])")
-    again = bench.with_runs((), (2,))
+    again = state.with_runs((), (2,))
     assert again.command() == (
         "palpate add press.csv --held-out 2 cubic_stiffness --fresh --model kelvin_voigt --channel contact"
     )
     told = eval(
-        again.python().split("; ")[0].removeprefix("study = "), {"palpate": palpate, "study": bench.study}
+        again.python().split("; ")[0].removeprefix("study = "), {"palpate": palpate, "study": state.study}
     )
     assert told.fit("contact", ["cubic_stiffness"]).rmse == again.show().fitted.rmse
-    assert again.with_runs((), ()).study is bench.study
+    assert again.with_runs((), ()).study is state.study
 
 
 def test_a_page_opened_with_runs_held_out_says_so_once_and_can_let_them_in(press):
-    bench = _bench(DataArguments(file=press, held_out="2"), press, ImportOptions(), None)
-    assert bench.command().count("--held-out 2") == 1
-    again = bench.with_runs((), ())
+    state = _state(DataArguments(file=press, held_out="2"), press, ImportOptions(), None)
+    assert state.command().count("--held-out 2") == 1
+    again = state.with_runs((), ())
     assert "--held-out" not in again.command()
     assert again.study.held_out == ()
-    assert again.with_runs((), (2,)) is bench
+    assert again.with_runs((), (2,)) is state
 
 
 def test_of_a_recording_that_was_averaged_no_command_uses_the_same_runs(press, monkeypatch):
     monkeypatch.setattr(long_data, "LONG", 1000)
     monkeypatch.setattr(long_data, "_MOST", 300)
-    bench = Bench(Study(press, keep=False), "press.csv")
-    assert bench.command()
-    assert not bench.with_runs((), (2,)).command()
+    state = WorkbenchState(Study(press, keep=False), "press.csv")
+    assert state.command()
+    assert not state.with_runs((), (2,)).command()
 
 
 def test_runs_are_used_otherwise_with_the_model_that_was_chosen(press):
-    bench = Bench(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
-    assert bench.channel.model.name == "hunt_crossley"
+    state = WorkbenchState(Study(press, model="hunt_crossley", keep=False), "press.csv").with_runs((0,), (2,))
+    assert state.channel.model.name == "hunt_crossley"
     told = eval(
-        bench.python().split("; ")[0].removeprefix("study = "),
-        {"palpate": palpate, "study": bench.whole.study},
+        state.python().split("; ")[0].removeprefix("study = "),
+        {"palpate": palpate, "study": state.whole.study},
     )
     assert told.channel().model.name == "hunt_crossley"
-    assert told.fit("contact").rmse == bench.show().fitted.rmse
+    assert told.fit("contact").rmse == state.show().fitted.rmse
 
 
-def test_effects_that_do_the_same_stand_together(bench):
-    study, channel = bench.study, bench.channel
+def test_effects_that_do_the_same_stand_together(state):
+    study, channel = state.study, state.channel
     names = ("cubic_stiffness", "power_law_stiffness", "delay")
     found = groups([evidence_of(study, channel, (), name) for name in names])
     assert {one.effect for one in found[0]} == {"cubic_stiffness", "power_law_stiffness"}
@@ -207,19 +207,19 @@ def test_effects_that_do_the_same_stand_together(bench):
 
 
 @pytest.mark.parametrize("held_out", [(), (2,)])
-def test_a_fit_made_ahead_is_the_same_to_the_last_digit(bench, press, held_out):
-    bench = bench.with_runs((), held_out)
+def test_a_fit_made_ahead_is_the_same_to_the_last_digit(state, press, held_out):
+    state = state.with_runs((), held_out)
 
     async def ahead():
-        process = Ahead(bench.study, bench.channel)
+        process = FitPrefetcher(state.study, state.channel)
         try:
             await process.fit(("cubic_stiffness", "delay"))
         finally:
             process.close()
 
     asyncio.run(ahead())
-    assert bench.study.is_fitted(bench.channel, ("cubic_stiffness", "delay"))
-    theirs, own = bench.study, Study(press, keep=False, held_out=held_out)
+    assert state.study.is_fitted(state.channel, ("cubic_stiffness", "delay"))
+    theirs, own = state.study, Study(press, keep=False, held_out=held_out)
     chain = ("cubic_stiffness", "delay")
     assert theirs.fit("contact", chain).values == own.fit("contact", chain).values
     assert np.array_equal(
@@ -274,7 +274,7 @@ def test_the_checklist_says_what_refuse_says(press):
 
 def test_curves_are_short_and_keep_their_peaks(press):
     data = Study(press, keep=False).channels[0].data
-    motion = Motion.of(data)
+    motion = DrawnMotion.of(data)
     rows = motion.rows(data.effort, 200)
     assert len(rows) <= 220
     assert np.nanmax(picked(data.effort, rows)) == pytest.approx(data.effort.max())
@@ -282,7 +282,7 @@ def test_curves_are_short_and_keep_their_peaks(press):
     assert all(len(trace["x"]) <= 1.1 * MOST_POINTS for trace in time_figure(motion, None, None)["data"])
     near = motion.rows(data.effort, 200, (1.0, 1.5))
     assert np.ptp(motion.time_s[near[near >= 0]]) <= 0.5
-    assert set(data.run[Motion.of(data, (2,)).rows(data.effort, 100)]) == {2}
+    assert set(data.run[DrawnMotion.of(data, (2,)).rows(data.effort, 100)]) == {2}
 
 
 @pytest.mark.parametrize("kind", list(ChannelKind))
@@ -319,7 +319,7 @@ def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
 
 def test_two_tabs_do_not_write_to_one_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    home = Home(tmp_path)
+    home = AppState(tmp_path)
     assert [_unused(home, "probe", ".mcap").name for _ in range(2)] == ["probe-1.mcap", "probe-2.mcap"]
 
 
@@ -337,10 +337,10 @@ def test_two_measurements_become_one_with_the_runs_of_both(press, tmp_path):
 def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path):
     own = write_own_effect(tmp_path)
     study = Study(press, "hunt_crossley", effects=[own], held_out=[2], keep=False)
-    bench = Bench(study, "press.csv")
-    bench.choose(bench.toggled("mine"))
+    state = WorkbenchState(study, "press.csv")
+    state.choose(state.toggled("mine"))
     more = write_presses(tmp_path / "more.csv", seed=9, speeds_m_s=(0.05, 0.06))
-    for other in (bench.joined_with(more), bench.with_runs((0,), (2,))):
+    for other in (state.joined_with(more), state.with_runs((0,), (2,))):
         assert other.channel.model.name == "hunt_crossley"
         assert other.study.held_out == (2,)
         assert other.show().steps[-1][0] == "+ mine"
@@ -351,7 +351,7 @@ def test_model_effects_and_runs_held_out_stay_when_data_changes(press, tmp_path)
 
 def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
     lag = frozenset({"lag"})
-    alone = Score(lag, lag, lag, lag)
+    alone = RiddleScore(lag, lag, lag, lag)
     assert alone.in_words().endswith("The diagnosis said lag: right.")
     assert "cannot tell that from delay." in replace(alone, alike=lag | {"delay"}).in_words()
 
@@ -363,5 +363,5 @@ def test_what_the_diagnosis_named_is_not_said_to_be_like_itself():
 )  # fmt: skip
 def test_the_riddle_is_scored_against_the_diagnosis(guessed, said):
     named = frozenset({"lag"})
-    score = Score(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
+    score = RiddleScore(frozenset({"delay"}), frozenset(guessed), named, named | {"delay"})
     assert said in score.in_words()
