@@ -63,9 +63,9 @@ def test_a_diagnosis_that_is_ended_ends_its_workers_at_once(number):
 FITTING_AHEAD = """
 import asyncio, sys, time
 from palpate.study import Study
-from palpate.workbench.processes import Ahead
+from palpate.workbench.processes import FitPrefetcher
 study = Study(sys.argv[1], keep=False)
-ahead = Ahead(study, study.channels[0])
+ahead = FitPrefetcher(study, study.channels[0])
 asyncio.run(ahead.fit(("cubic_stiffness",)))
 print("begun", flush=True)
 time.sleep(60)
