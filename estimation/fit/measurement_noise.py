@@ -136,8 +136,9 @@ def _differences(base: FitResult) -> Iterator[FloatArray]:
         count = min(len(first), len(second))
         one, other = first[:count], second[:count]
         if count >= _LEAST and rmse(data.position[one] - data.position[other]) <= reach:
-            apart = left[one] - left[other]
-            yield apart[np.isfinite(base.residual[one]) & np.isfinite(base.residual[other])]
+            judged = base.judged[one] & base.judged[other]
+            if judged.any():
+                yield (left[one] - left[other])[judged]
 
 
 def _of_motion(base: FitResult) -> float:
