@@ -210,7 +210,8 @@ def _accepted(found: Evidence, others: _Rivals) -> list[Accepted]:
     search, accepted = found.search, []
     by_name = {effect.name: effect for effect in search.effects}
     for before, after in pairwise(found.stages):
-        effect = by_name[after.model.effects[-1].name]
+        (name,) = {part.name for part in after.model.effects} - {part.name for part in before.model.effects}
+        effect = by_name[name]
         spread = run_standard_deviation(found.end, effect) if isinstance(effect, RunVariation) else None
         p_value = search.p_value(search.without(found.end, effect.name), found.end)
         accepted.append(
