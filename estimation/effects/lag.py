@@ -21,7 +21,7 @@ class Lag(SensorEffect):
     signature = "readings come late and rounded, the more the faster the effort changes"
     signals = ("past effort",)
     channels = frozenset(ChannelKind)
-    inner = (Parameter("tau", "s", 1e-05, 10.0, (0.001, 0.2), log=True),)
+    inner = (Parameter("tau", "s", 1e-05, 1.0, (0.001, 0.2), log=True),)
     confused_with = {
         "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
         "damping": "hold and probe at two speeds",
