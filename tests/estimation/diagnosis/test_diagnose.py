@@ -260,10 +260,3 @@ def test_shares_of_kinds_and_what_they_leave_add_up_to_the_error(law, tried, com
     assert total == pytest.approx(1.0, abs=1e-9)
     assert found.rest.unexplained >= 0.0
     assert not (complete and found.rest.unexplained)
-
-
-def test_each_effect_is_told_once_where_a_reader_acts_on_what_was_added_after_it():
-    gains = np.array([0.7, 1.2, 1.4, 0.8, 0.75, 1.15])
-    data = session(4, lambda t, x, v, run: gains[run] * cubic(t, x, v, run))
-    found = decide_verdict(data, "run_gain", "cubic_stiffness")
-    assert sorted(entry.effect for entry in found.accepted) == ["cubic_stiffness", "run_gain"]

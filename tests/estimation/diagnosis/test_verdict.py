@@ -68,6 +68,19 @@ def test_effects_are_told_in_order_with_what_each_takes_away_and_their_parameter
     assert found.baseline.parameters.keys() == SWING.gains.keys()
 
 
+def test_each_effect_is_told_once_where_an_added_one_does_not_stand_last_in_the_model(swung):
+    """A reader's effect may act before one that was added earlier."""
+    search, end, measurement = swung
+    spring, friction = (EFFECTS[name]() for name in BOTH)
+    fits = [
+        fit_model(search.data, model, {})
+        for model in (SWING.with_effect(spring), SWING.with_effect(friction).with_effect(spring))
+    ]
+    evidence = Evidence(search, measurement, end, True, None)
+    vars(evidence)["stages"] = [search.start, *fits]
+    assert [entry.effect for entry in decide_verdict(evidence).accepted] == list(BOTH)
+
+
 def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     found, _, end = said(swung, complete=True)
     assert found.noise_floor == found.floor.value == pytest.approx(NOISE_NM, rel=0.1)
