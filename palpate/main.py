@@ -22,7 +22,8 @@ def main() -> None:
     os.environ["PYTHONSAFEPATH"] = "1"
     # Matrices are small here: shared out over threads, they cost up to twenty times the processor time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _keep_libraries_quiet()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore", RuntimeWarning)
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):  # what a terminal cannot show is written as \u2013
         if isinstance(stream, io.TextIOWrapper):
@@ -40,7 +41,14 @@ def main() -> None:
 def run() -> None:
     """Run the command line. SystemExit: with the exit code."""
     try:
-        _check_and_run()
+        if problem := preflight.first_problem():
+            sys.exit(_refuse(problem))
+        try:
+            from palpate.commands import app  # noqa: PLC0415, only once the ground is known to be firm
+        except ModuleNotFoundError as error:
+            missing = f"the Python package '{error.name or error}' is not installed"
+            sys.exit(_refuse(f"{missing}: run make env, and start .venv/bin/palpate"))
+        app()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
         print("palpate: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
@@ -57,27 +65,6 @@ def _leave_at_once(code: int) -> NoReturn:
 def _nowhere() -> io.TextIOWrapper:
     """In place of a stream that was closed before the start."""
     return io.TextIOWrapper(io.FileIO(os.devnull, "w"))
-
-
-def _keep_libraries_quiet() -> None:
-    """Nobody can act on overflows that libraries warn of."""
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore", RuntimeWarning)
-
-
-def _check_and_run() -> None:
-    if problem := preflight.first_problem():
-        sys.exit(_refuse(problem))
-    try:
-        from palpate.commands import app  # noqa: PLC0415, only once the ground is known to be firm
-    except ModuleNotFoundError as error:
-        missing = error.name or str(error)
-        sys.exit(
-            _refuse(
-                f"the Python package '{missing}' is not installed: run make env, and start .venv/bin/palpate"
-            )
-        )
-    app()
 
 
 def _refuse(problem: str) -> int:

@@ -120,7 +120,11 @@ class Study(StudyBase):
         if not isinstance(arm, Arm | Path | str | None):
             raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
         own = load_user_effects([effect for effect in effects if isinstance(effect, str)])
-        own |= {_place(effect): watched(effect) for effect in effects if isinstance(effect, Effect)}
+        own |= {
+            f"{type(effect).__module__}:{type(effect).__qualname__}": watched(effect)
+            for effect in effects
+            if isinstance(effect, Effect)
+        }
         place = None if folder is None else _path(folder, "folder")
         if isinstance(data, str | Path):
             data = existing_data(Path(data))
@@ -355,7 +359,3 @@ def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives
     if not isinstance(path, Path | str):
         raise InputError(f"{what} {path!r}: give a path")
     return Path(path)
-
-
-def _place(effect: Effect) -> str:
-    return f"{type(effect).__module__}:{type(effect).__qualname__}"

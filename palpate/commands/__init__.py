@@ -5,7 +5,6 @@ import importlib
 import importlib.util
 import pkgutil
 import re
-from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from inspect import getdoc
@@ -42,7 +41,12 @@ class CommandGroup(OneLineGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
         """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
-        _refuse_empty(args)
+        # A shell makes empty names of variables that are not set: "" would be the current folder.
+        before = ["", *args]
+        for number, argument in enumerate(args):
+            if not argument or _WITHOUT_VALUE.fullmatch(argument):
+                place = argument or before[number]
+                raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
         if args and args[0] in _ALIASES:
             args = [_ALIASES[args[0]], *args[1:]]
         name, found, rest = super().resolve_command(ctx, args)
@@ -86,30 +90,12 @@ def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
     if hasattr(module, "group"):
         return get_command(module.group)
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
-    about = _in_paragraphs(module.command)
+    paragraphs = (getdoc(module.command) or "").split("\n\n")
+    about = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
     single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(
         module.command
     )
     return get_command(single)
-
-
-def _in_paragraphs(command: Callable[..., None]) -> str:
-    """What a command says of itself, each paragraph in one line: the terminal breaks it where it ends."""
-    paragraphs = (getdoc(command) or "").split("\n\n")
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-
-
-def _refuse_empty(arguments: list[str]) -> None:
-    """Refuse empty names, which a shell makes of a variable that is not set: "" would be the current folder.
-
-    Raises:
-        InputError: there is one.
-    """
-    before = ["", *arguments]
-    for number, argument in enumerate(arguments):
-        if not argument or _WITHOUT_VALUE.fullmatch(argument):
-            place = argument or before[number]
-            raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
 
 
 @cache

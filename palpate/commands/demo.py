@@ -72,7 +72,11 @@ def command(
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()
-    again = _repeated(scenario, engine, seed)
+    # The command that makes this very demo again.
+    words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
+    words += ["--engine", engine] if engine is not None else []
+    words += ["--seed", str(seed)] if seed is not None else []
+    again = " ".join(map(as_shell_word, words))
     talk = console.stderr()
     by = "" if seed is None else f" (seed {seed})"
     talk.print(f"A simulated arm probes [bold]{world.description or scenario}[/bold] at three speeds{by}.")
@@ -89,14 +93,6 @@ def command(
     if hidden is not None:
         _print_hidden(hidden)
     _next(demo, hidden, again)
-
-
-def _repeated(scenario: str, engine: EngineName | None, seed: int | None) -> str:
-    """The command that makes this very demo again."""
-    words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
-    words += ["--engine", engine] if engine is not None else []
-    words += ["--seed", str(seed)] if seed is not None else []
-    return " ".join(map(as_shell_word, words))
 
 
 def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:

@@ -77,7 +77,16 @@ def _print(session: Session, data: dict[str, Any]) -> None:
     out.print(f"[bold]{shown(session.path)}[/bold]")
     for label, value in _facts(data).items():
         out.print(f"  {label:<10} {value}")
-    out.print(_stream_table(data))
+    numbers = ("samples", "rate", "runs")
+    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
+    for stream in data["streams"]:
+        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
+        columns = ", ".join(
+            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
+        )
+        runs = str(stream["runs"] or "–")
+        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
+    out.print(table)
     if data["events"]:
         out.print(_event_table(session))
 
@@ -107,19 +116,6 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     known = {*facts, RUN_LABELS, NOT_WHOLE}  # what runs were called is for programs, and in --json
     further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
-
-
-def _stream_table(data: dict[str, Any]) -> Table:
-    numbers = ("samples", "rate", "runs")
-    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
-    for stream in data["streams"]:
-        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
-        columns = ", ".join(
-            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
-        )
-        runs = str(stream["runs"] or "–")
-        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
-    return table
 
 
 def _event_table(session: Session) -> Table:

@@ -24,7 +24,18 @@ def command(
     if as_json:
         console.print_json(describe(session, answer))
     elif answer.hidden:
-        _print(session, answer)
+        table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
+        for entry in answer.hidden:
+            values = (
+                f"{name} = {significant(about['value'])} {about['unit']}"
+                for name, about in _parameters(entry).items()
+            )
+            physics = (entry.__doc__ or "").partition("\n")[0]
+            table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
+        console.stdout().print(table)
+        known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
+        diagnosed = (f"palpate diagnose {typed(session)}", "whether that is found")
+        console.next_steps(*((f"palpate effects {name}", "what that is") for name in known[:1]), diagnosed)
     else:
         said = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
         console.stdout().print(said, soft_wrap=True)
@@ -45,18 +56,3 @@ def describe(session: Path, answer: SealedAnswer) -> dict[str, Any]:
 
 def _parameters(entry: Imperfection) -> dict[str, dict[str, Any]]:
     return {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}
-
-
-def _print(session: Path, answer: SealedAnswer) -> None:
-    table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
-    for entry in answer.hidden:
-        values = (
-            f"{name} = {significant(about['value'])} {about['unit']}"
-            for name, about in _parameters(entry).items()
-        )
-        physics = (entry.__doc__ or "").partition("\n")[0]
-        table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
-    console.stdout().print(table)
-    known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
-    diagnosed = (f"palpate diagnose {typed(session)}", "whether that is found")
-    console.next_steps(*((f"palpate effects {name}", "what that is") for name in known[:1]), diagnosed)

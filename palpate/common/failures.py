@@ -57,11 +57,6 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
         return _give_up_output()
     if isinstance(error, OSError) and error.filename is None and error.errno in _NO_ROOM:
         _give_up_output()
-    return report(*_in_words(error), as_json=as_json)
-
-
-def _in_words(error: Exception) -> tuple[str, int]:
-    """What to say, and the exit code."""
     where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
     text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
     match error:
@@ -81,7 +76,7 @@ def _in_words(error: Exception) -> tuple[str, int]:
             text = "the memory is full; take fewer runs, or a shorter recording"
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
-    return text, DISK_FULL if _disk_is_full(error) else code
+    return report(text, DISK_FULL if _disk_is_full(error) else code, as_json=as_json)
 
 
 def _disk_is_full(error: BaseException | None) -> bool:

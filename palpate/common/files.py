@@ -76,7 +76,7 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
     if path.is_dir():
         raise InputError(f"output {path}: is a directory")
     if path.exists() or path.is_symlink():
-        if any(_same(path, read) for read in keep):
+        if path.exists() and any(read.exists() and path.samefile(read) for read in keep):
             raise InputError(f"output {path}: is what is read; choose another name")
         if not force:
             remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
@@ -173,7 +173,3 @@ def write_text(path: Path, text: str) -> None:
     """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
     with whole_set({path: text}):
         pass
-
-
-def _same(path: Path, other: Path) -> bool:
-    return path.exists() and other.exists() and path.samefile(other)

@@ -51,17 +51,18 @@ def as_shell_word(text: str) -> str:
     if text.isprintable():
         return shlex.quote(text)
     escaped = text.replace("\\", "\\\\").replace("'", "\\'")
-    escaped = "".join(char if char.isprintable() else _byte_escapes(char) for char in escaped)
-    return f"$'{escaped}'"
+    words = (
+        char
+        if char.isprintable()
+        else "".join(f"\\x{byte:02x}" for byte in char.encode("utf-8", "surrogateescape"))
+        for char in escaped
+    )
+    return f"$'{''.join(words)}'"
 
 
 def as_command(arguments: Iterable[str]) -> str:
     """How palpate was called, to be pasted into a shell."""
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
-
-
-def _byte_escapes(char: str) -> str:
-    return "".join(f"\\x{byte:02x}" for byte in char.encode("utf-8", "surrogateescape"))
 
 
 def _from_here(path: Path) -> str:

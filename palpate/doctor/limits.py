@@ -38,7 +38,13 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            yield _watchdog(f"watchdog of {name}", watchdog_s, tick_s)
+            long = f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
+            yield graded(
+                f"watchdog of {name}",
+                f"{1e3 * watchdog_s:g} ms from the last command until the drives let go, by the robot file",
+                (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
+                (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
+            )
     yield _force(robot_file)
     yield _torque(limits, body, float(weight_nm.max()))
     yield _position(limits, body)
@@ -85,16 +91,6 @@ def _ages(limits: Limits, tick_s: float) -> Finding:
         ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
         (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
         (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: allow less"),
-    )
-
-
-def _watchdog(subject: str, watchdog_s: float, tick_s: float) -> Finding:
-    long = f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
-    return graded(
-        subject,
-        f"{1e3 * watchdog_s:g} ms from the last command until the drives let go, by the robot file",
-        (_WARN, watchdog_s < 5 * tick_s, "a late tick drops the arm: allow 5 ticks or more"),
-        (_WARN, watchdog_s > _LONG_WATCHDOG_S, long),
     )
 
 

@@ -46,13 +46,7 @@ class NudgeTask:
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
         """See `control.loop.task.Task`; trips where something touches the tool."""
         self._elapsed_s += dt_s
-        motion = self._motion()
-        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
-        done = self._elapsed_s >= 2 * _STAY_S + len(self._start_rad) * _NUDGE_S
-        return self._free.output(measurement, motion, torque_nm, Phase.MOVE, done=done)
-
-    def _motion(self) -> JointMotion:
-        """Half a wave for one joint at a time, at rest at both of its ends."""
+        # Half a wave for one joint at a time, at rest at both of its ends.
         joint, within_s = divmod(self._elapsed_s - _STAY_S, _NUDGE_S)
         position, velocity, acceleration = self._start_rad.copy(), *np.zeros((2, len(self._start_rad)))
         if 0 <= joint < len(position):
@@ -61,7 +55,10 @@ class NudgeTask:
             position[number] += half_rad * (1 - np.cos(rate * within_s))
             velocity[number] = half_rad * rate * np.sin(rate * within_s)
             acceleration[number] = half_rad * rate**2 * np.cos(rate * within_s)
-        return JointMotion(position, velocity, acceleration)
+        motion = JointMotion(position, velocity, acceleration)
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        done = self._elapsed_s >= 2 * _STAY_S + len(self._start_rad) * _NUDGE_S
+        return self._free.output(measurement, motion, torque_nm, Phase.MOVE, done=done)
 
 
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:

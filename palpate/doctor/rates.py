@@ -42,20 +42,6 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     yield from computed
     if any(finding.level is Level.FAIL for finding in computed):
         return
-    watched = _watch(robot, period_s)
-    yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
-    for device in ("encoder", "torque", "force"):
-        bus = getattr(robot_file, device).bus
-        yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
-    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
-    if np.isfinite(position_rad).all():  # else there are no samples, which has been said
-        yield from _joints(position_rad, robot_file)
-        yield _home(position_rad - robot_file.home_rad)
-    if np.isfinite([m.force_n for m in watched.measurements]).all():
-        yield _force(watched, limits.force_n)
-
-
-def _watch(robot: Robot, period_s: float) -> _Watched:
     clock = robot.clock
     reading_s, measurements, failed = [], [], []
     complaints: dict[str, str] = {}
@@ -69,9 +55,25 @@ def _watch(robot: Robot, period_s: float) -> _Watched:
         failed.append(set(robot.bus_errors))
         complaints |= robot.bus_errors | robot.bus_delays
     skipped = min(10, len(measurements) // 2)  # the first samples are on their way
-    return _Watched(
+    watched = _Watched(
         np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
     )
+    yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
+    for device in ("encoder", "torque", "force"):
+        bus = getattr(robot_file, device).bus
+        yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
+    position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
+    if np.isfinite(position_rad).all():  # else there are no samples, which has been said
+        yield from _joints(position_rad, robot_file)
+        away_rad = position_rad - robot_file.home_rad
+        joint = int(np.argmax(np.abs(away_rad)))
+        value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
+        remedy = (
+            "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
+        )
+        yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
+    if np.isfinite([m.force_n for m in watched.measurements]).all():
+        yield _force(watched, limits.force_n)
 
 
 def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
@@ -130,13 +132,6 @@ def _joints(position_rad: FloatArray, robot_file: RobotFile) -> Iterator[Finding
         value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
         remedy = "move it inside by hand, or correct its zero_rad and reversed"
         yield graded(f"joint {joint}", value, (_FAIL, not low < angle < high, remedy))
-
-
-def _home(away_rad: FloatArray) -> Finding:
-    joint = int(np.argmax(np.abs(away_rad)))
-    value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
-    remedy = "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
-    return graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
 
 
 def _force(watched: _Watched, limit_n: float) -> Finding:

@@ -102,7 +102,13 @@ class Feedforward:
             InputError: a file cannot be written.
         """
         write_text(path, self._yaml(source))
-        write_text(path.with_suffix(".py"), self._python(source))
+        rows = "".join(
+            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = ", ".join(asdict(JointTerms()))
+        text = _PYTHON.format(source=_comment(source), names=names, rows=rows)
+        write_text(path.with_suffix(".py"), text)
         write_text(path.with_suffix(".c"), self._c(source))
 
     def _yaml(self, source: str) -> str:
@@ -129,14 +135,6 @@ class Feedforward:
         }
         content = {"source": source, "equation": EQUATION, "joints": joints, "left_out": list(self.left_out)}
         return yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True)
-
-    def _python(self, source: str) -> str:
-        rows = "".join(
-            f"    {joint.number}: ({_literals(terms)}),  # {_title(joint)}\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
-        names = ", ".join(asdict(JointTerms()))
-        return _PYTHON.format(source=_comment(source), names=names, rows=rows)
 
     def _c(self, source: str) -> str:
         rows = "".join(

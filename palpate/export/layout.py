@@ -31,21 +31,17 @@ Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 def layout_of(session: Session, program: Program) -> str:
     """The text of a layout. InputError: the session has nothing to plot."""
-    plots = _plots([session.samples(name).stream for name in session.stream_names])
-    if not plots:
-        raise InputError(f"{session.path}: has no stream with anything to plot")
-    return _foxglove(plots) if program is Program.FOXGLOVE else _plotjuggler(plots)
-
-
-def _plots(streams: Sequence[Stream]) -> Plots:
-    found: dict[str, list[tuple[Stream, Column]]] = {}
+    streams = [session.samples(name).stream for name in session.stream_names]
+    plots: dict[str, list[tuple[Stream, Column]]] = {}
     for stream in streams:
         for column in stream.columns:
             if column.unit not in _LEFT_OUT:
-                found.setdefault(f"{stream.name} [{column.unit}]", []).append((stream, column))
+                plots.setdefault(f"{stream.name} [{column.unit}]", []).append((stream, column))
             elif column.name in _STEPS:
-                found.setdefault(f"{stream.name}: run and phase", []).append((stream, column))
-    return found
+                plots.setdefault(f"{stream.name}: run and phase", []).append((stream, column))
+    if not plots:
+        raise InputError(f"{session.path}: has no stream with anything to plot")
+    return _foxglove(plots) if program is Program.FOXGLOVE else _plotjuggler(plots)
 
 
 def _series(plot: Sequence[tuple[Stream, Column]], name: Callable[[str, str], str]) -> list[str]:

@@ -288,7 +288,11 @@ def _entries(
         made = [parse_imperfection(entry) for entry in placed]
     except (InputError, ZeroDivisionError) as error:
         return [], [f"the simulator cannot do '{name}' with these values: {error}"]
-    return made, [_words(entry) for entry in placed]
+    lines = [
+        f"{entry['effect']} " + ", ".join(f"{k} {_shown(v)}" for k, v in entry.items() if k != "effect")
+        for entry in placed
+    ]
+    return made, lines
 
 
 def _place(effect: str, channel: FittedChannel) -> Entry:
@@ -300,10 +304,6 @@ def _place(effect: str, channel: FittedChannel) -> Entry:
     if effect == "payload":
         return {"joint": channel.joint_count}
     return {"joint": int(where.removeprefix("joint_"))}
-
-
-def _words(entry: Entry) -> str:
-    return f"{entry['effect']} " + ", ".join(f"{k} {_shown(v)}" for k, v in entry.items() if k != "effect")
 
 
 def _shown(value: object) -> str:

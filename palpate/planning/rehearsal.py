@@ -23,7 +23,7 @@ from estimation.end_workers import end_when_told, end_workers
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import RobotFile, parse_robot_file
 from robot_io.session import Samples
-from robot_io.types import FloatArray, Measurement, Status
+from robot_io.types import Measurement, Status
 
 LONGEST_S = 120.0  # of an experiment that is considered
 _KEPT = 64  # rehearsals that are kept: those asked for longest ago would come out the same again
@@ -157,7 +157,15 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         time_s += dt_s
     if task.failures:
         raise InputError(task.failures[0])
-    return _samples(rows, push)
+    # Ticks with what channels are made of; all devices sample at the same time and are well.
+    names = ("time_s", "run", "phase", "joint_position_rad", "torque_measured_nm", "force_n")
+    values = zip((*names, "tip_position_world_m"), zip(*rows, strict=True), strict=True)
+    columns = {name: np.array(column) for name, column in values}
+    for device in ("encoder", "torque", "force"):
+        columns[f"{device}_at_s"] = columns["time_s"]
+        columns[f"{device}_status"] = np.full(len(rows), Status.OK)
+    columns["press_direction_world"] = np.tile(push, (len(rows), 1))
+    return Samples(tick_stream(columns["joint_position_rad"].shape[1]), columns)
 
 
 def _check(measured: Measurement, robot_file: RobotFile) -> None:
@@ -170,15 +178,3 @@ def _check(measured: Measurement, robot_file: RobotFile) -> None:
         raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
     if measured.time_s > LONGEST_S:
         raise InputError(f"takes more than {LONGEST_S:.0f} s")
-
-
-def _samples(rows: Sequence[tuple[object, ...]], push_world: FloatArray) -> Samples:
-    """Ticks with what channels are made of; all devices sample at the same time and are well."""
-    names = ("time_s", "run", "phase", "joint_position_rad", "torque_measured_nm", "force_n")
-    values = zip((*names, "tip_position_world_m"), zip(*rows, strict=True), strict=True)
-    columns = {name: np.array(column) for name, column in values}
-    for device in ("encoder", "torque", "force"):
-        columns[f"{device}_at_s"] = columns["time_s"]
-        columns[f"{device}_status"] = np.full(len(rows), Status.OK)
-    columns["press_direction_world"] = np.tile(push_world, (len(rows), 1))
-    return Samples(tick_stream(columns["joint_position_rad"].shape[1]), columns)

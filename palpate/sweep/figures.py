@@ -102,7 +102,10 @@ def torques(ticks: Sequence[Row]) -> Figure:
                             ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
             axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
         axes.set_ylabel(f"joint {joint} [N m]")
-        _room(axes, least=0.5)
+        # Some room above and below, and at least so much in all: noise is not to fill a panel.
+        low, high = axes.get_ylim()
+        more = max(0.0, 0.5 - (high - low)) / 2 + 0.1 * (high - low)
+        axes.set_ylim(low - more, high + more)
     all_axes[0].legend(loc="upper right", ncols=2)
     all_axes[-1].set_xlabel("time [s]; shaded: in contact")
     return figure
@@ -297,13 +300,6 @@ def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared
 def _shade_contact(axes: Axes, own: Sequence[Row], time_s: FloatArray) -> None:
     touching = np.isin([row["phase"] for row in own], [Phase.LOADING, Phase.HOLD, Phase.UNLOADING])
     axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
-
-
-def _room(axes: Axes, least: float) -> None:
-    """Some room above and below, and at least so much in all: noise is not to fill a panel."""
-    low, high = axes.get_ylim()
-    more = max(0.0, least - (high - low)) / 2 + 0.1 * (high - low)
-    axes.set_ylim(low - more, high + more)
 
 
 def _peaks(axes: Axes, grid: Sequence[Row]) -> None:

@@ -104,7 +104,13 @@ def write_grid(
 ) -> Path:
     """Write figure, tables and page of a grid; returns the page. InputError: a file cannot be written."""
     sections = [_verdicts(rows)] if grid.diagnose else _estimates(rows)
-    sections.append(_failures(rows))
+    why = grouped(
+        (row for row in rows if row["error"] or row.get("problem")),
+        lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
+    )
+    lines = tuple((text, len(own)) for text, own in why.items())
+    tables = (SweepTable("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
+    sections.append(Section("Cases without a result", None, (), tables))
     sections[0] = Section(**vars(sections[0]) | {"more": (_all_rows(rows),)})
     return write_page(
         folder,
@@ -150,16 +156,6 @@ def _verdicts(rows: Sequence[Row]) -> Section:
         lines,
     )
     return Section("Diagnosis", None, (), (table,))
-
-
-def _failures(rows: Sequence[Row]) -> Section:
-    why = grouped(
-        (row for row in rows if row["error"] or row.get("problem")),
-        lambda row: row["error"] or f"{row['estimator']}: {row['problem']}",
-    )
-    lines = tuple((text, len(own)) for text, own in why.items())
-    tables = (SweepTable("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
-    return Section("Cases without a result", None, (), tables)
 
 
 def _all_rows(rows: Sequence[Row]) -> SweepTable:

@@ -196,7 +196,22 @@ def _run(cluster: Cluster, todo: dict[str, Case], store: ResultStore) -> Iterato
         yield from run_in_processes(run_one, todo, folder, cluster.workers or os.cpu_count() or 1)
         return
     with _client(cluster.scheduler) as client:
-        _check_workers(client, store, {case.work.partition(":")[0] for case in todo.values()})
+        # Refuse workers that do not write into this folder, or whose results would be of other code.
+        modules = {case.work.partition(":")[0] for case in todo.values()}
+        mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
+        mark.touch()
+        try:
+            seen = client.run(_look, mark, sorted(modules))
+        finally:
+            mark.unlink()
+        ours = _look(mark, sorted(modules))[1]
+        for worker, (is_there, versions) in seen.items():
+            if not is_there:
+                raise InputError(
+                    f"worker {worker}: does not see {mark.parent}; --out must be on a shared disk"
+                )
+            if versions != ours:
+                raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")
         yield from _run_on_dask(client, todo, folder)
 
 
@@ -239,22 +254,6 @@ def _client(scheduler: str) -> Iterator[Any]:
         except TimeoutError:
             raise InputError(f"scheduler {scheduler}: has no workers (dask worker ADDRESS)") from None
         yield client
-
-
-def _check_workers(client: Any, store: ResultStore, modules: set[str]) -> None:  # noqa: ANN401
-    """Refuse workers that do not write into this folder, or whose results would be of other code."""
-    mark = store.folder.absolute() / f".seen-by-all-{uuid4().hex}"
-    mark.touch()
-    try:
-        seen = client.run(_look, mark, sorted(modules))
-    finally:
-        mark.unlink()
-    ours = _look(mark, sorted(modules))[1]
-    for worker, (is_there, versions) in seen.items():
-        if not is_there:
-            raise InputError(f"worker {worker}: does not see {mark.parent}; --out must be on a shared disk")
-        if versions != ours:
-            raise InputError(f"worker {worker}: runs another version of palpate or of its libraries")
 
 
 def _look(mark: Path, modules: list[str]) -> tuple[bool, list[str]]:

@@ -75,7 +75,21 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
     if imported.roles != like:
         out.print(_columns(table, dict(imported.roles)))
     for channel in imported.channels:
-        out.print(_runs(channel, imported.run_labels))
+        unit, effort = channel.kind.position_unit, channel.kind.effort_unit
+        numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
+        rate = 1.0 / sample_time(channel.time_s, channel.run)
+        title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
+        made = console.table(title, "run", *numbers, right=numbers)
+        for run in channel.runs[:_MOST_RUNS]:
+            one = channel.select(channel.run == run)
+            made.add_row(
+                safe(imported.run_labels.get(int(run), str(run))),
+                str(len(one)),
+                duration(float(np.ptp(one.time_s))),
+                f"{one.position.min():.2g} to {one.position.max():.2g}",
+                f"{one.effort.min():.2g} to {one.effort.max():.2g}",
+            )
+        out.print(made)
         if phases := _phases(channel):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *implausible(imported)):
@@ -98,24 +112,6 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
         values = ", ".join(_told_apart(table.head(_VALUES).columns.column(name).to_pylist()))
         role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
         made.add_row(safe(name), *role, safe(values[:40]))
-    return made
-
-
-def _runs(channel: ChannelData, labels: dict[int, str]) -> Printed:
-    unit, effort = channel.kind.position_unit, channel.kind.effort_unit
-    numbers = ("samples", "time", f"position {unit}", f"effort {effort}")
-    rate = 1.0 / sample_time(channel.time_s, channel.run)
-    title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
-    made = console.table(title, "run", *numbers, right=numbers)
-    for run in channel.runs[:_MOST_RUNS]:
-        one = channel.select(channel.run == run)
-        made.add_row(
-            safe(labels.get(int(run), str(run))),
-            str(len(one)),
-            duration(float(np.ptp(one.time_s))),
-            f"{one.position.min():.2g} to {one.position.max():.2g}",
-            f"{one.effort.min():.2g} to {one.effort.max():.2g}",
-        )
     return made
 
 

@@ -33,7 +33,6 @@ from palpate.sweep.case import Row
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 from robot_io.session import Samples
-from robot_io.types import FloatArray
 from sim_backend.engines import EngineName
 from sim_backend.scenario import Scenario, load_scenario
 
@@ -50,9 +49,16 @@ def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     channel = contact_channel(ticks)
     model = MODELS[parameters["model"]]().build(ModelContext(surface_found=True))
     truth = truth_of(scenario)
-    common = (
-        _conditions(parameters) | _what_the_arm_did(ticks) | {f"true {name}": truth[name] for name in truth}
-    )
+    # Per speed: the highest force while loading, and how long it was above the limit.
+    loading = (ticks["phase"] == Phase.LOADING) | (ticks["phase"] == Phase.HOLD)
+    runs: Sequence[int] = np.unique(ticks["run"][loading]).tolist()
+    forces = [ticks["force_n"][loading & (ticks["run"] == run)] for run in runs]
+    limit_n = float(np.nanmax(ticks["desired_force_n"][loading]))
+    reached = {
+        "peak_n": [float(force.max()) for force in forces],
+        "over_limit_ms": [float(np.count_nonzero(force > 1.05 * limit_n)) for force in forces],
+    }
+    common = _conditions(parameters) | reached | {f"true {name}": truth[name] for name in truth}
     rows = []
     for draw in range(parameters["draws"]):
         rng = np.random.default_rng([scenario.seed, draw])
@@ -190,7 +196,12 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
     rng = np.random.default_rng(seed)
     try:
         if isinstance(estimator, ContactEstimator):
-            return row | _parameters_of(estimator.fit(*_samples(channel, model), rng=rng), model.name)
+            # Depth, speed and force in contact, for methods that must be told the surface: that of least
+            # squares.
+            rows = fitting_rows(channel)
+            surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
+            samples = channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
+            return row | _parameters_of(estimator.fit(*samples, rng=rng), model.name)
         found = estimate_channel(channel, model, estimator, rng=rng)
     except (InputError, np.linalg.LinAlgError) as error:
         return row | {"problem": str(error)}
@@ -201,13 +212,6 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
             f"high {parameter.name}": parameter.interval[1],
         }
     return row | {"inlier_share": float(np.mean(found.inliers)), "rmse_n": found.rmse}
-
-
-def _samples(channel: ChannelData, model: Model) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Depth, speed and force in contact, for methods that must be told the surface: that of least squares."""
-    rows = fitting_rows(channel)
-    surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
-    return channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
 
 
 def _parameters_of(law: ContactLaw, model: str) -> Row:
@@ -226,18 +230,6 @@ def _conditions(parameters: Mapping[str, Any]) -> Row:
         "noise_std_n": parameters["noise_std_n"],
         "noise_percent": parameters["noise_percent"],
         "hidden": hidden if isinstance(hidden, str) else ", ".join(entry["effect"] for entry in hidden),
-    }
-
-
-def _what_the_arm_did(samples: Samples) -> Row:
-    """Per speed: the highest force while loading, and how long it was above the limit."""
-    loading = (samples["phase"] == Phase.LOADING) | (samples["phase"] == Phase.HOLD)
-    runs: Sequence[int] = np.unique(samples["run"][loading]).tolist()
-    forces = [samples["force_n"][loading & (samples["run"] == run)] for run in runs]
-    limit_n = float(np.nanmax(samples["desired_force_n"][loading]))
-    return {
-        "peak_n": [float(force.max()) for force in forces],
-        "over_limit_ms": [float(np.count_nonzero(force > 1.05 * limit_n)) for force in forces],
     }
 
 
