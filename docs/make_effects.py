@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.render.vocabulary import GROUPS, group_of, library
+from palpate.render.effects import GROUPS, group_of, library
 from sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,

@@ -19,8 +19,8 @@ from estimation.data.import_options import ImportOptions
 from estimation.study.estimates import BEST, estimate_with
 from palpate.render.build import result_view
 from palpate.render.estimates import estimates_view
-from palpate.render.figures import fall_figure, position_figure
-from palpate.render.recording.viewer import take_picture
+from palpate.render.recording.file import take_picture
+from palpate.render.report import fall_figure, position_figure
 from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from sim_backend.scenario import load_scenario
 

@@ -26,8 +26,7 @@ from recordings import answer_of
 
 from estimation.diagnosis import ChannelDiagnosis, diagnose
 from estimation.kinds import Kind
-from palpate.render.budget import budget_picture, budget_view
-from palpate.render.sentences import diagnosed
+from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 
 PAGE = Path(__file__).parent / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"

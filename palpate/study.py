@@ -204,7 +204,7 @@ class Study(StudyBase):
         Raises:
             InputError: there is no such channel, or there are several.
         """
-        from palpate.render.figures import figure  # noqa: PLC0415, plotly takes half a second to import
+        from palpate.render.report import figure  # noqa: PLC0415, plotly takes half a second to import
 
         return figure(view_of(self, [self._newest_result(self._current(self.channel(channel)))]).channels[0])
 

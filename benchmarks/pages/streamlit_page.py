@@ -6,7 +6,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from palpate.study import Study
-from palpate.workbench.curves import DrawnMotion, model_update, time_figure
+from palpate.workbench.plots import DrawnMotion, model_update, time_figure
 from palpate.workbench.state import WorkbenchState
 
 

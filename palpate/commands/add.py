@@ -16,8 +16,7 @@ from palpate.common.formatting import safe
 from palpate.common.options import effect_names
 from palpate.common.output_paths import folder_to_fill
 from palpate.doctor.viewer import rerun_step
-from palpate.render.build import result_view
-from palpate.render.results import NAMES, write_outcome
+from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_stages
 from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
 

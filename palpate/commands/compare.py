@@ -14,10 +14,9 @@ from palpate.common.files import output_folder, spare_files
 from palpate.common.formatting import safe, shown, typed
 from palpate.common.options import model_names
 from palpate.common.output_paths import folder_to_fill, folder_to_read
-from palpate.render.build import view_of
+from palpate.render.build import NAMES, view_of, write_outcome
+from palpate.render.build import as_json as json_text
 from palpate.render.paired import print_pair
-from palpate.render.results import NAMES, write_outcome
-from palpate.render.results import as_json as json_text
 from palpate.render.terminal import print_comparison, print_files
 from palpate.render.view import FAR
 from palpate.study import Study

@@ -20,10 +20,9 @@ from palpate.common.formatting import as_shell_word
 from palpate.common.formatting import typed as path_typed
 from palpate.common.output_paths import folder_to_fill
 from palpate.planning.next_probe import plan_text, same_world
-from palpate.render.build import view_of
+from palpate.render.build import NAMES, view_of, write_outcome
+from palpate.render.build import as_json as json_text
 from palpate.render.progress import diagnosis_progress
-from palpate.render.results import NAMES, write_outcome
-from palpate.render.results import as_json as json_text
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data

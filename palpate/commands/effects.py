@@ -11,8 +11,7 @@ from palpate.common import console
 from palpate.common.files import existing_data
 from palpate.common.formatting import typed
 from palpate.common.options import effect_names
-from palpate.render.example import Example
-from palpate.render.vocabulary import as_data, kind_of, library, print_effect, print_library
+from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
 from palpate.workflows.data_options import JsonOption
 from robot_io.errors import InputError
 from sim_backend.imperfection import IMPERFECTIONS

@@ -10,7 +10,7 @@ from palpate.common.files import different_files, open_session, output_file, out
 from palpate.common.formatting import shown, typed
 from palpate.doctor.viewer import has_display
 from palpate.render.inspection import PLOTS, RECORDING, look_into
-from palpate.render.recording.viewer import open_window, take_picture
+from palpate.render.recording.file import open_window, take_picture
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.merged_sessions import merge_sessions
 from palpate.teleop.recording import record_both

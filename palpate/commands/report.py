@@ -9,8 +9,7 @@ from palpate.common import console
 from palpate.common.files import output_file
 from palpate.common.formatting import shown
 from palpate.common.output_paths import folder_to_read
-from palpate.render.page import is_own_page
-from palpate.render.results import REPORT
+from palpate.render.build import REPORT, is_own_page
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 
 

@@ -12,9 +12,7 @@ import typer
 from estimation.data.import_options import ImportOptions
 from palpate.common import console
 from palpate.common.files import existing_file, output_folder
-from palpate.workbench.app_state import AppState
-from palpate.workbench.early_server import EarlyServer
-from palpate.workbench.thumbnails import raw_curves
+from palpate.workbench.startup import AppState, EarlyServer, raw_curves
 from palpate.workflows.data_options import DataArguments, ModelOption, may_take_data
 from robot_io.errors import InputError, PalpateError
 
@@ -68,7 +66,7 @@ def command(
         home.state = _state(data, file, data.options, model)  # a run that is not there is refused here
     early = _early_server(port)
     if foxglove is not None:
-        from palpate.workbench.foxglove_feed import Feed  # noqa: PLC0415, rarely wanted
+        from palpate.workbench.sources import Feed  # noqa: PLC0415, rarely wanted
 
         home.feed = Feed(LOOPBACK, foxglove)
     address = f"http://{LOOPBACK}:{early.port}"
@@ -109,7 +107,7 @@ def _state(data: DataArguments, path: Path, options: ImportOptions, model: str |
 
 def _posed() -> Path:
     from palpate.runs.options import SESSIONS  # noqa: PLC0415, with the simulator
-    from palpate.workbench.riddle import pose  # noqa: PLC0415, with the simulator
+    from palpate.workbench.diagnosis import pose  # noqa: PLC0415, with the simulator
 
     return pose(output_folder(SESSIONS))
 

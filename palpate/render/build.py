@@ -1,8 +1,10 @@
-"""Makes the view of results: of a model's stages, a comparison and a diagnosis of one channel."""
+"""Build the views of results, and write all files about a study from the same view."""
 
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -18,17 +20,11 @@ from estimation.model import Model
 from estimation.signals.blocks import block_index, blocks, time_in_run
 from estimation.study import ChannelResult, Stage, Study
 from estimation.study.patterns import Part
+from palpate.common import console
+from palpate.common.files import whole_set
 from palpate.common.formatting import count
-from palpate.render import sentences
-from palpate.render.budget import budget_view
-from palpate.render.view import (
-    Axes,
-    ChannelView,
-    ParameterView,
-    StageView,
-    StudyView,
-    VerdictView,
-)
+from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
+from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _MILLI = 1e3
@@ -198,10 +194,10 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (sentences.falling(view.name, errors, changes, view.floor, unit),) if changes else ()
-    wrong = sentences.impossible(view.stages[-1].unphysical) if view.stages else ()
+    fall = (falling(view.name, errors, changes, view.floor, unit),) if changes else ()
+    wrong = impossible(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
-        verdict = sentences.compared(
+        verdict = compared(
             view.name,
             " ".join(labels),
             f"{errors[-1]:.3g} {unit}",
@@ -210,7 +206,7 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
             possible=not wrong,
         )
         return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
-    verdict = sentences.diagnosed(diagnosis)
+    verdict = diagnosed(diagnosis)
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
     return replace(verdict, remarks=(*wrong, *since, *verdict.remarks))
@@ -312,3 +308,61 @@ def _facts(study: Study, results: Sequence[ChannelResult]) -> dict[str, str]:
         metadata = study.source.session.metadata
         facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
     return {name: value for name, value in facts.items() if value}
+
+
+REPORT = "report.html"
+RECORDING = "revisions.rrd"
+NAMES = (REPORT, RECORDING)  # of what `write_outcome` may write
+
+
+_HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page, see base.html
+
+
+def is_own_page(path: Path) -> bool:
+    """Whether a file is a page that palpate made."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _MARK in file.read(_HEAD)
+
+
+def write_outcome(
+    folder: Path,
+    study: Study,
+    results: Sequence[ChannelResult],
+    commands: Sequence[str],
+    texts: Mapping[str, str] | None = None,
+) -> dict[str, Path]:
+    """Write a report, and a recording of what was diagnosed or added; returns the files, by what they are.
+
+    All files appear together, or none of them.
+
+    Args:
+        folder: where to; it is there already.
+        study: what was measured.
+        results: what is known about it.
+        commands: that lead to the same outcome.
+        texts: of further files, by name.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    # what draws takes longer to import than all else, and a verdict should not wait for it
+    from palpate.render.recording.revisions import record_rerun  # noqa: PLC0415
+    from palpate.render.report import document  # noqa: PLC0415
+
+    texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}
+    grown = [result for result in results if result.added or _has_budget(result)]
+    with whole_set({folder / name: text for name, text in texts.items()}):
+        if grown:
+            record_rerun(view_of(study, grown), folder / RECORDING)
+    return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
+
+
+def _has_budget(result: ChannelResult) -> bool:
+    return result.diagnosis is not None and result.diagnosis.rest is not None
+
+
+def as_json(data: Mapping[str, object]) -> str:
+    """Plain data as the text of a file."""
+    return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -15,7 +15,7 @@ from calibration.force.fit import ForceFit
 from palpate.common.console import table
 from palpate.common.formatting import safe, significant
 from palpate.render import palette
-from palpate.render.figures import PLOT_CONFIG, styled
+from palpate.render.report import PLOT_CONFIG, styled
 from robot_io.calibration import Calibration, Quantities, Quantity, doubtful
 
 _MILLI = 1e3

@@ -162,11 +162,7 @@ def _all_determined(estimate: Estimate) -> str:
     names: dict[str, list[str]] = {}
     for p in shown_parameters(estimate):
         names.setdefault(_state(estimate, p), []).append(short_name(p.name))
-    texts = {
-        _IMPOSSIBLE: "{} impossible",
-        Determined.NO: "not {}",
-        Determined.ROUGHLY: "{} roughly",
-    }
+    texts = {_IMPOSSIBLE: "{} impossible", Determined.NO: "not {}", Determined.ROUGHLY: "{} roughly"}
     parts = [
         _in_color(state, text.format(", ".join(names[state])))
         for state, text in texts.items()

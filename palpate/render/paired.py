@@ -244,11 +244,7 @@ def as_data(sides: Sides) -> dict[str, Any]:
         "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
         "parameters": [_difference_data(difference) for difference in sides.differences],
         "residuals": [
-            {
-                "autocorrelation": _correlation(a),
-                "cross_correlation": _correlation(b),
-                "step_s": side.step_s,
-            }
+            {"autocorrelation": _correlation(a), "cross_correlation": _correlation(b), "step_s": side.step_s}
             for side, a, b in ((side, side.autocorrelation, side.cross_correlation) for side in pair)
         ],
     }

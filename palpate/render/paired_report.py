@@ -1,10 +1,11 @@
-"""Plotly figures and the HTML report of a paired comparison."""
+"""Plotly figures, HTML report and Rerun recording of a paired comparison."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
+import rerun.blueprint as rrb
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
@@ -13,10 +14,18 @@ from estimation.estimate import ParameterEstimate
 from estimation.statistics.correlation import Correlation
 from palpate.common.formatting import significant
 from palpate.render import palette
-from palpate.render.figures import TIME, Place, PlotStyle, draw_curves, styled, title_axes
-from palpate.render.page import rendered
 from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
-from palpate.render.report import as_html
+from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
+from palpate.render.report import (
+    RUN_TIME,
+    Place,
+    PlotStyle,
+    as_html,
+    draw_curves,
+    rendered,
+    styled,
+    title_axes,
+)
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
@@ -55,7 +64,7 @@ def time_figure(view: PairedView) -> go.Figure:
             left = run_curves(channel.time_s, channel.stages[-1].residual, runs)
             draw_curves(made, left, (2, 1), unit, PlotStyle(f"left by {letter}'s model", color))
     title_axes(made, (1, 1), "", first.axes.effort)
-    title_axes(made, (2, 1), TIME, f"measured − model [{unit}]")
+    title_axes(made, (2, 1), RUN_TIME, f"measured − model [{unit}]")
     return styled(made, 520)
 
 
@@ -106,10 +115,7 @@ _TEMPLATE = Path(__file__).parent / "paired.html"
 
 def document(pair: PairView) -> str:
     """The whole page."""
-    filters: dict[str, Callable[..., Any]] = {
-        "value": _value,
-        "difference": difference_text,
-    }
+    filters: dict[str, Callable[..., Any]] = {"value": _value, "difference": difference_text}
     facts = dict(zip(LETTERS, pair.names, strict=True))
     facts |= {
         "models": ", ".join(dict.fromkeys(side.model for channel in pair.channels for side in channel.pair))
@@ -119,13 +125,43 @@ def document(pair: PairView) -> str:
 
 
 def _plots(view: PairedView) -> dict[str, Markup]:
-    draw = {
-        "state": state_figure,
-        "time": time_figure,
-        "residual": residual_figure,
-    }
+    draw = {"state": state_figure, "time": time_figure, "residual": residual_figure}
     return {name: as_html(figure(view)) for name, figure in draw.items()}
 
 
 def _value(estimate: ParameterEstimate | None) -> str:
     return "–" if estimate is None else significant(estimate.value, estimate.std_err)
+
+
+def record_pair(view: PairView, path: Path) -> None:
+    """Write the recording; the file appears whole or not at all.
+
+    Timeline `time` is that of each side, its runs one after the other; a repetition is at the times of A.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    tabs = [_tab(channel) for channel in view.channels]
+    with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
+        for one in view.channels:
+            for letter, color, channel in zip(LETTERS, COLORS, one.views, strict=True):
+                overlay = one.found.overlay if letter == LETTERS[1] else None
+                time_s = channel.time_s if overlay is None else one.views[0].time_s
+                effort = channel.effort if overlay is None else overlay
+                measured = {f"{letter} measured": (effort, color, 2.0)}
+                send_lines(recording, f"{one.channel}/effort/{letter}", time_s, measured)
+                for stage in channel.stages[-1:]:
+                    left = {f"left by {letter}'s model": (stage.residual, color, 1.0)}
+                    send_lines(recording, f"{one.channel}/residual/{letter}", channel.time_s, left)
+                motion = {f"{letter}": (channel.position, color, 1.2)}
+                send_lines(recording, f"{one.channel}/position/{letter}", channel.time_s, motion)
+
+
+def _tab(view: PairedView) -> rrb.Vertical:
+    axes, corner = view.views[0].axes, rrb.Corner2D.LeftTop
+    plots = [
+        plot(f"{view.channel}/effort", axes.effort, legend=corner),
+        plot(f"{view.channel}/residual", f"measured − model [{axes.effort_unit}]", legend=corner),
+        plot(f"{view.channel}/position", axes.position, legend=corner),
+    ]
+    return rrb.Vertical(*plots, row_shares=[3, 2, 1], name=view.channel)

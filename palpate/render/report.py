@@ -1,23 +1,314 @@
-"""The HTML report: one file that needs nothing else, and no network."""
+"""Plotly figures of a view, and the HTML report: one file that needs nothing else, and no network."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 import yaml
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
 
+from estimation.signals.blocks import blocks
 from palpate.common.files import write_text
 from palpate.common.formatting import chance
-from palpate.render import figures
-from palpate.render.budget import budget_picture
-from palpate.render.page import rendered
+from palpate.render import palette
+from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval
-from palpate.render.view import BudgetView, ChannelView, StudyView
+from palpate.render.thinning import joined, rows_by_run, run_curves
+from palpate.render.view import BudgetView, ChannelView, StageView, StudyView, residual_map
+from robot_io.types import FloatArray
+
+_HERE = Path(__file__).parent
+_STYLE = _HERE / "report.css"
+
+
+def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values: object) -> str:
+    """The page that a template makes of values; `style` and `version` are given to all.
+
+    A template extends base.html, which wants a `title` and `facts`.
+    """
+    environment = Environment(
+        loader=FileSystemLoader([template.parent, _HERE]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= filters
+    style = Markup(_STYLE.read_text(encoding="utf-8"))  # noqa: S704, our own
+    return environment.get_template(template.name).render(**values, style=style, version=version("palpate"))
+
+
+PLOT_CONFIG = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
+_RULE, _ZERO = "rgba(128,140,155,0.22)", "rgba(128,140,155,0.6)"
+_FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
+_SHADE_CELLS = 300  # of the time axis, each shaded or not
+_BAR_PX = 40
+RUN_TIME = "time, runs one after the other [s]"
+Place = tuple[int, int]  # row and column of a subplot
+Curve = tuple[FloatArray, FloatArray]
+_BRIGHT = 0.98  # share of the cells of a map within its colours; the others are as bright as the brightest
+
+
+@dataclass(frozen=True)
+class PlotStyle:
+    """How a curve is drawn, and what the legend calls it."""
+
+    name: str
+    color: str
+    dash: str = "solid"
+    width: float = 1.3
+    named: bool = True  # in the legend
+    shown: bool = True  # at first; others when their name in the legend is clicked
+
+
+def figure(channel: ChannelView | StudyView) -> go.Figure:
+    """Everything about one channel in one figure, for a notebook; of a study its first channel."""
+    if isinstance(channel, StudyView):
+        channel = channel.channels[0]
+    specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
+    titles = ("Error in held-out runs", "Over the state", "Over time", "")
+    made = make_subplots(
+        3, 2, specs=specs, subplot_titles=titles, row_heights=[0.36, 0.36, 0.28], vertical_spacing=0.1
+    )
+    _draw_fall(made, channel)
+    _draw_state(made, channel, (1, 2), channel.position, channel.axes.position, named=False)
+    _draw_time(made, channel, (2, 1))
+    _draw_rest(made, channel, (3, 1))
+    return styled(made, 760)
+
+
+def fall_figure(channel: ChannelView) -> go.Figure:
+    """The error in held-out runs, stage by stage down to the noise level."""
+    made = make_subplots(1, 1)
+    _draw_fall(made, channel)
+    return styled(made, 96 + _BAR_PX * (len(channel.fall) + 1))
+
+
+def time_figure(channel: ChannelView) -> go.Figure:
+    """Measured effort and models over time, and below what each leaves; grey where it is not judged."""
+    if not channel.stages:
+        made = make_subplots(1, 1)
+        _draw_time(made, channel, (1, 1))
+        return styled(made, 340)
+    made = make_subplots(2, 1, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
+    _draw_time(made, channel, (1, 1))
+    _draw_rest(made, channel, (2, 1))
+    return styled(made, 520)
+
+
+def position_figure(channel: ChannelView) -> go.Figure:
+    """Measured effort and each model over position."""
+    made = make_subplots(1, 1)
+    _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
+    return styled(made, 400)
+
+
+def state_figure(channel: ChannelView) -> go.Figure:
+    """Measured effort and each model over position and over velocity; those between are in the legend."""
+    made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.03)
+    _draw_state(made, channel, (1, 1), channel.position, channel.axes.position)
+    _draw_state(made, channel, (1, 2), channel.velocity, channel.axes.velocity, named=False)
+    made.update_yaxes(title_text="", row=1, col=2)
+    return styled(made, 400)
+
+
+def map_figure(channel: ChannelView) -> go.Figure:
+    """Mean residual over position and velocity, of the base model and of the last stage."""
+    stages, axes = channel.shown_stages, channel.axes
+    titles = [_escaped(stage.name) for stage in stages]
+    made = make_subplots(
+        1, max(len(stages), 1), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
+    )
+    used = channel.engaged & channel.judged
+    maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
+    found = np.abs(np.concatenate([each.mean.ravel() for each in maps]))
+    reach = float(np.quantile(found[np.isfinite(found)], _BRIGHT)) if np.isfinite(found).any() else 1.0
+    for column, each in enumerate(maps, start=1):
+        trace = go.Heatmap(
+            x=_small(each.position),
+            y=_small(each.velocity),
+            z=_small(each.mean),
+            zmin=-reach,
+            zmax=reach,
+            colorscale=palette.RESIDUAL,
+            showscale=column == len(maps),
+            colorbar={
+                "title": {
+                    "text": f"measured − model [{axes.effort_unit}]",
+                    "side": "right",
+                    "font": {"size": 12.5},
+                },
+                "thickness": 12,
+            },
+            hovertemplate=f"{axes.position} %{{x:.3g}}<br>{axes.velocity} %{{y:.3g}}<br>"
+            f"%{{z:.3g}} {axes.effort_unit}<extra></extra>",
+        )
+        made.add_trace(trace, 1, column)
+        made.update_xaxes(title_text=axes.position, row=1, col=column)
+    made.update_yaxes(title_text=axes.velocity, row=1, col=1)
+    made.update_annotations(yshift=6)
+    styled(made, 360).update_xaxes(showgrid=False, zeroline=False)
+    return made.update_yaxes(showgrid=False, zeroline=False)
+
+
+def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
+    labels = [_escaped(label) for label, _ in channel.fall]
+    errors = np.array([error for _, error in channel.fall])
+    unit, reach = channel.axes.effort_unit, 1.22 * float(errors.max())
+    taken = np.maximum(np.concatenate([[0.0], errors[:-1] - errors[1:]]), 0.0)
+    before = np.concatenate([errors[:1], errors[:-1]])
+    words = [
+        f" {error:.3g} {unit}" + (f"  −{100 * (1 - error / old):.0f} %" if old > error else "")
+        for error, old in zip(errors, before, strict=True)
+    ]
+    colors = [palette.BASE, *[palette.MEASURED] * (len(errors) - 1)]
+    look = {"y": labels, "orientation": "h", "showlegend": False}
+    shown = go.Bar(
+        x=errors, marker_color=colors, hovertemplate=f"%{{y}}: %{{x:.4g}} {unit}<extra></extra>", **look
+    )
+    gone = go.Bar(
+        x=taken, marker_color=palette.SHADE, text=words, textposition="outside", cliponaxis=False, **look
+    )
+    gone.hoverinfo = "skip"
+    made.add_traces([shown, gone], [1] * 2, [1] * 2)
+    made.update_layout(barmode="stack", bargap=0.3)
+    left = channel.floor < 0.6 * reach
+    made.add_vline(
+        x=channel.floor,
+        line={"color": palette.FLOOR, "width": 1.5, "dash": "dot"},
+        annotation={"text": f" noise level {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
+        annotation_position="bottom right" if left else "bottom left",
+        row=1,
+        col=1,
+    )
+    # room below the last bar for the floor's label
+    made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
+    made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
+
+
+def _draw_time(made: go.Figure, channel: ChannelView, place: Place) -> None:
+    """Measured effort, what was wanted, and the first and the last model."""
+    unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
+    curves = [(channel.effort, PlotStyle("measured", palette.MEASURED, width=2.4))]
+    if channel.wanted is not None:
+        curves.append((channel.wanted[1], PlotStyle(channel.wanted[0], palette.TRUTH, "2px,2px")))
+    curves += [(stage.predicted, _look_of(channel, stage)) for stage in channel.shown_stages]
+    for values, look in curves:
+        draw_curves(made, run_curves(channel.time_s, values, runs), place, unit, look)
+    _shade(made, channel, place)
+    title_axes(made, place, "" if channel.stages else RUN_TIME, channel.axes.effort)
+
+
+def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
+    """What the first and the last model leave, between two noise levels above and below zero."""
+    unit, runs = channel.axes.effort_unit, list(rows_by_run(channel.run).values())
+    for stage in channel.shown_stages:
+        look = replace(_look_of(channel, stage), named=False)
+        left = np.where(channel.judged, stage.residual, np.nan)
+        draw_curves(made, run_curves(channel.time_s, left, runs), place, unit, look)
+    _shade(made, channel, place)
+    for level in (-2 * channel.floor, 2 * channel.floor):
+        line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
+        made.add_hline(y=level, line=line, row=place[0], col=place[1])
+    title_axes(made, place, RUN_TIME, f"measured − model [{unit}]")
+
+
+def _look_of(channel: ChannelView, stage: StageView) -> PlotStyle:
+    return PlotStyle(stage.name, palette.MODEL if stage is channel.stages[-1] else palette.BASE)
+
+
+def _draw_state(
+    made: go.Figure, channel: ChannelView, place: Place, x: FloatArray, title: str, *, named: bool = True
+) -> None:
+    runs = {run: rows[channel.engaged[rows]] for run, rows in rows_by_run(channel.run).items()}
+    unit, words = channel.axes.effort_unit, list(dict.fromkeys(channel.speeds.values()))
+    colors = palette.speed_colors(words) if 1 < len(words) <= len(palette.SPEEDS) else {"": palette.MEASURED}
+    for word, color in colors.items():
+        rows = [rows for run, rows in runs.items() if not word or channel.speeds.get(run) == word]
+        look = PlotStyle(f"measured, {word}" if word else "measured", color, width=2.4, named=named)
+        draw_curves(made, run_curves(x, channel.effort, rows), place, unit, look)
+    for stage in channel.stages:
+        look = replace(
+            _look_of(channel, stage),
+            named=named,
+            shown=any(stage is shown_stage for shown_stage in channel.shown_stages),
+        )
+        if len(colors) > 1:  # measured curves have the colours of speeds
+            look = replace(look, dash="4px,2px" if stage is channel.stages[-1] else "1px,2px")
+        draw_curves(made, run_curves(x, stage.predicted, list(runs.values())), place, unit, look)
+    title_axes(made, place, title, channel.axes.effort)
+
+
+def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: PlotStyle) -> None:
+    """Curves of one look, as one trace with gaps."""
+    x, y = joined(curves)
+    trace = go.Scatter(
+        x=_small(x),
+        y=_small(y),
+        name=_escaped(look.name),
+        mode="lines",
+        legendgroup=look.name,
+        showlegend=look.named,
+        visible=True if look.shown else "legendonly",
+        line={"color": look.color, "width": look.width, "dash": look.dash},
+        hovertemplate=f"%{{x:.4g}}: %{{y:.4g}} {unit}",
+    )
+    made.add_trace(trace, *place)
+
+
+def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
+    """Grey where more than half of the samples are not judged."""
+    edges = np.linspace(channel.time_s[0], channel.time_s[-1], _SHADE_CELLS + 1)
+    every = np.histogram(channel.time_s, edges)[0]
+    out = np.histogram(channel.time_s[~channel.judged], edges)[0] > 0.5 * np.maximum(every, 1)
+    look = {"fillcolor": palette.SHADE, "line_width": 0, "layer": "below", "row": place[0], "col": place[1]}
+    for cells in blocks(out):
+        if out[cells.start]:
+            made.add_vrect(x0=edges[cells.start], x1=edges[cells.stop], **look)
+
+
+def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
+    """Name both axes of a subplot."""
+    made.update_xaxes(title_text=x, row=place[0], col=place[1])
+    made.update_yaxes(title_text=y, row=place[0], col=place[1])
+
+
+def styled(made: go.Figure, height: int) -> go.Figure:
+    """The house style: thin rules, transparent ground, one font; middle greys that read on light and dark."""
+    made.update_layout(
+        template="none",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        height=height,
+        margin={"l": 64, "r": 16, "t": 40, "b": 48},
+        font={"family": _FONT, "size": 12.5},
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": _ZERO, "activecolor": palette.MEASURED},
+        legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+    )
+    made.update_annotations(font_size=12.5)
+    axis = {"gridcolor": _RULE, "zerolinecolor": _ZERO, "linecolor": _ZERO, "automargin": True}
+    axis |= {"ticks": "", "ticklabelstandoff": 4, "title_font_size": 12.5}
+    made.update_xaxes(**axis)
+    return made.update_yaxes(**axis)
+
+
+def _escaped(text: str) -> str:
+    """For plotly, which reads a little HTML."""
+    return text.replace("&", "&amp;").replace("<", "&lt;")
+
+
+def _small(values: FloatArray) -> np.ndarray:
+    return np.asarray(values, dtype=np.float32)
+
 
 _TEMPLATE = Path(__file__).parent / "report.html"
 _BUDGET_WIDTH = 940  # [px]
@@ -45,12 +336,7 @@ def document(view: StudyView) -> str:
 
 def _plots(channel: ChannelView) -> dict[str, Markup]:
     """The channel's figures as HTML, by name; empty where there is nothing to draw."""
-    curves = {
-        "fall": figures.fall_figure,
-        "map": figures.map_figure,
-        "time": figures.time_figure,
-        "state": figures.state_figure,
-    }
+    curves = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
     wanted = dict.fromkeys(curves, bool(channel.stages)) | {"fall": bool(channel.fall)}
     wanted["time"] |= channel.wanted is not None
     return {name: as_html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
@@ -62,7 +348,7 @@ def _budget_picture(budget: BudgetView) -> Markup:
 
 def as_html(figure: go.Figure) -> Markup:
     """A figure for a page that has plotly's program."""
-    return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=figures.PLOT_CONFIG))  # noqa: S704, ours
+    return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=PLOT_CONFIG))  # noqa: S704, ours
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:

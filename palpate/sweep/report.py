@@ -12,7 +12,7 @@ from typing import Any
 from markupsafe import Markup
 
 from palpate.common.files import output_folder, whole_file, write_text
-from palpate.render.page import rendered
+from palpate.render.report import rendered
 from palpate.sweep import figures
 from palpate.sweep.case import Row
 from palpate.sweep.figures import Drawing

@@ -17,9 +17,8 @@ import yaml
 from palpate.common.failures import INTERRUPTED
 from palpate.common.files import output_file, output_folder, write_text
 from palpate.common.formatting import count
-from palpate.teleop.figures import draw
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
-from palpate.teleop.recording import record_both
+from palpate.teleop.recording import draw, record_both
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.contact_laws import KelvinVoigtLaw

@@ -18,13 +18,12 @@ from palpate.common.formatting import safe
 from palpate.planning.next_probe import plan_text, same_world
 from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
-from palpate.workbench.app_state import AppState
-from palpate.workbench.diagnosis import DiagnosisCard
+from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
+from palpate.workbench.effects import Gallery
 from palpate.workbench.elements import set_props
-from palpate.workbench.gallery import Gallery
-from palpate.workbench.live import Live, newest_growing, ran
-from palpate.workbench.load import FileDrop
 from palpate.workbench.page import Page
+from palpate.workbench.sources import FileDrop, Live, newest_growing, ran
+from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 from robot_io.errors import PalpateError
 
@@ -43,8 +42,6 @@ async def lay_out_page(home: AppState) -> None:
     def below(page: Page) -> Callable[[Sequence[str]], None]:
         card = DiagnosisCard(state, page.add, page.found)
         if home.riddle:
-            from palpate.workbench.riddle import RiddleCard  # noqa: PLC0415, with the simulator
-
             RiddleCard(state, card.start).build()
         card.build(lambda: _next_step(home, state))
         return card.offer

@@ -11,13 +11,12 @@ from nicegui import events, ui
 
 from palpate.common.files import output_folder
 from palpate.common.output_paths import derived_folder
-from palpate.render.build import axes_of
-from palpate.render.results import REPORT
+from palpate.render.build import REPORT, axes_of
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.parameters import ErrorCard, Lines, Parameters, judged
-from palpate.workbench.plot_panel import PlotPanel, UseRuns
+from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
 from robot_io.errors import InputError, PalpateError
 

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from estimation.estimate import ParameterEstimate
 from palpate.common.formatting import NOT_DETERMINED
-from palpate.render.sentences import impossible
+from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props

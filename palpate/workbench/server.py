@@ -23,9 +23,8 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from palpate.workbench.app_state import AppState
-from palpate.workbench.early_server import CLOSED, HEADERS, STYLE
 from palpate.workbench.elements import Plot
+from palpate.workbench.startup import CLOSED, HEADERS, STYLE, AppState
 
 _OPEN = (
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "

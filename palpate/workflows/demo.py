@@ -12,8 +12,8 @@ from estimation.study.fitting import Progress
 from estimation.study.saved_diagnosis import RESULT
 from palpate.common.files import output_folder
 from palpate.common.formatting import typed
+from palpate.render.build import as_json, write_outcome
 from palpate.render.inspection import RECORDING, look_into
-from palpate.render.results import as_json, write_outcome
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot

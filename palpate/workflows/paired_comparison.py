@@ -9,9 +9,8 @@ from estimation.study.channels import ALL_CHANNELS
 from estimation.study.paired_comparison import Grown, side_by_side
 from estimation.study.revisions import Revision
 from palpate.common.files import output_folder, whole_set
-from palpate.render.build import result_view
+from palpate.render.build import REPORT, as_json, result_view
 from palpate.render.paired import PairView, as_data, sides_view
-from palpate.render.results import REPORT, as_json
 from palpate.study import Study
 from palpate.workflows.data_options import DataArguments
 from robot_io.errors import InputError
@@ -115,8 +114,7 @@ def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Pa
         InputError: a file cannot be written.
     """
     # what draws takes longer to import than all else
-    from palpate.render.paired_report import document  # noqa: PLC0415
-    from palpate.render.recording.paired import record_pair  # noqa: PLC0415
+    from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
 
     output_folder(folder)
     texts = {folder / RESULT: as_json(pair.as_data()), folder / REPORT: document(view)}

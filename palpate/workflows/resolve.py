@@ -16,7 +16,7 @@ from palpate.common.files import output_folder, write_text
 from palpate.common.formatting import count
 from palpate.planning.next_probe import NextProbe, Progress, next_probe
 from palpate.planning.rehearsal import LONGEST_S
-from palpate.render.results import as_json
+from palpate.render.build import as_json
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study
 from robot_io.errors import InputError

@@ -6,7 +6,7 @@ import pytest
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import read_table
-from palpate.workbench.load import guess, options_of
+from palpate.workbench.sources import guess, options_of
 from robot_io.errors import InputError
 
 T = np.arange(200) * 0.01

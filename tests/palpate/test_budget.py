@@ -10,10 +10,10 @@ from rich.console import Console
 
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.kinds import Kind
-from palpate.render import palette, sentences, terminal
-from palpate.render.budget import budget_picture, budget_view
+from palpate.render import palette, terminal
+from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
+from palpate.render.recording.file import TIME, recording_file, shown_on
 from palpate.render.recording.revisions import budget_tab, log_budget
-from palpate.render.recording.stream import TIME, recording_file, shown_on
 
 
 def share(kind, value, form="unknown", effects=(), low=None, high=None, **more):
@@ -138,22 +138,20 @@ def test_names_of_effects_never_become_markup_of_the_picture(width):
 
 def test_an_approximate_form_is_marked_beside_its_name():
     names = [("relaxation_spectrum", "approximate"), ("run_gain", "exact")]
-    told = sentences.diagnosed(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
+    told = diagnosed(diagnosis(RELAXATION, RUNS, accepted=names)).sentence
     assert "relaxation_spectrum (approximate) and run_gain are missing from the model" in told
 
 
 def test_kinds_without_a_form_are_named_beside_effects_that_have_one():
     rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
     names = [("relaxation_spectrum", "approximate")]
-    told = sentences.diagnosed(
-        diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)
-    ).sentence
+    told = diagnosed(diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)).sentence
     assert told.endswith("Of elastic shape (25 %), the form is not known.")
 
 
 def test_unexplained_says_the_kinds_alone():
     found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
-    told = sentences.diagnosed(found).sentence
+    told = diagnosed(found).sentence
     assert "what kind is missing is known, its form is not: elastic shape (25 %) and friction (20 %)." in told
     assert "dry_friction" not in told
 

@@ -8,8 +8,7 @@ from rich.console import Console
 
 from docs.make_effects import DOCUMENT, renewed
 from estimation.effects import EFFECTS
-from palpate.render.example import Example
-from palpate.render.vocabulary import drawing, drawn, kind_of, library, print_effect, print_library
+from palpate.render.effects import Example, drawing, drawn, kind_of, library, print_effect, print_library
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
 BLANK = "⠀"

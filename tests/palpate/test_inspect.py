@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from palpate.commands import demo
 from palpate.doctor.viewer import has_vulkan_driver
-from palpate.render.recording import viewer
+from palpate.render.recording import file as rerun_file
 from palpate.workflows import demo as demo_runs
 from robot_io.errors import PalpateError
 from robot_io.session import Session
@@ -67,7 +67,7 @@ def test_a_session_of_another_arm_with_a_torn_end_is_shown_too(tmp_path):
 
 @pytest.mark.skipif(not has_vulkan_driver(), reason="no Vulkan driver: Rerun cannot draw")
 def test_a_picture_is_taken_without_a_display(probed, tmp_path, monkeypatch):
-    monkeypatch.setattr(viewer, "_TOAST_S", 0.0)
+    monkeypatch.setattr(rerun_file, "_TOAST_S", 0.0)
     picture = tmp_path / "view.png"
     done("inspect", probed[0], "--save", tmp_path / "x.rrd", "--screenshot", picture)
     pixels = np.asarray(Image.open(picture).convert("RGB"))
@@ -152,12 +152,12 @@ class HalfAPicture:
 
 @pytest.mark.parametrize("failure", [None, RuntimeError("the viewer is gone")])
 def test_a_picture_of_the_viewer_is_there_whole_or_not_at_all(tmp_path, monkeypatch, failure):
-    monkeypatch.setattr(viewer, "_headless_viewer", lambda _size: nullcontext(HalfAPicture(failure)))
-    monkeypatch.setattr(viewer, "_SETTLE_S", 0.0)
-    monkeypatch.setattr(viewer, "_TOAST_S", 0.0)
+    monkeypatch.setattr(rerun_file, "_headless_viewer", lambda _size: nullcontext(HalfAPicture(failure)))
+    monkeypatch.setattr(rerun_file, "_SETTLE_S", 0.0)
+    monkeypatch.setattr(rerun_file, "_TOAST_S", 0.0)
     picture = tmp_path / os.fsdecode(b"\xff.png")
     picture.write_bytes(b"before")
     with pytest.raises(PalpateError, match="the viewer is gone") if failure else nullcontext():
-        viewer.take_picture(tmp_path / os.fsdecode(b"\xff.rrd"), picture, 0.0, (800, 600))
+        rerun_file.take_picture(tmp_path / os.fsdecode(b"\xff.rrd"), picture, 0.0, (800, 600))
     assert list(tmp_path.iterdir()) == [picture]
     assert picture.read_bytes() == (b"before" if failure else b"half")

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from palpate.render.recording import arm
-from palpate.render.recording.arm import Block
-from palpate.render.recording.scene import PICTURES_HZ, Scene
+from palpate.render.recording.scene import PICTURES_HZ, Block, Scene, load_urdf, moving_joints
 from palpate.render.recording.session import record_session
 from robot_io.errors import InputError
 from robot_io.session import Event
@@ -70,8 +68,8 @@ def test_the_displacement_is_counted_from_the_surface(scene, recording):
 
 
 def test_the_arm_moves_through_all_its_joints_in_order():
-    tree = arm.load_urdf(synthetic.urdf())
-    assert [joint.name for joint in arm.moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
+    tree = load_urdf(synthetic.urdf())
+    assert [joint.name for joint in moving_joints(tree)] == ["joint_1", "joint_2", "joint_3"]
 
 
 def test_pictures_are_few_and_include_the_last_tick(scene):

@@ -11,10 +11,9 @@ import pytest
 from PIL import Image
 
 from estimation.diagnosis.candidates import effect_library
-from palpate.render import figures
-from palpate.render.build import equation_of, result_view
+from palpate.render import report
+from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
-from palpate.render.results import write_outcome
 from palpate.render.view import StudyView
 from palpate.study import Study
 from robot_io.errors import InputError
@@ -168,12 +167,12 @@ class TestFigures:
 
     def test_bars_are_the_errors_and_the_line_is_the_floor(self, result):
         view = result_view(result)
-        shown = figures.fall_figure(view)
+        shown = report.fall_figure(view)
         np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
         assert shown.layout.shapes[0].x0 == view.floor
 
     def test_curves_over_time_are_measured_first_and_last_model_with_what_they_leave(self, result):
-        shown = figures.time_figure(result_view(result))
+        shown = report.time_figure(result_view(result))
         names = ["measured", *("kelvin_voigt", "kelvin_voigt + cubic_stiffness") * 2]
         assert [trace.name for trace in shown.data] == names
         assert np.nanmax(shown.data[0].y) == pytest.approx(result.channel.data.effort.max(), rel=1e-6)
@@ -182,7 +181,7 @@ class TestFigures:
     def test_what_is_not_judged_is_shaded_and_leaves_no_residual(self, result):
         view = result_view(result)
         judged = view.time_s > 0.3 * view.time_s[-1]
-        shown = figures.time_figure(replace(view, judged=judged))
+        shown = report.time_figure(replace(view, judged=judged))
         shades = [shape for shape in shown.layout.shapes if shape.type == "rect"]
         assert min(shade.x0 for shade in shades) == view.time_s[0]
         assert max(shade.x1 for shade in shades) == pytest.approx(0.3 * view.time_s[-1], rel=0.02)
@@ -192,14 +191,14 @@ class TestFigures:
     def test_measured_curves_over_the_state_are_coloured_by_speed(self, result):
         view = result_view(result)
         words = list(dict.fromkeys(view.speeds.values()))
-        traces = [trace for trace in figures.state_figure(view).data if trace.name.startswith("measured, ")]
+        traces = [trace for trace in report.state_figure(view).data if trace.name.startswith("measured, ")]
         assert [trace.name for trace in traces[: len(words)]] == [f"measured, {word}" for word in words]
         assert len({trace.line.color for trace in traces}) == len(words) > 1
 
     def test_force_over_displacement_shows_each_model_by_its_whole_name(self, hardening):
         study = Study(hardening, keep=False)
         grown = study.result(study.channel(), ["dry_friction", "cubic_stiffness"])
-        traces = [one for one in figures.state_figure(result_view(grown)).data if one.xaxis == "x"]
+        traces = [one for one in report.state_figure(result_view(grown)).data if one.xaxis == "x"]
         shown = {one.name: one.visible for one in traces if not one.name.startswith("measured")}
         names = ["kelvin_voigt", "kelvin_voigt + dry_friction"]
         names.append(f"{names[1]} + cubic_stiffness")
@@ -207,12 +206,12 @@ class TestFigures:
         assert "Force over displacement" in document(StudyView("f", (result_view(grown),)))
 
     def test_both_maps_share_one_scale(self, result):
-        first, last = figures.map_figure(result_view(result)).data
+        first, last = report.map_figure(result_view(result)).data
         assert (first.zmin, first.zmax) == (last.zmin, last.zmax)
         assert np.nanstd(last.z) < 0.5 * np.nanstd(first.z)
 
     def test_one_figure_of_everything_is_made_for_a_notebook(self, result):
-        shown = figures.figure(StudyView("f", (result_view(result),)))
+        shown = report.figure(StudyView("f", (result_view(result),)))
         assert {trace.type for trace in shown.data} == {"bar", "scatter"}
         titles = [note.text for note in shown.layout.annotations]
         assert {"Error in held-out runs", "Over the state", "Over time"} <= set(titles)

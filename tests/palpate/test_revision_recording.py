@@ -5,8 +5,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from palpate.render.build import result_view
+from palpate.render.recording.file import REVISION, TIME, shown_on
 from palpate.render.recording.revisions import HEIGHT, WIDTH, Chart, record_rerun, ticks
-from palpate.render.recording.stream import REVISION, TIME, shown_on
 from palpate.render.view import StudyView
 from palpate.study import Study
 from tests.palpate.presses import write_presses

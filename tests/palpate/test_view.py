@@ -1,4 +1,4 @@
-"""The view model: sentences, curves that keep their peaks, maps of the residual, words for speeds."""
+"""The view model: diagnosis, curves that keep their peaks, maps of the residual, words for speeds."""
 
 import io
 from dataclasses import replace
@@ -12,8 +12,9 @@ from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.result import Floor
-from palpate.render import palette, sentences, terminal
+from palpate.render import palette, terminal
 from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds
+from palpate.render.diagnosis import diagnosed, falling
 from palpate.render.thinning import joined, peaks, rows_by_run, run_curves
 from palpate.render.view import StudyView, residual_map
 from tests.palpate import synthetic
@@ -64,7 +65,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
     ],
 )
 def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
-    told = sentences.diagnosed(found).sentence
+    told = diagnosed(found).sentence
     assert all(word in told for word in words)
     assert not any(word in told for word in absent)
 
@@ -81,7 +82,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
     known = dict(diagnosis("missing", after=0.18))
     known["accepted"] = [SimpleNamespace(form="exact", **ONE)]
     found = SimpleNamespace(**known | {"complete": complete, "remaining": rest})
-    told = sentences.diagnosed(found).sentence
+    told = diagnosed(found).sentence
     assert "bias is missing from the model." in told
     assert told.endswith(words)
 
@@ -98,7 +99,7 @@ def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(com
 )
 def test_the_last_step_is_credited_only_with_its_own_fall(errors, words):
     added = ["first", "second"][: len(errors) - 1]
-    told = sentences.falling("contact", errors, added, 0.01, "N")
+    told = falling("contact", errors, added, 0.01, "N")
     assert told.endswith(words)
     assert told.startswith(f"contact with {' and '.join(added)}: the error in held-out runs")
 

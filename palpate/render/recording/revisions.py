@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from palpate.render import palette
-from palpate.render.recording.stream import (
+from palpate.render.recording.file import (
     BACKGROUND,
     REVISION,
     TIME,
@@ -159,11 +159,7 @@ def _log_row(recording: rr.RecordingStream, entity: str, y: float, part: BudgetP
 
 
 def _fill(
-    recording: rr.RecordingStream,
-    entity: str,
-    x: tuple[float, float],
-    y: tuple[float, float],
-    color: str,
+    recording: rr.RecordingStream, entity: str, x: tuple[float, float], y: tuple[float, float], color: str
 ) -> None:
     count = max(round((y[1] - y[0]) / _STEP), 1)
     heights = [y[0] + (place + 0.5) * _STEP for place in range(count)]

@@ -1,17 +1,26 @@
-"""Everything a picture of a probing session may need, worked out once."""
+"""A probing session as it is recorded: the arm in 3D, the object, and the force on it."""
 
+import tempfile
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import tostring
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
+from rerun.urdf import UrdfJoint, UrdfTree
 
 from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from estimation.estimate import Estimate, ParameterEstimate
+from palpate.render.recording.file import BACKGROUND, time_column
 from robot_io.errors import InputError
+from robot_io.files.urdf_text import parse_urdf, without_files
 from robot_io.session import Event, Session
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -138,3 +147,217 @@ def last_known(values: FloatArray) -> float | None:
     """The last finite value, None where there is none."""
     known = values[np.isfinite(values)]
     return float(known[-1]) if len(known) else None
+
+
+_TOP, _SIDE = (226, 168, 124), (168, 116, 84)
+_HALF_WIDTH_M, _THICKNESS_M = 0.09, 0.05
+_VERTICES = 33  # vertices along each edge of the top
+_CROWDING = 1.7  # > 1 puts more vertices near the middle, where the top bends
+_RADIUS_M = 0.018  # of the dimple
+_RESOLUTION_M = 5e-5  # smaller changes of depth are not drawn
+
+
+class Block:
+    """A block below a point on its top.
+
+    Args:
+        top_center_world_m: shape (3,), the touched point of the unloaded surface [m].
+        press_direction_world: shape (3,), unit vector into the block.
+    """
+
+    def __init__(self, top_center_world_m: FloatArray, press_direction_world: FloatArray) -> None:
+        self._center = top_center_world_m
+        self._down = press_direction_world / np.linalg.norm(press_direction_world)
+        sideways = np.eye(3)[np.argmin(np.abs(self._down))]
+        self._u = np.cross(self._down, sideways)
+        self._u /= np.linalg.norm(self._u)
+        self._v = np.cross(self._down, self._u)
+        even = np.linspace(-1.0, 1.0, _VERTICES)
+        crowded = _HALF_WIDTH_M * np.sign(even) * np.abs(even) ** _CROWDING
+        a, b = np.meshgrid(crowded, crowded, indexing="ij")
+        self._flat: FloatArray = self._center + a.reshape(-1, 1) * self._u + b.reshape(-1, 1) * self._v
+
+    def sides(self) -> rr.Mesh3D:
+        """The four walls, each a quad of its own, so that its normal is its own."""
+        signs = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        upper = np.array([self._center + _HALF_WIDTH_M * (a * self._u + b * self._v) for a, b in signs])
+        lower, after = upper + _THICKNESS_M * self._down, np.roll(np.arange(4), -1)
+        vertices = np.stack([upper, upper[after], lower[after], lower], axis=1).reshape(-1, 3)
+        outward = (upper + upper[after]) / 2 - self._center
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        triangles = [(4 * i, 4 * i + j, 4 * i + j + 1) for i in range(4) for j in (1, 2)]
+        return _mesh(vertices, np.repeat(outward, 4, axis=0), triangles, _SIDE)
+
+    def top(self) -> rr.Mesh3D:
+        """The unloaded top."""
+        corners = [i * _VERTICES + j for i in range(_VERTICES - 1) for j in range(_VERTICES - 1)]
+        triangles = [(c, c + 1, c + _VERTICES + 1) for c in corners]
+        triangles += [(c, c + _VERTICES + 1, c + _VERTICES) for c in corners]
+        return _mesh(self._flat, np.tile(-self._down, (len(self._flat), 1)), triangles, _TOP)
+
+    def rows_that_differ(self, rows: IntArray, depth_m: FloatArray) -> IntArray:
+        """Those of `rows` at which the top looks different from the row before, and the first."""
+        steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
+        return rows[np.r_[True, np.diff(steps) != 0]]
+
+    def pressed(self, tips_world_m: FloatArray, depth_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Vertices and normals of the top, each shape (m, vertices, 3), with the tip at m places.
+
+        The top follows d / (1 + (r / a)^2)^(3/2): flat far away, and d deep under the tip.
+        """
+        offset = self._flat[None] - tips_world_m[:, None]
+        along_u, along_v = offset @ self._u, offset @ self._v
+        depth = np.maximum(depth_m, 0.0)[:, None]
+        inside = 1.0 + (along_u**2 + along_v**2) / _RADIUS_M**2
+        vertices = self._flat[None] + (depth * inside**-1.5)[..., None] * self._down
+        slope = (-3.0 * depth * inside**-2.5 / _RADIUS_M**2)[..., None]
+        normals = -self._down + slope * (along_u[..., None] * self._u + along_v[..., None] * self._v)
+        return vertices, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def _mesh(
+    vertices: FloatArray,
+    normals: FloatArray,
+    triangles: list[tuple[int, int, int]],
+    color: tuple[int, int, int],
+) -> rr.Mesh3D:
+    colors = [color] * len(vertices)
+    return rr.Mesh3D(
+        vertex_positions=vertices, vertex_normals=normals, triangle_indices=triangles, vertex_colors=colors
+    )
+
+
+ROOT_FRAME = "world"  # of everything that is drawn and is no part of the arm
+_ARM, _OBJECT, _TIP = "arm", "object", "tip"
+_ARROW_M_PER_N, _ARROW_RADIUS_M = 0.012, 0.004
+_ARROW_ASIDE_M = 0.05  # beside the tool, which would hide it
+_ARROW = (240, 92, 84)
+_GRID = (120, 134, 150, 60)
+_EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
+_EYE_DISTANCE = 1.5  # in sizes of the scene
+# Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
+SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
+
+
+def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the links once and the joints' motion; nothing where the session holds no URDF.
+
+    Raises:
+        InputError: what it holds is no URDF.
+    """
+    rows = scene.picture_rows
+    position_rad = scene.ticks["joint_position_rad"][rows]
+    log_moving_arm(recording, scene.name, scene.urdf, scene.time_s[rows], position_rad)
+
+
+def log_moving_arm(
+    recording: rr.RecordingStream,
+    session: str,
+    urdf: str,
+    time_s: FloatArray,
+    position_rad: FloatArray,
+    *,
+    name: str = "",
+    base_world_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """Log the links once, and the motion of the joints (n, joints) [rad] at times (n,) [s].
+
+    Args:
+        recording: where to.
+        session: that it is in, for errors.
+        urdf: text of the arm's URDF; nothing is logged where there is none.
+        time_s: times, shape (n,) [s].
+        position_rad: joint positions, shape (n, joints) [rad].
+        name: apart from other arms in the same recording, where there are any.
+        base_world_m: where it stands, shape (3,) [m].
+
+    Raises:
+        InputError: it is no URDF.
+    """
+    if not urdf:
+        return
+    entity, prefix = (f"{_ARM}_{name}", f"{name}/") if name else (_ARM, "")
+    try:
+        tree = load_urdf(urdf, entity, prefix)
+    except (RuntimeError, ValueError, UnicodeEncodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"session '{session}': its URDF cannot be shown ({reason:.200})") from error
+    tree.log_urdf_to_recording(recording)
+    child = prefix + tree.root_link().name
+    root = rr.Transform3D(translation=base_world_m, parent_frame=ROOT_FRAME, child_frame=child)
+    recording.log(f"{entity}/root", root, static=True)
+    for joint, angles in zip(moving_joints(tree), position_rad.T, strict=False):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a measured angle may lie a little past its limit
+            columns = joint.compute_transform_columns(angles.tolist(), clamp=False)
+        recording.send_columns(f"{entity}/motion/{joint.name}", time_column(time_s), columns)
+
+
+def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree:
+    """Read a URDF from its text; Rerun takes files only.
+
+    Meshes and textures are left out: the text may come from a stranger's session, and names any file.
+
+    ValueError, RuntimeError: it cannot be used.
+    """
+    drawn = tostring(without_files(parse_urdf(text)), encoding="unicode")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.urdf"
+        path.write_text(drawn, encoding="utf-8")
+        return UrdfTree.from_file_path(path, entity_path_prefix=entity, frame_prefix=frame_prefix or None)
+
+
+def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
+    """The joints that move, from the base outwards."""
+    inward = {joint.child_link: joint for joint in tree.joints()}
+
+    def distance(joint: UrdfJoint) -> int:
+        return 1 + distance(inward[joint.parent_link]) if joint.parent_link in inward else 0
+
+    moving = [joint for joint in tree.joints() if joint.joint_type in {"revolute", "continuous", "prismatic"}]
+    return sorted(moving, key=distance)
+
+
+def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the force with which the object pushes back, beside the tip, and the object that gives way."""
+    rows = scene.picture_rows
+    rows = rows[scene.known_tip[rows]]
+    press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
+    vectors = -_ARROW_M_PER_N * np.nan_to_num(scene.ticks["force_n"][rows])[:, None] * press
+    outwards = tips - np.einsum("ij,ij->i", tips, press)[:, None] * press
+    outwards = outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
+    recording.log(_TIP, rr.CoordinateFrame(ROOT_FRAME), static=True)
+    recording.log(_TIP, rr.Arrows3D.from_fields(radii=_ARROW_RADIUS_M, colors=[_ARROW]), static=True)
+    arrows = rr.Arrows3D.columns(origins=tips + _ARROW_ASIDE_M * outwards, vectors=vectors)
+    recording.send_columns(_TIP, time_column(scene.time_s[rows]), arrows)
+    point, depth_m = scene.touch_point_world_m, scene.depth_m
+    if point is None or depth_m is None:
+        return
+    block = Block(point, scene.main_press_direction_world)
+    for entity, mesh in (("sides", block.sides()), ("top", block.top())):
+        recording.log(f"{_OBJECT}/{entity}", rr.CoordinateFrame(ROOT_FRAME), mesh, static=True)
+    rows = block.rows_that_differ(rows, depth_m)
+    vertices, normals = block.pressed(scene.ticks["tip_position_world_m"][rows], depth_m[rows])
+    columns = rr.Mesh3D.columns(
+        vertex_positions=vertices.reshape(-1, 3), vertex_normals=normals.reshape(-1, 3)
+    ).partition([vertices.shape[1]] * len(rows))
+    recording.send_columns(f"{_OBJECT}/top", time_column(scene.time_s[rows]), columns)
+
+
+def view_3d(scene: Scene) -> rrb.Spatial3DView:
+    """The arm from the side, with base and all places of the tip in sight."""
+    points = np.vstack([np.zeros(3), scene.ticks["tip_position_world_m"]])
+    lower, upper = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    size = max(float(np.linalg.norm(upper - lower)), 0.2)
+    target = (lower + upper) / 2 + np.array([0.0, 0.0, 0.2 * size])
+    eye = target + _EYE_DISTANCE * size * _EYE_DIRECTION / np.linalg.norm(_EYE_DIRECTION)
+    return rrb.Spatial3DView(
+        origin="/",
+        name="Arm",
+        contents=[f"{_ARM}/**", f"{_OBJECT}/**", f"{_TIP}/**"],
+        background=rrb.Background(color=BACKGROUND),
+        defaults=SOLID,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=_GRID),
+        spatial_information=rrb.SpatialInformation(target_frame=ROOT_FRAME),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+    )

@@ -10,9 +10,8 @@ import rerun.blueprint as rrb
 from estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
-from palpate.render.recording.arm import log_arm, log_object, view_3d
-from palpate.render.recording.scene import Scene
-from palpate.render.recording.stream import TIME, plot, recording_file, send_lines, shown_on, time_column
+from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
+from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
 from robot_io.types import FloatArray, IntArray
 
 _MILLI, _MICRO = 1e3, 1e6

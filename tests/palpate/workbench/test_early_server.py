@@ -10,7 +10,7 @@ from socket import create_connection
 
 import pytest
 
-from palpate.workbench.early_server import EarlyServer
+from palpate.workbench.startup import EarlyServer
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ import pytest
 from nicegui import Client, core
 from nicegui.page import page
 
-import palpate.workbench
+import palpate
 from estimation.study.kept_file import with_checksum
 from estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
-from palpate.workbench.app_state import AppState
 from palpate.workbench.layout import lay_out_page
+from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 from robot_io.session import Session, write_session
 from tests.few_effects import try_few_effects
@@ -184,7 +184,7 @@ def test_a_file_that_is_refused(tmp_path):
 
 def test_the_page_sets_texts_by_key_alone():
     """What `props` and `classes` read as code are constants, and markup is sanitized by the browser."""
-    folder = Path(palpate.workbench.__file__).parent
+    folder = Path(palpate.__file__).parent / "workbench"
     for file in folder.glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from control.loop.tick_record import tick_stream
-from palpate.workbench.app_state import AppState
-from palpate.workbench.foxglove_feed import TOPIC, Feed
 from palpate.workbench.server import _end
+from palpate.workbench.sources import TOPIC, Feed
+from palpate.workbench.startup import AppState
 from robot_io.errors import InputError
 from robot_io.session import Samples
 

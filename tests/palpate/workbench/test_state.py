@@ -16,16 +16,15 @@ from estimation.effects import EFFECTS
 from estimation.fit import long_data
 from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _state
-from palpate.render.example import Example, plain, sized
+from palpate.render.effects import Example, plain, sized
 from palpate.study import Study
 from palpate.workbench import elements
-from palpate.workbench.app_state import AppState
-from palpate.workbench.curves import MOST_POINTS, DrawnMotion, picked, time_figure
+from palpate.workbench.diagnosis import RiddleScore
 from palpate.workbench.layout import _unused
-from palpate.workbench.live import ran
-from palpate.workbench.load import guess, options_of, units_of
+from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.riddle import RiddleScore
+from palpate.workbench.sources import guess, options_of, ran, units_of
+from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
 from robot_io.errors import InputError

@@ -1,0 +1,327 @@
+"""A diagnosis in sentences, and its error budget with an SVG picture; the same in every medium."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.diagnosis.forms import Form
+from estimation.diagnosis.result import Accepted
+from estimation.effects import EFFECTS
+from estimation.kinds import Kind
+from estimation.physical import UNPHYSICAL
+from palpate.render import palette
+from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
+
+_NO_FALL = 0.98  # of the error before: less is no fall
+
+
+def enumerated(names: Sequence[str], last: str = "and") -> str:
+    """Names with commas, and a word before the last."""
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
+    """The verdict of a diagnosis."""
+    names = tuple(entry.effect for entry in diagnosis.accepted)
+    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(_remarks(diagnosis)), names)
+
+
+def _sentence(diagnosis: ChannelDiagnosis) -> str:
+    if diagnosis.verdict is Verdict.INSUFFICIENT:
+        return f"{diagnosis.channel}: this data cannot say: {_ended(diagnosis.reason)}"
+    if diagnosis.verdict is Verdict.ADEQUATE:
+        return f"{diagnosis.channel}: nothing is missing that this data can show. {_error(diagnosis)}"
+    if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
+        return (
+            f"{diagnosis.channel}: what kind is missing is known, its form is not: {enumerated(kinds)}. "
+            f"{_error(diagnosis)}"
+        )
+    if not diagnosis.accepted:
+        return (
+            f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
+            f"{enumerated(diagnosis.depends_on) or 'no single signal'}. {_error(diagnosis)}"
+        )
+    names = enumerated([_with_rivals(entry) for entry in diagnosis.accepted])
+    verb = "is" if len(diagnosis.accepted) == 1 else "are"
+    return (
+        f"{diagnosis.channel}: {names} {verb} missing from the model. {_error(diagnosis)}{_rest(diagnosis)}"
+    )
+
+
+def _with_rivals(entry: Accepted) -> str:
+    """An effect with what is to be known of its name: an approximate form, and rivals."""
+    rivals = [_in_its_place(name, entry.effect) for name in entry.confused_with]
+    remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
+    remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
+    return f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect
+
+
+def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
+    """Kinds of which no effect has the form, with their shares of the error."""
+    unknown = (entry for entry in diagnosis.budget if entry.form is Form.UNKNOWN)
+    return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
+
+
+def _in_its_place(rival: str, effect: str) -> str:
+    """A rival, and what it would replace beside the effect if that is only a part of it."""
+    parts = EFFECTS[rival].parts if rival in EFFECTS else ()
+    return f"{rival} for both" if effect in parts else rival
+
+
+def _error(diagnosis: ChannelDiagnosis) -> str:
+    unit, before, after = diagnosis.effort_unit, diagnosis.baseline, diagnosis.final
+    if before is None or after is None:
+        return ""
+    floor = _noise(diagnosis)
+    if not diagnosis.accepted:
+        return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
+    added = "it" if len(diagnosis.accepted) == 1 else "them"
+    if after.rmse > _NO_FALL * before.rmse:
+        return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
+    fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
+    return f"With {added}, the error in held-out runs falls {fall}{floor}."
+
+
+def _noise(diagnosis: ChannelDiagnosis) -> str:
+    """The noise with its source, in parentheses; nothing where it is not known."""
+    if diagnosis.noise_floor is None or diagnosis.floor is None:
+        return ""
+    size = f"{diagnosis.noise_floor:.3g} {diagnosis.effort_unit}"
+    source = diagnosis.floor.source.value
+    return (
+        f" (noise at most {size}, by {source})"
+        if diagnosis.floor.at_most
+        else f" (noise {size}, from {source})"
+    )
+
+
+def _rest(diagnosis: ChannelDiagnosis) -> str:
+    """What is left beside the established effects, and how large it is."""
+    if diagnosis.complete is not False or diagnosis.remaining is None:
+        return ""
+    signals = diagnosis.remaining.depends_on
+    on = f", depends on {enumerated(signals)}" if signals else ""
+    times = diagnosis.remaining.times_floor
+    size = f": {times:.2g} times the noise" if times >= NOISE else ""
+    left = f" Something more is left{size}{on}."
+    kinds = _kinds_without_form(diagnosis)
+    return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
+
+
+def _remarks(diagnosis: ChannelDiagnosis) -> Iterator[str]:
+    if diagnosis.verdict is Verdict.UNEXPLAINED or (diagnosis.complete and "; " in diagnosis.reason):
+        yield f"Why: {_ended(diagnosis.reason)}"
+
+
+def _ended(reason: str) -> str:
+    """A reason as a sentence, with one mark at its end: some end with a question."""
+    return reason if reason.endswith(("?", ".")) else f"{reason}."
+
+
+def compared(
+    channel: str, model: str, error: str, times: float, noise: str, *, possible: bool = True
+) -> VerdictView:
+    """Whether a model fits, by its error in held-out runs beside the noise.
+
+    One whose parameters are not `possible` fits nothing, however small its error.
+    """
+    word = "fits" if times < NOISE and possible else "misses"
+    errors = f"{error} in held-out runs, noise {noise}"
+    far = "" if times < NOISE else f"; the error is {times:.1f} times the noise"
+    return VerdictView(word, f"{model} {word} {channel}: {errors}{far}.", (), (channel, model))
+
+
+def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
+    """That parameters, each in words, make no physical sense: one sentence, or none."""
+    return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
+
+
+def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:
+    """What added effects did to the error, in one or two sentences.
+
+    Args:
+        channel: its name.
+        errors: of each stage, the base model's first.
+        added: effects, one fewer.
+        floor: error that a complete model would leave.
+        unit: of the errors.
+    """
+    first, last = errors[0], errors[-1]
+    whole = f"{channel} with {enumerated(added)}: the error in held-out runs"
+    if last > _NO_FALL * first:
+        return f"{whole} does not fall: from {first:.3g} to {last:.3g} {unit}."
+    times = last / floor if floor > 0.0 else float("inf")
+    ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
+    falls = f"{whole} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
+    before = errors[-2]
+    if last <= _NO_FALL * before:
+        return falls
+    does = "makes it worse" if last * _NO_FALL > before else "does next to nothing"
+    return f"{falls} The last step, {added[-1]}, {does}: from {before:.4g} to {last:.4g} {unit}."
+
+
+_SHOWN = 0.005  # share below which what nothing explains is not mentioned
+
+
+def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
+    """Arrange the error budget of a channel for display; None where the diagnosis has none."""
+    if diagnosis.rest is None or diagnosis.baseline is None:
+        return None
+    kinds = [
+        BudgetPart(
+            word=entry.kind.word,
+            share=entry.share,
+            color=palette.KINDS[entry.kind],
+            interval=entry.interval,
+            necessary=entry.necessary,
+            sufficient=entry.sufficient,
+            form=entry.form.value,
+            effects=tuple(entry.effects),
+        )
+        for entry in diagnosis.budget
+    ]
+    is_bound = diagnosis.floor is None or diagnosis.floor.at_most
+    at_most, at_least = ("at most", "at least") if is_bound else ("", "")
+    parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.FLOOR, at_most)]
+    if diagnosis.rest.unexplained >= _SHOWN:
+        parts.append(BudgetPart("unexplained", diagnosis.rest.unexplained, palette.UNEXPLAINED, at_least))
+    error = f"{diagnosis.baseline.rmse:.3g} {diagnosis.effort_unit}"
+    shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
+    sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
+    return BudgetView(
+        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(_confusions(diagnosis))
+    )
+
+
+def _confusions(diagnosis: ChannelDiagnosis) -> Iterator[str]:
+    """Kinds that cannot be told apart, each pair once."""
+    pairs: set[frozenset[Kind]] = set()
+    for entry in diagnosis.budget:
+        if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
+            pairs.add(pair)
+            others = " or ".join(kind.word for kind in entry.replaceable_by)
+            yield (
+                f"This data cannot tell {entry.kind.word} from {others}. To separate "
+                f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
+            )
+
+
+_FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
+_BAR, _ROW, _TOP = 28, 22, 50  # heights of the stacked bar and of a row, and where the rows begin [px]
+_SECOND = 16  # height of a row's second line where the picture is narrow [px]
+_NARROW = 640  # [px]
+_TRACK = "rgba(128,140,155,0.25)"
+_LABELLED = 0.06  # share of the bar's width, from which a segment has its percentage in it
+_CHARACTER = 6.4  # width of a letter on average [px]
+
+
+def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") -> str:
+    """Draw a stacked bar of all parts, and below it a row for each with its range.
+
+    Args:
+        budget: what is drawn.
+        width: of the picture [px]; a narrow one has effects below their kind.
+        ink: colour of words; the page's own by default, a middle grey for a picture file.
+
+    Returns:
+        One `svg` element, all texts escaped.
+    """
+    is_narrow = width < _NARROW
+    heights = [_ROW + _SECOND * (is_narrow and bool(part.form)) for part in budget.parts]
+    height = _TOP + sum(heights) + 4
+    drawn = _stack(budget.parts, width)
+    names = 176  # width of the kinds' names
+    track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
+    place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
+    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
+    y = float(_TOP)
+    for part, own in zip(budget.parts, heights, strict=True):
+        drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
+        y += own
+    label = escape(budget.sentence, quote=True)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
+        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{_FONT}" font-size="13">'
+        f"{''.join(drawn)}</svg>"
+    )
+
+
+def _stack(parts: tuple[BudgetPart, ...], width: int) -> list[str]:
+    """The stacked bar; the shares fill it."""
+    total = sum(max(part.share, 0.0) for part in parts) or 1.0
+    drawn, left = list[str](), 0.0
+    for part in parts:
+        share = max(part.share, 0.0) / total
+        words = escape(f"{part.word} {part.share_text}{_interval(part)}")
+        drawn.append(
+            f'<rect x="{left:.1f}" y="0" width="{share * width:.1f}" height="{_BAR}" fill="{part.color}">'
+            f"<title>{words}</title></rect>"
+        )
+        if share > _LABELLED:
+            middle = left + share * width / 2
+            drawn.append(
+                _text(middle, 19, f"{100 * part.share:.0f} %", "#fff", size=12, anchor="middle", bold=True)
+            )
+        left += share * width
+    return drawn
+
+
+def _row(  # noqa: PLR0917, where it is drawn
+    part: BudgetPart, y: float, names: int, track: tuple[int, int], ink: str, width: int, *, is_narrow: bool
+) -> list[str]:
+    base, left, right = y + 15, *track
+    drawn = [
+        f'<rect x="0" y="{y + 4:.1f}" width="12" height="12" rx="2" fill="{part.color}"/>',
+        _text(20, base, part.word, ink),
+        _text(left - 12, base, part.share_text, ink, anchor="end", bold=True),
+    ]
+    if part.necessary is not None and part.sufficient is not None:
+        low, high, share = (
+            left + (right - left) * min(max(value, 0.0), 1.0)
+            for value in (part.necessary, part.sufficient, part.share)
+        )
+        low, high = min(low, high), max(low, high)
+        drawn += [
+            f'<rect x="{left}" y="{y + 9:.1f}" width="{right - left}" height="2" fill="{_TRACK}"/>',
+            f'<rect x="{low:.1f}" y="{y + 7:.1f}" width="{max(high - low, 2.0):.1f}" height="6" rx="2" '
+            f'fill="{part.color}" opacity="0.55"><title>{escape(part.range_text)}</title></rect>',
+            f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
+        ]
+    words = ": ".join(filter(None, [_form(part), ", ".join(part.effects)]))
+    x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
+    most = int(room / _CHARACTER)
+    cut = words if len(words) <= most else f"{words[: most - 1]}…"
+    title = f"<title>{escape(words)}</title>" if cut != words else ""
+    drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
+    return drawn
+
+
+def _form(part: BudgetPart) -> str:
+    """The form in words; of an unknown one the effects beside it are only the closest."""
+    closest = ", closest" if part.form == "unknown" and part.effects else ""
+    return f"form {part.form}{closest}" if part.form else ""
+
+
+def _interval(part: BudgetPart) -> str:
+    if part.interval is None:
+        return ""
+    return f" (95 % interval {100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %)"
+
+
+def _text(  # noqa: PLR0917, what a text is drawn from
+    x: float,
+    y: float,
+    words: str,
+    ink: str,
+    size: int = 13,
+    anchor: str = "start",
+    opacity: float = 1.0,
+    *,
+    bold: bool = False,
+    title: str = "",
+) -> str:
+    weight = ' font-weight="600"' if bold else ""
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" fill="{ink}" font-size="{size}" text-anchor="{anchor}" '
+        f'opacity="{opacity:g}"{weight}>{title}{escape(words)}</text>'
+    )

@@ -1,1 +1,0 @@
-"""Rerun recordings: of a session with its arm, and of a model that grows revision by revision."""

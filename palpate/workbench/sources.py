@@ -1,0 +1,428 @@
+"""Where data comes from: a dropped file, or a session that is still being written."""
+
+import asyncio
+import re
+import signal
+import sys
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from itertools import count, cycle
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from nicegui import events, ui
+
+from control.loop.tick_record import STREAM_NAME
+from estimation.data.clock_times import clocks_of
+from estimation.data.column_guess import Guess, guess_columns
+from estimation.data.file_kind import is_session
+from estimation.data.import_options import ImportOptions
+from estimation.data.quantities import QUANTITIES, RUN, si_unit
+from estimation.data.table import Table, read_table
+from estimation.data.units import SI
+from palpate.common.files import output_folder, whole_file
+from palpate.render import palette
+from palpate.render.thinning import peaks
+from palpate.workbench.elements import Figure, Plot, heading, set_props
+from palpate.workbench.plots import axis, curve, layout_of, picked
+from robot_io.errors import InputError, PalpateError
+from robot_io.session import Follower, Samples, Session
+from robot_io.types import FloatArray, IntArray
+
+DROPPED = Path("sessions")  # where a dropped file is kept, beside what is probed and imported
+MOST_BYTES = 500_000_000
+NOTHING = "not used"
+_SELECT = "dense outlined options-dense"
+_SHOWN = 4  # values of a column that are shown
+
+
+@dataclass
+class ColumnGuess:
+    """What a column is taken for; `quantity` may number a joint, as in position_2."""
+
+    name: str
+    quantity: str
+    unit: str
+    why: str
+    values: str
+
+
+def guess(table: Table) -> list[ColumnGuess]:
+    """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
+    guesses = guess_columns(table.names, clocks_of(table.columns))
+    guesses = [one for one in guesses if table.is_numeric(one.column)]
+    best = {(one.quantity, one.joint): one for one in sorted(guesses, key=lambda one: one.fit)}
+    found = [
+        _column(table, one if best[one.quantity, one.joint] is one else Guess(one.column, ""))
+        for one in guesses
+    ]
+    if not any(one.quantity == "time" for one in found):
+        rising = (one for one in found if not one.quantity and np.all(np.diff(table.numbers(one.name)) > 0.0))
+        for one in list(rising)[:1]:
+            one.quantity, one.unit, one.why = "time", "s", "rises all along"
+    return found
+
+
+def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
+    """How to read the file, as the page has it. InputError: two columns hold the same."""
+    used = [column for column in columns if column.quantity]
+    names = [one.quantity for one in used]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"several columns are taken for {twice[0]}; choose one")
+    units = {one.name: one.unit for one in used if one.unit and one.quantity != RUN}
+    return ImportOptions(columns={one.quantity: one.name for one in used}, units=units)
+
+
+def units_of(quantity: str) -> list[str]:
+    """Units that a quantity may have."""
+    return [
+        unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
+    ]
+
+
+def _column(table: Table, guessed: Guess) -> ColumnGuess:
+    quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
+    values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
+    why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
+    return ColumnGuess(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)
+
+
+def _usual(quantity: str) -> str:
+    dimensions = QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ())
+    return si_unit(dimensions[0]) if dimensions else ""
+
+
+def _warn(error: PalpateError) -> None:
+    ui.notify(str(error), type="warning", multi_line=True, timeout=0, close_button=True)
+
+
+Opened = Callable[[Path, ImportOptions], Awaitable[None]]
+
+
+class FileDrop:
+    """The place to drop a file, and then the columns of it."""
+
+    def __init__(self, opened: Opened) -> None:
+        self._opened = opened
+
+    def build(self) -> None:
+        """Put the elements."""
+        ui.upload(
+            label="Drop a data file or a session here, or choose one",
+            auto_upload=True,
+            max_files=1,
+            max_file_size=MOST_BYTES,
+            on_upload=self._uploaded,
+        ).props("flat bordered").classes("drop").mark("drop")
+        self._review = ui.element("div").classes("dropped")
+
+    async def _uploaded(self, event: events.UploadEventArguments) -> None:
+        try:
+            path, is_new = await self._kept(event)
+        except PalpateError as error:
+            _warn(error)
+            return
+        if not await self.begin(path) and is_new:
+            path.unlink()
+
+    async def begin(self, path: Path) -> bool:
+        """Open a session at once, and a data file after a look at its columns; whether it can be read."""
+        try:
+            if is_session(path) or path.is_dir():
+                await self._opened(path, ImportOptions())
+            else:
+                self._ask(path, await asyncio.to_thread(lambda: guess(read_table(path))))
+        except PalpateError as error:
+            _warn(error)
+            return False
+        return True
+
+    async def _kept(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
+        """The file, kept under its own name, and whether it was not there; another of that name stays."""
+        name = Path(event.file.name).name
+        if event.file.size() > MOST_BYTES:  # the browser refuses it, but whoever sends it need not be one
+            raise InputError(f"{name}: larger than {MOST_BYTES // 10**6} MB; open it by its name instead")
+        folder, content = output_folder(DROPPED), await event.file.read()
+        stem, dot, ending = name.partition(".")
+        for number in range(1, 1000):
+            path = folder / (name if number == 1 else f"{stem}-{number}{dot}{ending}")
+            try:
+                if not path.exists():
+                    with whole_file(path) as writing:
+                        writing.write_bytes(content)
+                    return path, True
+                if path.is_file() and path.read_bytes() == content:
+                    return path, False
+            except (OSError, ValueError) as error:
+                raise InputError(f"{name[:80]!r}: cannot be kept in {folder} ({error})") from error
+        raise InputError(f"{folder}: too many files are called {name}")
+
+    def _ask(self, path: Path, columns: list[ColumnGuess]) -> None:
+        self._review.clear()
+        choices = [NOTHING, *QUANTITIES, RUN]
+        with self._review:
+            ui.label(f"{path.name}: is this right?").classes("text-bold")
+            with ui.element("table"):
+                with ui.element("tr"):
+                    for heading in ("column", "holds", "in", "first values"):
+                        with ui.element("th"):
+                            ui.label(heading)
+                for column in columns:
+                    self._column_row(column, choices)
+
+            async def use() -> None:
+                try:
+                    options = options_of(columns)
+                    await self._opened(path, options)
+                except PalpateError as error:
+                    _warn(error)
+
+            ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
+
+    @staticmethod
+    def _column_row(one: ColumnGuess, choices: list[str]) -> None:
+        with ui.element("tr"):
+            with ui.element("td"):
+                set_props(ui.label(one.name), title=one.why)
+            with ui.element("td"):
+                known = choices if one.quantity in {*choices, ""} else [*choices, one.quantity]
+                quantity = ui.select(known, value=one.quantity or NOTHING).props(_SELECT)
+                set_props(quantity, aria_label=f"quantity of {one.name}")
+            with ui.element("td"):
+                unit = ui.select(units_of(one.quantity), value=one.unit or None).props(_SELECT)
+                set_props(unit, aria_label=f"unit of {one.name}")
+            with ui.element("td"):
+                ui.label(one.values).classes("quiet")
+
+        def chose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
+            one.quantity = "" if event.value == NOTHING else event.value
+            one.unit = _usual(one.quantity)
+            unit.set_options(units_of(one.quantity), value=one.unit or None)
+
+        def chose_unit(event: events.ValueChangeEventArguments[Any]) -> None:
+            one.unit = event.value or ""
+
+        quantity.on_value_change(chose_quantity)
+        unit.on_value_change(chose_unit)
+
+
+TOPIC = "/probing"
+_NUMBERS = {
+    "force_n": "measured force [N]",
+    "residual_n": "force less that of the online estimates [N]",
+    "stiffness_n_m": "online estimate of k [N/m]",
+    "damping_n_s_m": "online estimate of c [N s/m]",
+}
+_SCHEMA = {
+    "title": "palpate.Probing",
+    "type": "object",
+    "properties": {
+        **{name: {"type": "number", "description": text} for name, text in _NUMBERS.items()},
+        "torque_nm": {"type": "array", "items": {"type": "number"}, "description": "of each joint [N m]"},
+    },
+}
+_MOST_WAITING = 30_000  # messages that are kept for a slow viewer
+_NS = 1e9
+
+
+class Feed:
+    """A Foxglove WebSocket server; it sends each tick once, at its time in the session.
+
+    Args:
+        host: address that it listens at.
+        port: 0 for any free one.
+
+    Raises:
+        InputError: the Foxglove SDK is not installed, or the port cannot be had.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        try:
+            import foxglove  # noqa: PLC0415, an extra
+        except ImportError as error:
+            raise InputError(
+                "--foxglove: the package foxglove-sdk is not installed: pip install foxglove-sdk"
+            ) from error
+        try:
+            self._server = foxglove.start_server(
+                name="palpate", host=host, port=port, message_backlog_size=_MOST_WAITING
+            )
+        except (OSError, RuntimeError) as error:
+            said = f"--foxglove {port}: in use, or not permitted; another, or 0 for any free one"
+            raise InputError(said) from error
+        self._channel = foxglove.Channel(TOPIC, schema=_SCHEMA)
+        self.port = int(self._server.port)
+        self._lock = Lock()  # pages follow a session in threads of their own
+        self._sent: dict[Path, float] = {}  # until when of each session [s]
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether anybody has subscribed."""
+        return bool(self._channel.has_sinks())
+
+    def send(self, session: Path, ticks: Samples) -> None:
+        """Send what is newer than what was sent of the session before; to nobody, nothing is sent."""
+        if not self.is_watched:
+            return
+        time_s = ticks["time_s"]
+        with self._lock:
+            new = time_s > self._sent.get(session, -np.inf)
+            if not new.any():
+                return
+            self._sent[session] = float(time_s.max())
+            self._send(ticks, np.flatnonzero(new))
+
+    def _send(self, ticks: Samples, rows: IntArray) -> None:
+        columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
+        torques = ticks.vector("torque_measured_nm")
+        time_s = ticks["time_s"]
+        for row in rows:
+            # what is not there yet, such as an estimate in free air, is left out: JSON has no NaN
+            message: dict[str, object] = {
+                name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])
+            }
+            if np.isfinite(torques[row]).all():
+                message["torque_nm"] = torques[row].tolist()
+            self._channel.log(message, log_time=int(time_s[row] * _NS))
+
+    def close(self) -> None:
+        """End the server."""
+        self._channel.close()
+        self._server.stop()
+
+
+def online_residual(ticks: Samples) -> FloatArray:
+    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none."""
+    along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
+    speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
+    depth = along - ticks["surface_m"]
+    expected = np.where(depth > 0.0, ticks["stiffness_n_m"] * depth + ticks["damping_n_s_m"] * speed, 0.0)
+    left: FloatArray = ticks["force_n"] - np.maximum(expected, 0.0)
+    return left
+
+
+PERIOD_S = 0.5
+SPAN_S = 12.0  # that is shown
+_POINTS = 600  # of a curve
+_LAST = 30_000  # ticks that are kept
+
+
+def newest_growing(folder: Path) -> Path | None:
+    """The newest session of a folder, if it is still being written."""
+    files = sorted(folder.glob("*.mcap"), key=lambda file: file.stat().st_mtime)
+    if not files:
+        return None
+    try:
+        return files[-1] if Session.open(files[-1]).truncated else None
+    except PalpateError:
+        return None
+
+
+def live_figure(ticks: Samples) -> Figure:
+    """Force with its residual, torques, and online estimates over the last seconds."""
+    time_s = ticks["time_s"]
+    last = time_s > time_s[-1] - SPAN_S if len(time_s) else np.zeros(0, dtype=np.bool_)
+    torques = ticks.vector("torque_measured_nm")[last].T
+    joints = zip(count(1), torques, cycle(palette.JOINTS), strict=False)
+    curves = [
+        ("force [N]", ticks["force_n"][last], palette.MEASURED, "y"),
+        ("residual of the estimates [N]", online_residual(ticks)[last], palette.TRUTH, "y"),
+        *((f"torque {n} [N m]", y, color, "y2") for n, y, color in joints),
+        ("k [N/m]", ticks["stiffness_n_m"][last], palette.MODEL, "y3"),
+        ("c [N s/m]", ticks["damping_n_s_m"][last], palette.FLOOR, "y4"),
+    ]
+    traces = []
+    for name, y, color, place in curves:
+        rows = peaks(y, _POINTS)
+        x, drawn = picked(time_s[last], rows), picked(y, rows)
+        traces.append(curve(name, x, drawn, color, 1.3, name.rpartition("[")[2][:-1], yaxis=place))
+    layout = layout_of(
+        460,
+        margin={"l": 56, "r": 50, "t": 10, "b": 40},
+        uirevision="live",
+        legend={"orientation": "h", "y": -0.12},
+        xaxis=axis("time [s]", anchor="y3"),
+        yaxis=axis("force [N]", domain=[0.68, 1.0]),
+        yaxis2=axis("torque [N m]", domain=[0.34, 0.62]),
+        yaxis3=axis("k [N/m]", domain=[0.0, 0.28]),
+        yaxis4=axis("c [N s/m]", overlaying="y3", side="right", showgrid=False),
+    )
+    return {"data": traces, "layout": layout}
+
+
+class Live:
+    """Follows one session until it is complete; then it is opened."""
+
+    def __init__(
+        self, session: Path, done: Callable[[Path], Awaitable[None]], feed: Feed | None = None
+    ) -> None:
+        self._session, self._done, self._feed = session, done, feed
+        self._reading, self._follower = False, Follower(session, STREAM_NAME, _LAST)
+
+    def build(self) -> None:
+        """Put the elements."""
+        with ui.element("section").classes("card"):
+            heading(f"Live: {self._session.name}")
+            self._words = ui.label("waiting for the first chunk").classes("quiet").mark("live")
+            self._plot = Plot({"data": [], "layout": {"height": 460}})
+        self._timer = ui.timer(PERIOD_S, self._follow)
+
+    async def _follow(self) -> None:
+        follower = self._follower
+        if self._reading or not self._session.exists():
+            return
+        self._reading, before = True, follower.count
+        try:
+            ticks = await asyncio.to_thread(self._read)
+        except PalpateError as error:
+            self._timer.deactivate()
+            self._words.set_text(str(error))
+            return
+        finally:
+            self._reading = False
+        if ticks is not None and follower.count > before:
+            run = int(ticks["run"].max()) + 1
+            self._words.set_text(f"{ticks['time_s'][-1]:.1f} s, run {run}, {follower.count} ticks")
+            self._plot.replace(live_figure(ticks))
+        if follower.complete:
+            self._timer.deactivate()
+            await self._done(self._session)
+
+    def _read(self) -> Samples | None:
+        ticks = self._follower.read()
+        if ticks is not None and len(ticks) and self._feed is not None:
+            self._feed.send(self._session, ticks)
+        return ticks
+
+
+async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
+    """Run a palpate command in a process of its own; if this is cancelled, as Ctrl-C in a terminal ends it.
+
+    Args:
+        arguments: of `palpate`; nobody is there to be asked.
+        hear: called with each line that it prints.
+
+    Returns:
+        What it said wrong, in one line; empty if it did what it should.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *[sys.executable, "-P", "-m", "palpate.main", *arguments],
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,  # else it is interrupted twice where the terminal does that too
+    )
+    assert process.stdout is not None  # noqa: S101, asked for above
+    assert process.stderr is not None  # noqa: S101, asked for above
+    errors = asyncio.create_task(process.stderr.read())
+    try:
+        async for line in process.stdout:
+            hear(line.decode(errors="replace").rstrip())
+        said = (await errors).decode(errors="replace").strip()
+        return "" if await process.wait() == 0 else (said.splitlines() or ["it failed"])[-1]
+    except asyncio.CancelledError:  # the server ends: an arm is brought to rest first, and its session closed
+        process.send_signal(signal.SIGINT)
+        await process.wait()
+        raise

@@ -1,0 +1,211 @@
+"""What the server shows and answers before the page's library is imported, which takes seconds."""
+
+import socket
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from hashlib import sha256
+from html import escape
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from secrets import token_urlsafe
+from socketserver import ThreadingTCPServer
+from threading import Thread
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.data.import_options import ImportOptions
+from palpate.render import palette
+from palpate.render.thinning import peaks
+from robot_io.errors import PalpateError
+from robot_io.session import Session
+from robot_io.types import FloatArray
+
+if TYPE_CHECKING:
+    from palpate.workbench.sources import Feed
+    from palpate.workbench.state import WorkbenchState
+
+
+@dataclass
+class AppState:
+    """What the server shows."""
+
+    folder: Path  # whose sessions are offered
+    file: Path | None = None  # that was asked for; None for none
+    riddle: bool = False  # whether something was hidden for the user to find
+    state: "WorkbenchState | None" = None  # once data was read
+    raw: str = ""  # a drawing of what a session measured; empty for other files
+    promised: set[Path] = field(default_factory=set)  # what a tab is about to write
+    reading: str = ""  # what is being read; empty once that is done
+    error: str = ""  # why it could not be
+    reports: dict[str, Path] = field(default_factory=dict)  # that were written from the page, by their key
+    feed: "Feed | None" = None  # for Foxglove, if that was asked for
+    open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # makes a bench of a file
+
+    @property
+    def waiting(self) -> str:
+        """What is shown while the data is being read, as HTML."""
+        return f'<p class="quiet">{escape(self.reading or "opening")} …</p>{self.raw}'
+
+    def serve_report(self, path: Path) -> str:
+        """Make a report available to the browser; returns its address, which nobody can guess."""
+        key = token_urlsafe(16)
+        self.reports[key] = path
+        return f"/report/{key}"
+
+    def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
+        """Make the bench in another thread; the page shows what was measured and waits for it."""
+        self.reading = what
+        Thread(target=self._read, args=(make,), daemon=True).start()
+
+    def _read(self, make: "Callable[[], WorkbenchState]") -> None:
+        try:
+            self.state = make()
+        except PalpateError as error:
+            self.error = str(error)
+        finally:
+            self.reading = ""
+
+
+STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")
+_PATIENCE_S = 5.0  # with a browser that connects and asks nothing
+_POLL_S = 0.02
+_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>palpate workbench</title>
+<meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
+<style>{style}</style></head><body><div id="waiting">{body}</div>
+<script>{script}</script></body></html>"""
+_SCRIPT = 'addEventListener("load", () => setTimeout(() => location.reload(), 200))'
+
+CLOSED = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+"""Content-Security-Policy: nothing is loaded but what is added to it; no other page may frame this one."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""Of every answer: other pages can neither load it nor keep a handle of it."""
+
+_POLICY = (
+    f"{CLOSED}; style-src 'unsafe-inline'; img-src data:; "
+    f"script-src 'sha256-{b64encode(sha256(_SCRIPT.encode()).digest()).decode()}'"
+)
+
+
+class EarlyServer(ThreadingTCPServer):
+    """A port of this machine that is open, and whose first visitor is answered.
+
+    Args:
+        host: address that it listens at.
+        port: 0 for any free one.
+
+    Raises:
+        OSError: somebody has the port.
+    """
+
+    allow_reuse_address = daemon_threads = True
+    request_queue_size = 128  # all who ask before the page's server is there wait in the socket
+    page = b""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__((host, port), _Reply)
+        self.port = int(self.server_address[1])
+        self._answers = False
+
+    def answer_with(self, body: str) -> None:
+        """Answer the first visitor with this HTML."""
+        self.page, self._answers = _PAGE.format(body=body, style=STYLE, script=_SCRIPT).encode(), True
+        Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
+
+    def release_socket(self) -> socket.socket:
+        """The open socket; nobody is answered here any longer."""
+        if self._answers:  # else it would wait for ever
+            self.shutdown()
+        return self.socket
+
+    def handle_error(self, *_: object) -> None:
+        """Leave alone who hangs up."""
+
+
+class _Reply(BaseHTTPRequestHandler):
+    server: EarlyServer
+    timeout = _PATIENCE_S
+
+    def do_GET(self) -> None:
+        """The page, once: whoever asks after that waits for the server that comes.
+
+        A page of an earlier server asks for other places, to be connected again: it is told to come back.
+        """
+        if self.headers.get("Host", "").rpartition(":")[0] not in {
+            self.server.server_address[0],
+            "localhost",
+        }:
+            self.send_error(HTTPStatus.BAD_REQUEST, "Invalid host header")  # see `palpate.workbench.server`
+            return
+        if self.path.partition("?")[0] != "/":
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+            return
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Cache-Control", "no-store")
+        for name, value in {**HEADERS, "Content-Security-Policy": _POLICY}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(self.server.page)
+        self.server.shutdown()
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing of it."""
+
+
+_TICKS = "tick"
+_MOST_POINTS = 600  # of a curve
+
+
+def picture(
+    x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
+) -> str:
+    """A small drawing of curves (n,) over x (n,), as SVG without axes."""
+    every = np.concatenate([y for y, _ in curves])
+    low, high = float(every.min()), float(every.max())
+    left, right = float(x.min()), float(x.max())
+    paths = []
+    for y, color in curves:
+        across = 2 + (width - 4) * (x - left) / ((right - left) or 1.0)
+        down = height - 2 - (height - 4) * (y - low) / ((high - low) or 1.0)
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
+        paths.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    return f'<svg {size} aria-hidden="true">{"".join(paths)}</svg>'
+
+
+def raw_curves(file: Path) -> str:
+    """Force and torques of a probing over time, as they were measured; empty for other files.
+
+    Raises:
+        SessionError: it is a session that cannot be read.
+    """
+    if file.suffix != ".mcap":
+        return ""
+    found = Session.open(file)
+    if _TICKS not in found.stream_names or not len(ticks := found.samples(_TICKS)):
+        return ""
+    time_s, torques = ticks["time_s"], ticks.vector("torque_measured_nm").T
+    colors = [palette.JOINTS[n % len(palette.JOINTS)] for n in range(len(torques))]
+    return _panel("force [N]", time_s, [(ticks["force_n"], palette.MEASURED)]) + _panel(
+        "joint torques [N m]", time_s, list(zip(torques, colors, strict=True))
+    )
+
+
+def _panel(title: str, time_s: FloatArray, curves: Sequence[tuple[FloatArray, str]]) -> str:
+    rows = np.unique(np.concatenate([peaks(y, _MOST_POINTS) for y, _ in curves]))
+    rows = rows[np.isfinite([y[rows] for y, _ in curves]).all(axis=0)]
+    if not len(rows):
+        return ""
+    shown = [(y[rows], color) for y, color in curves]
+    low, high = min(y.min() for y, _ in shown), max(y.max() for y, _ in shown)
+    said = f"{title} from {low:.3g} to {high:.3g}, over {np.ptp(time_s[rows]):.1f} s, as measured"
+    return f"<h2>{said}</h2>{picture(time_s[rows], shown, 1000, 200)}"
