@@ -2,7 +2,7 @@
 
     python benchmarks/real_data.py DATA_DIR [SET ...] [--out FILE]
 
-The sets are described where they come from (see docs/diagnosis.md); they are no part of this project.
+The sets are described where they come from (see docs/benchmarks.md); they are no part of this project.
 A channel is right if one name of each group that its README asks for is found, alone or as
 indistinguishable from another, and none that it does not know. Held-out errors stand beside the README's;
 folds are the engine's own.

@@ -1,4 +1,4 @@
-"""Renews the tables of docs/effects.md from the registries: `.venv/bin/python docs/make_effects.py`."""
+"""Renews the tables of docs/reference/effects.md: `.venv/bin/python docs/make_effects.py`."""
 
 import re
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from sim_backend.imperfection import (
     JointImperfection,
 )
 
-DOCUMENT = Path(__file__).parent / "effects.md"
+DOCUMENT = Path(__file__).parent / "reference" / "effects.md"
 
 
 def effects() -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Writes docs/fault-matrix.md from the rows of the tests: `.venv/bin/python docs/make_fault_matrix.py`."""
+"""Writes docs/reference/fault-matrix.md: `.venv/bin/python docs/make_fault_matrix.py`."""
 
 import sys
 from pathlib import Path

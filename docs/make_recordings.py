@@ -1,4 +1,4 @@
-"""Writes docs/recordings.md: what `palpate diagnose` says of public recordings.
+"""Writes docs/reference/recordings.md: what `palpate diagnose` says of public recordings.
 
     python docs/make_recordings.py DATA_DIR [DATA_DIR ...] --answers FOLDER
 
@@ -28,7 +28,7 @@ from estimation.diagnosis import ChannelDiagnosis, diagnose
 from estimation.kinds import Kind
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 
-PAGE = Path(__file__).parent / "recordings.md"
+PAGE = Path(__file__).parent / "reference" / "recordings.md"
 PICTURES = Path(__file__).parent / "pictures" / "recordings"
 WIDTH = 900  # of a picture [px]
 INK = "#768390"  # reads on light and on dark
@@ -36,10 +36,10 @@ INTRODUCTION = """# Recordings
 
 What `palpate diagnose` says of measurements that others made and published. A picture shows the error
 budget: how the squared error of a simple base model in held-out runs divides among kinds of effects, noise
-and what nothing explains ([diagnosis](diagnosis.md)). The dot is a kind's share; its range goes from what
-only this kind explains to what it explains alone. What was expected comes from the publication or from a
-plain least-squares ladder. Held out means that nothing was developed on the recording before it ran for the
-first time. `docs/make_recordings.py` writes this page; data are no part of this project.
+and what nothing explains ([diagnosis](../explanation/diagnosis.md)). The dot is a kind's share; its range
+goes from what only this kind explains to what it explains alone. What was expected comes from the
+publication or from a plain least-squares ladder. Held out means that nothing was developed on the recording
+before it ran for the first time. `docs/make_recordings.py` writes this page; data are no part of this project.
 """
 ORIGINS = {  # of the sets: repository, licence, what was measured
     "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
@@ -202,7 +202,7 @@ def _section(entry: Entry) -> str:
         if budget is not None:
             name = f"{entry.name.replace(' ', '_')}-{channel.channel}.svg"
             (PICTURES / name).write_text(budget_picture(budget, WIDTH, INK) + "\n", encoding="utf-8")
-            lines += [budget.sentence, "", f"![error budget](pictures/recordings/{name})", ""]
+            lines += [budget.sentence, "", f"![error budget](../pictures/recordings/{name})", ""]
             lines += [line for confusion in budget.confusions for line in (confusion, "")]
         lines += [f"**Said**: *{verdict.word}*. {verdict.sentence}", ""]
     return "\n".join([*lines, f"**Data**: {entry.origin}.", ""])

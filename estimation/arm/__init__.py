@@ -1,1 +1,1 @@
-"""Base parameters of a whole arm, shared by all its joints; see docs/arm-identification.md."""
+"""Base parameters of a whole arm, shared by all its joints; see docs/explanation/identification.md."""

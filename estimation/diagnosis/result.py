@@ -1,4 +1,4 @@
-"""What a diagnosis says, in documented and stable keys (see docs/diagnosis.md)."""
+"""What a diagnosis says, in documented and stable keys (see docs/reference/json.md)."""
 
 from collections.abc import Mapping
 from enum import StrEnum

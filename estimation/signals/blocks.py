@@ -46,7 +46,7 @@ def number_pieces(time_s: FloatArray, run: IntArray) -> IntArray:
 
     A gap is also longer than the steps on either side of it: a rate that falls for good makes none. The start
     of a contact ends no piece. It bends the velocity without a jump, and a smoothing window across it is less
-    wrong than one-sided windows at the ends of two pieces would be (see docs/estimation.md).
+    wrong than one-sided windows at the ends of two pieces would be (see docs/explanation/estimation.md).
 
     Args:
         time_s: times [s], shape (n,).

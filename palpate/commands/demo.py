@@ -156,7 +156,10 @@ def _next(demo: Demo, hidden: HiddenDemo | None, again: str) -> None:
     session = typed(demo.session)
     steps = [
         (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
-        ("palpate doctor --robot my_arm.yaml", "your own arm, before it gets power (docs/hardware.md)"),
+        (
+            "palpate doctor --robot my_arm.yaml",
+            "your own arm, before it gets power (docs/how-to/hardware.md)",
+        ),
     ]
     if hidden is not None:
         if "recording" in hidden.files:

@@ -26,8 +26,8 @@ from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from sim_backend.scenario import load_scenario
 
-_HELP = "see docs/hardware.md, 'First power-up'"
-_WIRING = "see docs/hardware.md, 'Wiring'"
+_HELP = "see docs/how-to/hardware.md, 'First power-up'"
+_WIRING = "see docs/how-to/hardware.md, 'Wiring'"
 NOT_POWERED = warn(
     "drives", "not examined: the arm got no power", "palpate doctor --move, and a yes to its question"
 )

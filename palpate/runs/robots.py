@@ -63,7 +63,7 @@ def importable(packages: list[str]) -> tuple[str, ...]:
         with foreign_code(f"--drivers {package}"):
             own = _number_of_drivers(DriverCatalogue(package)) - _number_of_drivers(DriverCatalogue())
         if not own:
-            raise InputError(f"--drivers {package}: holds no driver (docs/hardware.md says what one is)")
+            raise InputError(f"--drivers {package}: holds no driver (docs/how-to/driver.md says what one is)")
     return tuple(packages)
 
 

@@ -167,7 +167,7 @@ PLAIN = (  # other servos, with the plain sync read, and the velocity by differe
 
 
 def open_documented() -> Bench:
-    """The driver of docs/hardware.md, on the gauge that it is written for."""
+    """The driver of docs/how-to/driver.md, on the gauge that it is written for."""
     text, pattern = ODRIVE.read_text(encoding="utf-8"), "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
     built = text.replace(LOADSTAR, f"driver: force_lines, pattern: '{pattern}'")
     named = text.replace(LOADSTAR, "driver: line_gauge")

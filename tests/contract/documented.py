@@ -1,4 +1,4 @@
-"""The driver that docs/hardware.md shows, as a module."""
+"""The driver that docs/how-to/driver.md shows, as a module."""
 
 import re
 import sys
@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "hardware.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "driver.md"
 
 
 @cache

@@ -1,15 +1,19 @@
 """What the documents tell readers to type into Python works as it stands there."""
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 
+from docs.make_commands import DOCUMENT, document
 from tests.palpate.cli import ROOT
 
-DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 EXAMPLES = [
-    pytest.param(code, id=f"{path.name}-{number}")
+    pytest.param(code, id=f"{path.parent.name}-{path.name}-{number}")
     for path in DOCUMENTS
     for number, code in enumerate(
         re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL), 1
@@ -29,7 +33,23 @@ def test_the_readme_and_the_session_format_have_examples():
     assert len(EXAMPLES) >= 2
 
 
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: f"{path.parent.name}-{path.name}")
 def test_what_a_document_points_to_is_there(path):
     links = re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8"))
     assert not [link for link in links if not (path.parent / link).exists()]
+
+
+def test_the_page_of_commands_is_what_their_help_says():
+    """Otherwise run `.venv/bin/python docs/make_commands.py`."""
+    assert DOCUMENT.read_text(encoding="utf-8") == document()
+
+
+def test_the_site_builds_and_asks_no_other_host(tmp_path):
+    environment = {"NO_MKDOCS_2_WARNING": "1", **os.environ}
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
+    assert result.returncode == 0, result.stderr
+    pages = list(tmp_path.rglob("*.html"))
+    assert len(pages) > 40
+    load = r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?(?:https?:)?//[^>]*>"
+    assert not [tag for page in pages for tag in re.findall(load, page.read_text(encoding="utf-8"))]

@@ -498,7 +498,7 @@ def test_the_command_shows_lines_and_what_to_do_next():
     assert "ok    joint 2 (node 1)" in result.stdout
     assert "'odrive_3dof' is well" in result.stdout
     assert result.stderr.index("palpate calibrate") < result.stderr.index("palpate probe --robot")
-    page = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "hardware.md").read_text(encoding="utf-8")
     assert FIRST_PROBE in result.stderr
     assert FIRST_PROBE in page  # one advice
 

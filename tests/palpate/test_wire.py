@@ -60,7 +60,7 @@ def test_what_emulated_devices_take_the_place_of_must_be_valid(tmp_path, command
 
 @pytest.mark.slow
 def test_an_arm_without_torque_mode_tells_a_stiffness(tmp_path):
-    """SO-101, as docs/so101.md has it."""
+    """SO-101, as docs/tutorial/so101.md has it."""
     path = tmp_path / "so101.mcap"
     plan = ("--scenario", "soft", "--speed-mm-s", "20,10", "--force-limit-n", 3, "--online", "none")
     done("probe", "--robot", ROOT / "robots/so101.yaml", "--wire", "-o", path, *plan)

@@ -91,7 +91,7 @@ class TestEveryEffect:
         )
 
     def test_is_in_the_documentation_with_its_parameters(self, name):
-        pages = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
+        pages = (Path(__file__).parents[2] / "docs" / "reference" / "effects.md").read_text()
         (row,) = [line for line in pages.splitlines() if line.startswith(f"| `{name}` |")]
         for parameter in IMPERFECTIONS[name].parameters():
             assert f"`{parameter.name}` [{parameter.unit}] {parameter.low:g} to {parameter.high:g}" in row

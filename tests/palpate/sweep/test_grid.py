@@ -109,7 +109,7 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, keys, words):
 
 
 @pytest.mark.parametrize(
-    ("path", "count"), [("docs/mine.yaml", 128), ("benchmarks/hundred_thousand.yaml", 100_000)]
+    ("path", "count"), [("docs/how-to/mine.yaml", 128), ("benchmarks/hundred_thousand.yaml", 100_000)]
 )
 def test_the_examples_are_as_large_as_they_say(path, count):
     assert sum(1 for _ in load_grid(ROOT / path).cases()) == count

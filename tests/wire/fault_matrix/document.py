@@ -6,7 +6,7 @@ from robot_io.guard import Limits
 from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
 from tests.wire.parts import ROOT
 
-DOCUMENT = ROOT / "docs" / "fault-matrix.md"
+DOCUMENT = ROOT / "docs" / "reference" / "fault-matrix.md"
 _HEAD = """\
 # What goes wrong, and what the arm then does
 
