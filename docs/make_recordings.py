@@ -39,7 +39,7 @@ budget: how the squared error of a simple base model in held-out runs divides am
 and what nothing explains ([diagnosis](../explanation/diagnosis.md)). The dot is a kind's share; its range
 goes from what only this kind explains to what it explains alone. What was expected comes from the
 publication or from a plain least-squares ladder. Held out means that nothing was developed on the recording
-before it ran for the first time. `docs/make_recordings.py` writes this page; data are no part of this project.
+before it ran for the first time. The data are no part of this project.
 """
 ORIGINS = {  # of the sets: repository, licence, what was measured
     "emps": ("forgi86/sysid-neural-continuous", "Apache-2.0", "prismatic drive, two runs at 1 kHz"),
