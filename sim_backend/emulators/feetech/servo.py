@@ -77,6 +77,7 @@ class EmulatedSts(LineServo):
         self._saved = bytes(self._memory[:EPROM_END])
         self.error = 0
         self.supply_v = self._voltage_v
+        self._watched: tuple[object, ...] = ()  # what it has seen and done with this memory
         self._look()
 
     def get(self, address: int, size: int = 2) -> int:
@@ -112,9 +113,14 @@ class EmulatedSts(LineServo):
         self._drive()
 
     def watch(self, now_s: float) -> None:
-        """Look at its position sensor, and control it."""
+        """Look at its position sensor, and control it; steps are shorter than samples of the joint."""
+        shaft = self.shaft
+        joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
+        if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:
+            return
         self._look()
         self._drive()
+        self._watched = (joint, self.stuck, self.error, self.supply_v, bytes(self._memory))
 
     def fail(self) -> None:
         self.error |= OVERLOAD
