@@ -21,26 +21,25 @@ def examinable(bench, backend):
     return found
 
 
-def test_what_is_as_it_should_be_is_said_to_be(examinable, bench):
-    for part in examinable:
+def test_looking_says_that_all_is_well_and_can_be_repeated_changes_nothing_and_powers_nothing(
+    examinable, bench
+):
+    first = [part.examine() for part in examinable]
+    for part, observations in zip(examinable, first, strict=True):
         wire_s = part.tick_wire_s()  # the bytes of a tick take some of its time
         assert wire_s is None or 0 < wire_s < bench.period_s
-        observations = part.examine()
         assert observations
         for seen in observations:
             assert seen.level is Level.OK, seen
             assert seen.subject
             assert seen.text
             assert not seen.remedy
-
-
-def test_looking_can_be_repeated_changes_nothing_and_powers_nothing(examinable, bench):
-    first = [[seen.subject for seen in part.examine()] for part in examinable]
-    assert [[seen.subject for seen in part.examine()] for part in examinable] == first
     bench.settle()
     assert np.isfinite(bench.read().joint_position_rad).all()
-    for part in examinable:
-        part.examine()
+    again = [part.examine() for part in examinable]
+    assert [[seen.subject for seen in found] for found in again] == [
+        [seen.subject for seen in found] for found in first
+    ]
     torque_nm = bench.read().joint_torque_nm
     assert np.abs(torque_nm).max() < 0.02 * max(bench.robot_file.limits.torque_nm)
     bench.robot.activate()  # as from any configured robot

@@ -16,8 +16,8 @@ from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
 
 GRID = """
-objects: [{name: kelvin_voigt, stiffness_n_m: [500, 800], damping_n_s_m: 10}]
-speeds_mm_s: [[150, 90]]
+objects: [{name: kelvin_voigt, stiffness_n_m: 500, damping_n_s_m: 10}]
+speeds_mm_s: [[150]]
 noise_std_n: [0.02]
 repeats: 1
 """

@@ -305,7 +305,9 @@ def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
     path = tmp_path / "left.mcap"
 
     async def left():
-        probing = asyncio.create_task(ran(["probe", "--realtime", "--out", str(path)], print))
+        probing = asyncio.create_task(
+            ran(["probe", "--realtime", "--speed-mm-s", "150", "--hold-s", "0.5", "--out", str(path)], print)
+        )
         while not path.exists() or path.stat().st_size < 200_000:
             await asyncio.sleep(0.1)
         probing.cancel()
