@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from calibration.force.fit import fit_force
-from calibration.force.plateaus import read_weighing
+from calibration.force import fit_force, read_weighing
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration import CalibrationJob

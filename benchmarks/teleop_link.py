@@ -33,7 +33,7 @@ from palpate.teleop.demo import run_demo, script
 from palpate.teleop.haptics import STREAM_NAME, HapticCommands, HapticJob, run_haptics
 from palpate.teleop.leader import MESSAGE_PERIOD_S, leader_metadata
 from robot_io.link import Heard, Report, decode, encode
-from robot_io.link.wire import WireType
+from robot_io.link.messages import WireType
 from robot_io.session import Session
 from robot_io.types import FloatArray
 from sim_backend.scenario import Scenario, load_scenario

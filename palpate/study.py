@@ -27,7 +27,7 @@ from palpate.runs.hidden_effects import scenario_of, true_parameters
 from palpate.user_effects import load_user_effects
 from palpate.user_effects.guard import place_of, rehearse, watched
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import read_text
+from robot_io.files.file_model import read_text
 from robot_io.files.urdf_text import last_link, parse_urdf
 from sim_backend.scenario import Scenario
 

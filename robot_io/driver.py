@@ -8,8 +8,7 @@ from pydantic import BaseModel
 
 from robot_io.clock import Clock
 from robot_io.errors import PalpateError, describe_error
-from robot_io.files.file_model import input_error, validate
-from robot_io.files.safe_yaml import KeyPath
+from robot_io.files.file_model import KeyPath, input_error, validate
 from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
 from robot_io.registry import Registry
 from robot_io.robot_file import RobotFile

@@ -6,8 +6,13 @@ from math import inf
 
 import numpy as np
 
-from robot_io.calibration.applied import Calibrations, load_calibrations
-from robot_io.calibration.devices import CalibratedEncoder, CalibratedForceSensor, CalibratedTorque
+from robot_io.calibration.applied import (
+    CalibratedEncoder,
+    CalibratedForceSensor,
+    CalibratedTorque,
+    Calibrations,
+    load_calibrations,
+)
 from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue, DriverContext, make_driver
 from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError

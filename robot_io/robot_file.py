@@ -8,8 +8,18 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.files.file_model import FileModel, NotNegative, Number, input_error, matching, validate
-from robot_io.files.safe_yaml import MOST_BYTES, YamlDocument, load_yaml, parse_yaml
+from robot_io.files.file_model import (
+    MOST_BYTES,
+    FileModel,
+    NotNegative,
+    Number,
+    YamlDocument,
+    input_error,
+    load_yaml,
+    matching,
+    parse_yaml,
+    validate,
+)
 from robot_io.guard import Limits, SafeState
 
 Name = Annotated[

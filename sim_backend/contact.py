@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from sim_backend.contact_law import ObjectLaw
-from sim_backend.contact_laws import EngineContact
+from sim_backend.contact_laws import ObjectLaw
+from sim_backend.contact_laws.standard import EngineContact
 from sim_backend.engines import Engine
 from sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 from robot_io.errors import InputError
-from sim_backend.contact_law import ObjectLaw
+from sim_backend.contact_laws import ObjectLaw
 from sim_backend.sensors import ArmSensorSettings
 
 CONTACT = "contact"

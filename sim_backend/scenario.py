@@ -8,10 +8,9 @@ import yaml
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, validate
-from robot_io.files.safe_yaml import load_yaml, parse_yaml
-from sim_backend.contact_law import ObjectLaw, describe_contact_law, parse_contact_law
-from sim_backend.contact_laws import EngineContact, KelvinVoigtLaw
+from robot_io.files.file_model import FileModel, Number, load_yaml, parse_yaml, validate
+from sim_backend.contact_laws import ObjectLaw, describe_contact_law, parse_contact_law
+from sim_backend.contact_laws.standard import EngineContact, KelvinVoigtLaw
 from sim_backend.engines import EngineName, default_engine
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
 from sim_backend.sensors import ArmSensorSettings

@@ -29,9 +29,9 @@ settings.load_profile("soon")
 
 def pytest_configure(config):
     """Read the same few files once; `make test-all`, which leaves no slow test out, tries more examples."""
-    from robot_io.files import safe_yaml  # once the number of threads is set
+    from robot_io.files import file_model  # once the number of threads is set
 
-    safe_yaml._composed = lru_cache(maxsize=64)(safe_yaml._composed)
+    file_model._composed = lru_cache(maxsize=64)(file_model._composed)
     if not config.option.markexpr:
         settings.load_profile("all")
 

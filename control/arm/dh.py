@@ -25,8 +25,7 @@ from pydantic import Field, model_validator
 
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, matching, validate
-from robot_io.files.safe_yaml import YamlDocument, load_yaml
+from robot_io.files.file_model import FileModel, Number, YamlDocument, load_yaml, matching, validate
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array
 

@@ -19,7 +19,7 @@ import pinocchio as pin
 from robot_io.calibration import Calibrations, load_calibrations
 from robot_io.captured import STDERR, STDOUT, captured
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import read_text
+from robot_io.files.file_model import read_text
 from robot_io.files.urdf_text import parse_urdf
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray, frozen_array

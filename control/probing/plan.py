@@ -10,8 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from control.paths.excitation import Excitation
 from control.paths.trajectory import blend_distance_m
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
-from robot_io.files.safe_yaml import load_yaml
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
 
 Speed = Annotated[Positive, Field(le=1.0)]
 JointSpeed = Annotated[float, Field(ge=0.05, le=20.0)]

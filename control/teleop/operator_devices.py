@@ -5,8 +5,7 @@ from pathlib import Path
 
 from robot_io.clock import Clock
 from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from robot_io.files.safe_yaml import YamlDocument, load_yaml
+from robot_io.files.file_model import YamlDocument, load_yaml, validate
 from robot_io.operator.device import OperatorDevice
 from robot_io.registry import Registry
 

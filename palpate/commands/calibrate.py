@@ -9,9 +9,8 @@ from typing import Annotated, NamedTuple
 import typer
 from plotly.graph_objects import Figure
 
-from calibration.arm.fit import ArmFit
-from calibration.force.fit import ForceFit, fit_force
-from calibration.force.plateaus import STANDARD_GRAVITY_M_S2, read_reference_file, read_weighing
+from calibration.arm_fit import ArmFit
+from calibration.force import STANDARD_GRAVITY_M_S2, ForceFit, fit_force, read_reference_file, read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate.common import console
 from palpate.common.console import command_group

@@ -28,11 +28,11 @@ from palpate.workflows.demo import (
     show_demo,
     solve,
 )
-from sim_backend.contact_laws import KelvinVoigtLaw
+from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.engines import EngineName
+from sim_backend.hidden import sealed_path
 from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
-from sim_backend.secret import sealed_path
 
 DEFAULT = "default"
 

@@ -10,8 +10,8 @@ from palpate.common import console
 from palpate.common.files import open_session
 from palpate.common.formatting import shown, significant, typed
 from palpate.runs.hidden_effects import open_answer, was_sealed
+from sim_backend.hidden import SealedAnswer
 from sim_backend.imperfection import Imperfection
-from sim_backend.secret import SealedAnswer
 
 
 def command(

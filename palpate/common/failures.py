@@ -15,7 +15,7 @@ from palpate.common.created_folders import remove_empty_folders
 from palpate.common.preflight import library_remedy
 from palpate.common.python_words import ErrorWording
 from robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
-from robot_io.files.safe_yaml import one_line
+from robot_io.files.file_model import one_line
 
 BAD_INPUT = 2
 FAILED = 1

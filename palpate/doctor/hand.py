@@ -5,7 +5,7 @@ import numpy as np
 from palpate.common import console
 from robot_io.robot_file import RobotFile
 from robot_io.types import FloatArray
-from sim_backend.emulators.plant import Plant
+from sim_backend.emulators.bench import Plant
 
 _TURN_S, _TURN_RAD = 0.4, 0.25  # of the emulated hand
 _PRESS_S, _PRESS_N = 0.3, 5.0

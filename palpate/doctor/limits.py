@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from control.arm.rigid_body import RigidBody
-from robot_io.drivers.serial_force.text import newtons_per
+from robot_io.drivers.serial_force.stream import newtons_per
 from robot_io.examination import Finding, Level, fail, graded, ok
 from robot_io.guard import Limits
 from robot_io.robot_file import RobotFile

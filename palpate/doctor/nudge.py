@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calibration.arm.motion import FreeMotion
+from calibration.arm_motion import FreeMotion
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.loop import run_loop

@@ -27,8 +27,7 @@ from palpate.planning.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsa
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from robot_io.files.safe_yaml import parse_yaml
+from robot_io.files.file_model import parse_yaml, validate
 from robot_io.session import Samples, Session
 from robot_io.types import FloatArray
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 from rich.console import Console
 
-from calibration.arm.fit import ArmFit
-from calibration.encoder.fit import EncoderFit
-from calibration.force.fit import ForceFit
+from calibration.arm_fit import ArmFit
+from calibration.encoder import EncoderFit
+from calibration.force import ForceFit
 from palpate.common.console import table
 from palpate.common.formatting import safe, significant
 from palpate.render import palette

@@ -7,13 +7,19 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from calibration.arm.clearance import paced, travel_speed_rad_s
-from calibration.arm.model import GravityBodies
-from calibration.arm.motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, PathTask, choose_path
-from calibration.encoder.stops import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
-from calibration.force.fit import check_references
-from calibration.force.plateaus import weigh
-from calibration.still import StillRobot
+from calibration.arm_fit import GravityBodies
+from calibration.arm_motion import (
+    GRAVITY_MOTION,
+    TORQUE_MOTION,
+    ExcitationSettings,
+    PathTask,
+    choose_path,
+    paced,
+    travel_speed_rad_s,
+)
+from calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
+from calibration.force import check_references, weigh
+from calibration.standstill import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import gains_of
 from control.loop.realtime import realtime

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from calibration.arm.fit import ArmFit, fit_arm, motion_of
-from calibration.arm.model import GravityBodies
-from calibration.encoder.fit import EncoderFit, fit_pose, fit_stops
-from calibration.force.fit import ForceFit
-from calibration.statistics import UncertainValue
+from calibration.arm_fit import ArmFit, GravityBodies, fit_arm, motion_of
+from calibration.encoder import EncoderFit, fit_pose, fit_stops
+from calibration.force import ForceFit
+from calibration.standstill import UncertainValue
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from palpate.common import console

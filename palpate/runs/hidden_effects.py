@@ -7,14 +7,12 @@ from palpate.common.files import existing_file
 from palpate.common.formatting import as_command
 from palpate.common.options import own_files
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, validate
-from robot_io.files.safe_yaml import load_yaml
+from robot_io.files.file_model import FileModel, load_yaml, validate
 from robot_io.session import Session, SessionMetadata
-from sim_backend.contact_laws import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
-from sim_backend.hidden import draw_hidden
+from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Hidden, Scenario, parse_scenario
-from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 
 RANDOM = "random"
 SEALED = "(sealed)"  # what stands in a command line for what is hidden

@@ -16,7 +16,7 @@ from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
-from sim_backend.drivers.simulated_robot import SimulatedBus
+from sim_backend.drivers import SimulatedBus
 from sim_backend.emulators.faults import Faults
 from sim_backend.emulators.wiring import WiredArm, wire_up
 from sim_backend.scenario import Scenario

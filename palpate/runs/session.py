@@ -27,7 +27,7 @@ from robot_io.guard import Guard
 from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import SessionMetadata, SessionWriter, Stream
-from sim_backend.drivers.simulated_robot import SimulatedBus
+from sim_backend.drivers import SimulatedBus
 from sim_backend.engines import EngineName
 from sim_backend.scenario import Scenario, load_scenario
 from sim_backend.world import World

@@ -17,7 +17,7 @@ from robot_io.guard import Guard
 from robot_io.robot import build_robot
 from robot_io.robot_file import RobotFile
 from robot_io.session import Samples
-from sim_backend.drivers.simulated_robot import SimulatedBus
+from sim_backend.drivers import SimulatedBus
 from sim_backend.scenario import Scenario
 
 

@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 
 from palpate.common.created_folders import make_folder
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import one_line
+from robot_io.files.file_model import one_line
 
 Row = dict[str, Any]
 Work = Callable[[Mapping[str, Any], int], list[Row]]

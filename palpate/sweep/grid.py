@@ -19,9 +19,8 @@ from palpate.runs.robots import find_robot
 from palpate.sweep.case import Case
 from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator, world
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, validate
-from robot_io.files.safe_yaml import load_yaml
-from sim_backend.contact_laws import HuntCrossleyLaw
+from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
+from sim_backend.contact_laws.standard import HuntCrossleyLaw
 
 SHIPPED = Path(__file__).parent / "grids"
 ESTIMATE, DIAGNOSE = "palpate.sweep.works.probing:estimate", "palpate.sweep.works.probing:diagnosed"

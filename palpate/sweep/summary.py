@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.sweep.case import Row
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import one_line
+from robot_io.files.file_model import one_line
 from robot_io.types import FloatArray
 
 TRUE, BOUND, LOW, HIGH = "true ", "bound ", "low ", "high "

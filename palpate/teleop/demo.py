@@ -21,7 +21,7 @@ from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessi
 from palpate.teleop.recording import draw, record_both
 from robot_io.errors import PalpateError
 from robot_io.session import Session
-from sim_backend.contact_laws import KelvinVoigtLaw
+from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,

@@ -18,7 +18,7 @@ from robot_io.errors import InputError
 from robot_io.link import ContactModel, EstimatedParameter, ObjectEstimate, Report, short_number
 from robot_io.link.messages import MOST_TARGETS
 from sim_backend.contact import ObjectResponse
-from sim_backend.contact_law import describe_contact_law, parse_contact_law
+from sim_backend.contact_laws import describe_contact_law, parse_contact_law
 from sim_backend.hidden import hidden_effects
 from sim_backend.hooks import ContactState
 from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection

@@ -19,11 +19,10 @@ from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.study import Study
 from robot_io.session import Session
-from sim_backend.hidden import noise_scale
+from sim_backend.hidden import SealedAnswer, noise_scale
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.noise_scale import CONTACT
 from sim_backend.scenario import Scenario
-from sim_backend.secret import SealedAnswer
 
 PLAN = ProbingPlan()  # the paper's three speeds
 HIDDEN_PLAN = ProbingPlan(repeats=2)

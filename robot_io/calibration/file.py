@@ -16,12 +16,14 @@ from robot_io.files.file_model import (
     FileModel,
     NotNegative,
     Number,
+    YamlDocument,
     input_error,
+    load_yaml,
     matching,
+    parse_yaml,
     problem_at,
     validate,
 )
-from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
 
 MAX_BYTES = 64 * 1024
 MOST_JOINTS = 32

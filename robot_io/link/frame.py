@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from robot_io.errors import InputError, ProtocolError
-from robot_io.link.messages import Intent, Message, ObjectEstimate, Report
-from robot_io.link.wire import WireType
+from robot_io.link.messages import Intent, Message, ObjectEstimate, Report, WireType
 
 _LEAST_BYTES, _MOST_BYTES = 16, 4096  # of a key
 

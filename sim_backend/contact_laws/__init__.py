@@ -1,5 +1,73 @@
-"""Contact laws, found by name; see `sim_backend.contact_law`."""
+"""Contact laws, found by name: the force that an object returns at a depth and a rate of depth."""
 
-from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
-__all__ = ["EngineContact", "HuntCrossleyLaw", "KelvinVoigtLaw"]
+from robot_io.files.file_model import FileModel, member
+from robot_io.registry import Registry
+
+
+class ObjectLaw(FileModel, ABC):
+    """A memoryless law F(depth, rate); its fields are its parameters, validated on construction.
+
+    Memory (relaxation, plastic set ...) is added by a `ContactEffect`.
+    """
+
+    name: ClassVar[str]  # what a scenario calls it
+
+    @abstractmethod
+    def material_force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """Compute the force of the material below the surface.
+
+        Args:
+            depth_m: of the tip below the undeformed surface, positive [m].
+            rate_m_s: of the depth, positive while pressing in [m/s].
+
+        Returns:
+            Force [N]; negative where the material would have to pull.
+        """
+
+    def force_n(self, depth_m: float, rate_m_s: float) -> float:
+        """Compute the force of the object on the tip along the outward surface normal.
+
+        Args:
+            depth_m: of the tip below the undeformed surface [m]; zero or less is no contact.
+            rate_m_s: of the depth, positive while pressing in [m/s].
+
+        Returns:
+            Force [N].
+        """
+        force_n = self.material_force_n(depth_m, rate_m_s) if depth_m > 0.0 else 0.0
+        return force_n if force_n > 0.0 or self.can_pull else 0.0
+
+    @property
+    def can_pull(self) -> bool:
+        """Whether the object may pull while the tip is below its surface."""
+        return False
+
+
+CONTACT_LAWS: Registry[ObjectLaw] = Registry("contact law", ObjectLaw, "sim_backend.contact_laws")  # type: ignore[type-abstract]
+
+
+def parse_contact_law(value: object) -> ObjectLaw:
+    """Make a law from a scenario's `{name: ..., parameter: ...}`; see `member`.
+
+    Args:
+        value: a mapping, or a law.
+
+    Returns:
+        The law.
+    """
+    return member(value, CONTACT_LAWS, "name")
+
+
+def describe_contact_law(law: ObjectLaw) -> dict[str, object]:
+    """Convert a law to what `parse_contact_law` reads.
+
+    Args:
+        law: the law.
+
+    Returns:
+        Its name and parameters.
+    """
+    return {"name": law.name, **law.model_dump()}

@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from robot_io.files.file_model import Number
-from sim_backend.contact_law import ObjectLaw
+from sim_backend.contact_laws import ObjectLaw
 
 
 class EngineContact(ObjectLaw):

@@ -13,10 +13,8 @@ from typing import Annotated, ClassVar, NamedTuple, Self, TypeVar
 from pydantic import Field, field_validator, model_validator
 
 from robot_io.files.file_model import FileModel, Number
-from sim_backend.emulators.bench import EmulatedWire, heard_at
+from sim_backend.emulators.bench import EmulatedWire, JointState, Plant, Shaft, heard_at
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
-from sim_backend.emulators.plant import JointState, Plant
-from sim_backend.emulators.shaft import Shaft
 
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
 _SLIP_RAD = 0.1

@@ -12,9 +12,8 @@ from robot_io.clock import Clock, SimulatedClock
 from robot_io.errors import InputError
 from robot_io.registry import Registry
 from robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
-from sim_backend.emulators.bench import Bench, EmulatedWire
+from sim_backend.emulators.bench import Bench, EmulatedWire, Plant
 from sim_backend.emulators.faults import Faults
-from sim_backend.emulators.plant import Plant
 from sim_backend.hooks import NO_EFFECTS, HiddenEffects
 from sim_backend.scenario import Scenario
 

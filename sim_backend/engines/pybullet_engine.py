@@ -11,7 +11,7 @@ import numpy as np
 from robot_io.captured import STDERR, STDOUT, captured
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
-from sim_backend.contact_laws import EngineContact
+from sim_backend.contact_laws.standard import EngineContact
 from sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
 
 with captured([], STDERR):  # which it greets on

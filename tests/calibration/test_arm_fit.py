@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.fit import ArmMotion, fit_arm
-from calibration.arm.model import GravityBodies
-from calibration.arm.motion import TORQUE_MOTION, FourierPath, choose_path
+from calibration.arm_fit import ArmMotion, GravityBodies, fit_arm
+from calibration.arm_motion import TORQUE_MOTION, FourierPath, choose_path
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration.applied import gravity_base_m_s2
 from robot_io.errors import InputError

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.force.fit import fit_force
-from calibration.force.plateaus import find_plateaus, plateaus_of
+from calibration.force import find_plateaus, fit_force, plateaus_of
 from robot_io.errors import InputError
 
 UP_AND_DOWN_N = [0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0]

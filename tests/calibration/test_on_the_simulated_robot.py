@@ -7,10 +7,9 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from calibration.arm.motion import ExcitationSettings
-from calibration.encoder.stops import StopSettings
-from calibration.force.fit import fit_force
-from calibration.force.plateaus import read_weighing
+from calibration.arm_motion import ExcitationSettings
+from calibration.encoder import StopSettings
+from calibration.force import fit_force, read_weighing
 from control.probing.plan import ProbingPlan
 from estimation.study.estimates import estimate_with
 from estimation.study.sessions import arm_of

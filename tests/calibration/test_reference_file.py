@@ -4,8 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.force.fit import fit_force
-from calibration.force.plateaus import read_reference_file
+from calibration.force import fit_force, read_reference_file
 from robot_io.errors import InputError
 
 DATA = Path(os.environ.get("PALPATE_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data"))

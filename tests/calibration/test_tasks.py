@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.model import GravityBodies
-from calibration.arm.motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, FreeMotion, choose_path
-from calibration.encoder.stops import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
-from calibration.still import StillRobot
+from calibration.arm_fit import GravityBodies
+from calibration.arm_motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, FreeMotion, choose_path
+from calibration.encoder import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
+from calibration.standstill import StillRobot
 from control.arm.rigid_body import RigidBody
 from control.laws.gains import TrackingGains, gains_of
 from control.loop.task import Phase

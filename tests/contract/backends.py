@@ -13,7 +13,7 @@ from robot_io.robot import Robot, build_robot
 from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from robot_io.types import Command, Measurement
 from sim_backend.imperfection import Imperfection
-from sim_backend.imperfections.transmission import HiddenArmature
+from sim_backend.imperfections.joint import HiddenArmature
 from sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file

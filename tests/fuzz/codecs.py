@@ -11,27 +11,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.drivers.bota.protocol import FRAME_SIZE, BotaStream
+from robot_io.drivers import moteus
+from robot_io.drivers import odrive_protocol as odrive
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.dynamixel import protocol as dynamixel
 from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.makers import DIALECTS, Maker
-from robot_io.drivers.mit.robstride import RobstrideFrames
-from robot_io.drivers.moteus import protocol as moteus
-from robot_io.drivers.net_ft.protocol import NetFtStream
-from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.serial_force.force_lines import pattern_stream
-from robot_io.drivers.serial_force.loadstar import loadstar_stream
-from robot_io.drivers.serial_force.lorenz_protocol import LorenzStream, Telegram, TelegramReader
-from robot_io.drivers.serial_force.mark10 import Mark10Stream
+from robot_io.drivers.mit.protocol import RobstrideFrames
+from robot_io.drivers.mit.settings import DIALECTS, Maker
+from robot_io.drivers.net_ft import NetFtStream
+from robot_io.drivers.serial_force.bota import FRAME_SIZE, BotaStream
+from robot_io.drivers.serial_force.gauges import Mark10Stream, loadstar_stream, pattern_stream
+from robot_io.drivers.serial_force.lorenz import LorenzStream, Telegram, TelegramReader
 from robot_io.drivers.serial_force.microcontroller_cell import CellStream
-from robot_io.drivers.serial_force.poll import Poll
+from robot_io.drivers.serial_force.stream import Poll
 from robot_io.errors import ProtocolError
-from sim_backend.emulators.dynamixel import wire as dynamixel_wire
-from sim_backend.emulators.feetech import wire as feetech_wire
-from sim_backend.emulators.net_ft import box
-from sim_backend.emulators.serial import bota, cell, sensors
+from sim_backend.emulators import dynamixel as dynamixel_wire
+from sim_backend.emulators import feetech as feetech_wire
+from sim_backend.emulators import net_ft, serial_sensors
 
 Rng = np.random.Generator
 MOST_RANDOM = 64  # bytes of a random input
@@ -329,7 +326,7 @@ def is_wrong_odrive(data: bytes, _seen: bytes, accepted) -> bool:
 
 def bota_frame(rng: Rng, number: int) -> bytes:
     status = 0 if rng.random() < 0.9 else 1 << int(rng.integers(16))
-    return bota.frame(status, rng.normal(scale=30.0, size=6).tolist(), 1250 * (number + 1))
+    return serial_sensors.bota_frame(status, rng.normal(scale=30.0, size=6).tolist(), 1250 * (number + 1))
 
 
 def is_wrong_bota(_data: bytes, seen: bytes, accepted) -> bool:
@@ -337,7 +334,7 @@ def is_wrong_bota(_data: bytes, seen: bytes, accepted) -> bool:
 
     def holds(body: bytes) -> bool:
         data, status = body[:-2], body[0] + 256 * body[1]
-        if bota.crc(data) != body[-2] + 256 * body[-1] or status & ~2:
+        if serial_sensors.bota_crc(data) != body[-2] + 256 * body[-1] or status & ~2:
             return False
         force_n = float(np.frombuffer(data[10:14], "<f4")[0])
         return accepted in ((force_n,) if status == 0 else (force_n, 100.0, -100.0))
@@ -348,14 +345,14 @@ def is_wrong_bota(_data: bytes, seen: bytes, accepted) -> bool:
 
 def lorenz_telegram(rng: Rng, _number: int) -> bytes:
     parameters = rng.choice(np.array([0, 1, 2, 3, 255], np.uint8), int(rng.integers(12))).tobytes()
-    return sensors.telegram(int(rng.integers(256)), 255, parameters)
+    return serial_sensors.telegram(int(rng.integers(256)), 255, parameters)
 
 
 def is_wrong_telegram(data: bytes, _seen: bytes, accepted) -> bool:
     if not isinstance(accepted, Telegram):
         return True
     again = (accepted.command, accepted.receiver, accepted.parameters, accepted.sender)
-    return sensors.telegram(*again) not in data
+    return serial_sensors.telegram(*again) not in data
 
 
 def lorenz_samples(rng: Rng, number: int) -> bytes:
@@ -375,7 +372,7 @@ def is_wrong_lorenz_sample(_data: bytes, seen: bytes, accepted) -> bool:
 
 def net_ft_record(rng: Rng, number: int) -> bytes:
     status = 0 if rng.random() < 0.9 else 1 << int(rng.integers(32))
-    return box.record(number + 1, 7 * (number + 1), status, rng.integers(-(2**31), 2**31, 6).tolist())
+    return net_ft.record(number + 1, 7 * (number + 1), status, rng.integers(-(2**31), 2**31, 6).tolist())
 
 
 def is_wrong_net_ft(data: bytes, _seen: bytes, accepted) -> bool:
@@ -414,7 +411,7 @@ def is_wrong_mark10(_data: bytes, seen: bytes, accepted) -> bool:
 def is_wrong_cell(_data: bytes, seen: bytes, accepted) -> bool:
     """The number must be the last word of a line with the CRC that the emulator would have made."""
     parts = (line.rpartition(b"*") for line in lines(seen))
-    sound = (text.split() for text, _, digits in parts if digits == b"%04X" % cell.crc(text))
+    sound = (text.split() for text, _, digits in parts if digits == b"%04X" % serial_sensors.cell_crc(text))
     return not any(is_number(words[-1], accepted) for words in sound if words)
 
 
@@ -473,7 +470,9 @@ CODECS: dict[str, Codec] = {
         400,
     ),
     "microcontroller_cell": Codec(
-        lambda rng, number: cell.line(f"{(number + 1) % 256} {int(rng.integers(-(1 << 23), 1 << 23))}"),
+        lambda rng, number: serial_sensors.cell_line(
+            f"{(number + 1) % 256} {int(rng.integers(-(1 << 23), 1 << 23))}"
+        ),
         stream(lambda: CellStream(1.0, 0.0, 100.0, 320.0)),
         is_wrong_cell,
         400,

@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from robot_io.drivers import moteus
+from robot_io.drivers import odrive_protocol as odrive
 from robot_io.drivers.dynamixel import protocol as dynamixel
 from robot_io.drivers.feetech import protocol as feetech
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit import robstride
-from robot_io.drivers.moteus import protocol as moteus
-from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.serial_force import lorenz_protocol, mark10, microcontroller_cell, text
+from robot_io.drivers.serial_force import gauges, lorenz, microcontroller_cell, stream
 from robot_io.errors import ProtocolError
 from tests.fuzz.codecs import CODECS, Codec, run
 
@@ -62,9 +61,9 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("mit", mit, "_MAX_12", lambda old: 4096),
     ("mit", mit, "from_bits", lambda old: lambda bits, half, largest: -old(bits, half, largest)),
     ("mit", mit, "expect_length", lambda old: lambda *args: None),
-    ("mit_robstride", robstride, "_FOUR_WORDS", lambda old: struct.Struct("<4H")),
-    ("mit_robstride", robstride, "_MODES", lambda old: 4),
-    ("mit_robstride", robstride.RobstrideFrames, "sender", lambda old: lambda frames, frame: 1),
+    ("mit_robstride", mit, "_FOUR_WORDS", lambda old: struct.Struct("<4H")),
+    ("mit_robstride", mit, "_MODES", lambda old: 4),
+    ("mit_robstride", mit.RobstrideFrames, "sender", lambda old: lambda frames, frame: 1),
     ("moteus", moteus, "_HEADS", lambda old: Anything()),
     ("moteus", moteus, "_ANSWER", lambda old: struct.Struct(">2sb2s3f3s4b")),
     ("moteus", moteus, "isfinite", lambda old: lambda value: True),
@@ -72,11 +71,11 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("odrive", odrive, "isfinite", lambda old: lambda value: True),
     ("odrive", odrive, "_two_finite_floats", lambda old: lambda *args: old(*args)[::-1]),
     ("odrive", odrive, "_WORD", lambda old: struct.Struct(">I")),
-    ("lorenz_telegram", lorenz_protocol, "checksums", lambda old: lambda content: AnyPair()),
+    ("lorenz_telegram", lorenz, "checksums", lambda old: lambda content: AnyPair()),
     ("microcontroller_cell", microcontroller_cell, "checked", lambda old: lambda line: line.decode("latin1")),
-    ("mark10", mark10, "_READING", lambda old: re.compile(r"([+-]?[0-9.]+) ?([A-Za-z]*).*")),
-    ("mark10", mark10, "newtons_per", lambda old: lambda unit: 2.0),
-    ("loadstar", text, "float", lambda old: lambda number: 10.0 * float(number)),
+    ("mark10", gauges, "_READING", lambda old: re.compile(r"([+-]?[0-9.]+) ?([A-Za-z]*).*")),
+    ("mark10", gauges, "newtons_per", lambda old: lambda unit: 2.0),
+    ("loadstar", stream, "float", lambda old: lambda number: 10.0 * float(number)),
 ]
 
 
@@ -96,7 +95,7 @@ def test_a_stream_that_ignores_its_counters_is_found_out(monkeypatch):
         cut = (buffer[place + 1 : place + 3] for place in range(0, whole, 3))
         return [self._factor * int.from_bytes(value, "big", signed=True) for value in cut]
 
-    monkeypatch.setattr(lorenz_protocol.LorenzStream, "feed", feed)
+    monkeypatch.setattr(lorenz.LorenzStream, "feed", feed)
     assert run(CODECS["lorenz_stream"], INPUTS, np.random.default_rng(1)).wrong
 
 

@@ -2,7 +2,7 @@
 
 import re
 
-from robot_io.files.safe_yaml import load_yaml, parse_yaml
+from robot_io.files.file_model import load_yaml, parse_yaml
 from tests.palpate.cli import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "robot-file.md"

@@ -15,10 +15,9 @@ from palpate.runs.session import ArmJob, begun_session
 from palpate.study import Study
 from robot_io.errors import SessionError
 from robot_io.session import Session, SessionMetadata
-from sim_backend.hidden import draw_hidden, noise_scale
+from sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
 from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
 from sim_backend.scenario import Scenario, load_scenario
-from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 

@@ -12,7 +12,7 @@ from palpate.runs.probing import ProbingJob, ProbingOutcome, run_probing
 from palpate.runs.robots import find_robot
 from robot_io.errors import DeviceError, SafetyTripError
 from robot_io.session import SessionWriter
-from sim_backend.drivers.simulated_robot import SimTorque
+from sim_backend.drivers import SimTorque
 from tests.palpate.cli import run
 
 

@@ -14,7 +14,7 @@ from robot_io.calibration import load_calibration
 from robot_io.errors import InputError
 from robot_io.robot_file import parse_robot_file
 from robot_io.session import Session
-from sim_backend.secret import sealed_path
+from sim_backend.hidden import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")

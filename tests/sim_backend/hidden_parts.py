@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim_backend.contact_laws import KelvinVoigtLaw
+from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
 from sim_backend.scenario import load_scenario
 from sim_backend.world import World

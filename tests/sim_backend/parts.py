@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws import KelvinVoigtLaw
+from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.hooks import NO_EFFECTS
 from sim_backend.scenario import load_scenario
 from sim_backend.world import ArmDescription, World

@@ -6,7 +6,7 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from robot_io.errors import InputError
-from sim_backend.contact_laws import KelvinVoigtLaw
+from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.world import ArmDescription
 from tests.sim_backend.parts import (
     ARM_NAMES,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robot_io.errors import InputError
 from sim_backend import engines
-from sim_backend.contact_law import CONTACT_LAWS
+from sim_backend.contact_laws import CONTACT_LAWS
 from sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
 from sim_backend.imperfection import (
     IMPERFECTIONS,

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.errors import InputError
-from sim_backend.hidden import draw_hidden
+from sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
 from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.secret import SealedAnswer, seal, sealed_path, unseal
 
 MADE = "2025-01-02T03:04:05+00:00"
 

@@ -7,7 +7,7 @@ import pytest
 
 from robot_io.errors import InputError
 from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
 from sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
 from sim_backend.world import world_of
 from tests.sim_backend.parts import (

@@ -7,7 +7,7 @@ from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.guard import Guard
-from sim_backend.imperfections.joint_torque import HiddenCoulombFriction
+from sim_backend.imperfections.joint import HiddenCoulombFriction
 from tests.control.loop_parts import MemoryLog
 from tests.wire.parts import DYNAMIXEL
 

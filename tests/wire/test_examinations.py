@@ -7,7 +7,7 @@ import pytest
 
 from robot_io.errors import DeviceError
 from robot_io.examination import Level
-from sim_backend.emulators.dynamixel import control_table as table
+from sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 

@@ -8,7 +8,7 @@ from hypothesis import settings
 
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from sim_backend.emulators.serial.sensors import EmulatedLoadstar
+from sim_backend.emulators.serial_sensors import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 

@@ -8,9 +8,9 @@ import pytest
 
 from robot_io.clock import MonotonicClock
 from robot_io.driver import DriverCatalogue
-from robot_io.drivers.serial_force import lorenz_protocol as lorenz
-from robot_io.drivers.serial_force.loadstar import loadstar_stream
-from robot_io.drivers.serial_force.reader import SerialReader
+from robot_io.drivers.serial_force import lorenz
+from robot_io.drivers.serial_force.gauges import loadstar_stream
+from robot_io.drivers.serial_force.line import SerialReader
 from robot_io.errors import DeviceError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file

@@ -1,16 +1,21 @@
-"""Joints driven by motors on a CAN bus: the part that all motor protocols share."""
+"""Joints driven by motors on a CAN bus, also by motors that speak only when they are spoken to.
+
+Of motors that speak only when they are spoken to, each command is answered with the motor's state, which the
+next poll takes in. While the torque is off, each poll asks again. Answers carry no time and no number: each
+belongs to the oldest open request of its motor, and is as old as that.
+"""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from math import inf
-from typing import Annotated
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 from pydantic import StrictBool
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import JointBus, check_one_per_joint
 from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
+from robot_io.drivers.joint_bus import JointBus, RequestQueue, check_one_per_joint
 from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
 from robot_io.examination import Examinable, Finding, fail, warn
 from robot_io.files.file_model import FileModel, Number, ZeroAngle, between
@@ -240,3 +245,239 @@ class MotorBus(JointBus, Examinable):
             if self._clock.now_s() >= end_s:
                 return False
             self._clock.sleep_until(self._clock.now_s() + _LOOK_S)
+
+
+ANSWER_S = 0.05  # more than any motor takes
+_TWICE_S = 2e-3  # after the last motor's answer: a second motor with the same id has answered too by then
+_LATEST_WATCHDOG = 1.5  # times its time: it has fired by then
+_MARGIN_SHARE = 0.5  # of a tick, by which delays vary
+_TWO_MOTORS = "do two motors have this id?"
+
+StateType = TypeVar("StateType")
+
+
+class AskedMotorBus(MotorBus, Generic[StateType]):
+    """Motors that answer each frame with their state, and let go when they hear no commands.
+
+    Args:
+        line: How the adapter is opened.
+        mountings: How each motor moves its joint (n).
+        context: What a driver is given.
+        motor_ids: Id of each motor (n).
+        watchdog_s: How long after the last command they let go [s].
+    """
+
+    def __init__(
+        self,
+        line: CanLineSettings,
+        mountings: Sequence[MotorMounting],
+        context: DriverContext,
+        motor_ids: Sequence[int],
+        watchdog_s: float,
+    ) -> None:
+        super().__init__(line, mountings, context)
+        self._motor_ids, self._watchdog_s = tuple(motor_ids), watchdog_s
+        self._joint_by_id = {motor_id: joint for joint, motor_id in enumerate(motor_ids)}
+        self._errors = [0] * len(mountings)
+        self._enabled: list[bool | None] = [None] * len(mountings)
+        margin_s = _MARGIN_SHARE / context.robot_file.control_rate_hz
+        self._requests = [RequestQueue(margin_s, ANSWER_S) for _ in mountings]
+        self._states: list[list[tuple[StateType, float]]] = [[] for _ in mountings]  # since the last look
+        self._newest: list[StateType | None] = [None] * len(mountings)  # whose request is not known yet
+        self._answers, self._unasked = [0] * len(mountings), [0] * len(mountings)
+        self._commanded_s = -inf
+        self._command: list[CanFrame] = []
+        self._flushed = False
+
+    # What a protocol adds.
+
+    @abstractmethod
+    def _questions(self, joint: int) -> list[CanFrame]:
+        """Frames that make a motor without torque say its state."""
+
+    @abstractmethod
+    def _motor_asked(self, frame: CanFrame) -> int | None:
+        """The motor that answers a frame with its state, by its id; None if none does."""
+
+    @abstractmethod
+    def _condition(self, state: StateType) -> tuple[int, bool | None]:
+        """A motor's error, 0 for none, and whether it is in motor mode, None where it does not say so."""
+
+    @abstractmethod
+    def _keep(self, joint: int, state: StateType, asked_s: float) -> None:
+        """Keep what a motor says of its joint's motion; it was asked for it at `asked_s` [s]."""
+
+    @abstractmethod
+    def _error_names(self, error: int) -> str:
+        """What an error means."""
+
+    def _error(self, joint: int) -> int:
+        """What is wrong with a motor; 0 is nothing."""
+        return self._errors[joint]
+
+    # What is common.
+
+    def motor_label(self, joint: int) -> str:
+        return f"joint {joint + 1} (motor {self._motor_ids[joint]})"
+
+    def _hear_all(self) -> None:
+        """Open the adapter and hear every motor.
+
+        DeviceError: it cannot be opened, or a motor is silent or has another one's id.
+        """
+        self.line.open()
+        self._unasked = [0] * self.joint_count
+        self._ask()
+        self._wait_for(lambda: -inf not in self._motion_at_s or any(self._unasked), ANSWER_S)
+        self._wait_for(lambda: False, _TWICE_S)
+        self._refuse_twins()
+        silent = [joint for joint, at_s in enumerate(self._motion_at_s) if at_s == -inf]
+        if silent:
+            labels = ", ".join(map(self.motor_label, silent))
+            heard = (
+                f"; heard frames {self._foreign_listed}: {self._foreign_remedy}" if self._foreign_ids else ""
+            )
+            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {labels}{heard}")
+
+    def _ask(self) -> None:
+        """Ask all motors, whose torque is off, for their states."""
+        self._send_all([frame for joint in range(self.joint_count) for frame in self._questions(joint)])
+
+    def _refuse_twins(self) -> None:
+        """DeviceError: a motor has answered more often than it was asked."""
+        if twins := self._twins():
+            raise DeviceError(f"{self.line.label}: {twins}")
+
+    def _twins(self) -> str:
+        """Which motors have answered more often than they were asked, or nothing."""
+        labels = [self.motor_label(joint) for joint, count in enumerate(self._unasked) if count]
+        said = f"answers more often than it is asked: {_TWO_MOTORS}"
+        return "; ".join(f"{label}: {said}" for label in labels)
+
+    def poll(self, deadline_s: float) -> None:
+        """See `MotorBus.poll`; where no command has been sent since the last poll, asks for the next one."""
+        try:
+            super().poll(deadline_s)
+        finally:
+            if not self.line.bus_off:
+                self._request_states()
+            self._flushed = False
+
+    def flush(self, deadline_s: float) -> None:
+        if self._staged:
+            self._commanded_s, self._command, self._flushed = self._clock.now_s(), self._staged, True
+            self._staged = [self._staged[joint] for joint in self._joints_to_ask()]
+        super().flush(deadline_s)
+
+    def _joints_to_ask(self) -> list[int]:
+        """All but those whose motors are to be asked nothing this time, see `RequestQueue.skip`."""
+        return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
+
+    def _request_states(self) -> None:
+        """Make the motors answer: say the last command again, but not for longer than the watchdog's time."""
+        if not self._powered:
+            self._send_all([frame for joint in self._joints_to_ask() for frame in self._questions(joint)])
+        elif not self._flushed:
+            forgotten = self._clock.now_s() - self._commanded_s > self._watchdog_s
+            frames = self._zero_torque() if forgotten else self._command
+            self._send_all([frames[joint] for joint in self._joints_to_ask()])
+
+    def _send(self, frame: CanFrame, deadline_s: float) -> None:
+        motor_id = self._motor_asked(frame)
+        if motor_id is not None:
+            self._requests[self._joint_by_id[motor_id]].ask(self._clock.now_s())
+        super()._send(frame, deadline_s)
+
+    def _drain(self, deadline_s: float) -> None:
+        super()._drain(deadline_s)
+        now_s = self._clock.now_s()
+        for joint, requests in enumerate(self._requests):
+            self._match(joint)
+            if requests.settle(now_s) is not None:
+                self._newest[joint] = None  # whose request is not known
+            state = self._newest[joint]
+            if state is not None and not requests.is_unsure:
+                self._newest[joint] = None
+                self._keep(joint, state, requests.answered_s)
+
+    def _match(self, joint: int) -> None:
+        """Find the newest of the states that a motor has sent since the last look.
+
+        More states than requests are those of several motors, or late ones: if they differ, none is believed.
+        """
+        states, self._states[joint] = self._states[joint], []
+        asked = [state for state, at_s in states if self._requests[joint].answer(at_s)]
+        self._answers[joint] += len(asked)
+        self._unasked[joint] += len(states) - len(asked)
+        if len(asked) < len(states) and any(state != states[0][0] for state, _ in states):
+            self._newest[joint] = None
+            self._last_problem[joint] = f"more answers than requests: {_TWO_MOTORS}"
+        elif asked:
+            self._newest[joint] = asked[-1]
+            self._errors[joint], self._enabled[joint] = self._condition(asked[-1])
+
+    def _fault(self, joint: int, now_s: float) -> str:
+        error = self._error(joint)
+        if not error and self._powered and self._enabled[joint] is False:
+            return "has left motor mode; has it restarted?"
+        return self._error_names(error) if error else ""
+
+    def _zero_torque(self) -> list[CanFrame]:
+        return [self._encode_torque(joint, 0.0)[0] for joint in range(self.joint_count)]
+
+    def _send_confirmed(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
+        """Send frames, two or more to each motor, and wait until each has answered twice.
+
+        One that says whether it is in motor mode must say `enabled`, or that it has an error.
+
+        DeviceError: a motor has not answered so.
+        """
+        self._answers, self._unasked = [0] * self.joint_count, [0] * self.joint_count
+        self._send_all(frames)
+
+        def missing() -> list[str]:
+            wrong = [
+                not self._error(joint) and said not in (None, enabled)
+                for joint, said in enumerate(self._enabled)
+            ]
+            return [
+                self.motor_label(joint)
+                for joint, answers in enumerate(self._answers)
+                if answers < 2 or wrong[joint]
+            ]
+
+        if not self._wait_for(lambda: not missing(), ANSWER_S):
+            twins = f"; {self._twins()}" if any(self._unasked) else ""
+            raise DeviceError(f"{self.line.label}: {problem} {', '.join(missing())}{twins}")
+
+    def _answered(self, frames: list[CanFrame]) -> None:
+        """Send one frame to each motor and wait for the answers. DeviceError: a motor is silent."""
+        self._answers = [0] * self.joint_count
+        self._send_all(frames)
+        if not self._wait_for(lambda: all(self._answers), ANSWER_S):
+            silent = self.motor_label(self._answers.index(0))
+            raise DeviceError(f"{self.line.label}: no answer in {ANSWER_S} s from {silent}")
+
+    def _refuse_errors(self, but: int | None = None) -> None:
+        """DeviceError: some motors have errors, other than `but`; with their names."""
+        errors = [self._error(joint) for joint in range(self.joint_count)]
+        problems = [
+            f"{self.motor_label(joint)}: {self._error_names(error)}"
+            for joint, error in enumerate(errors)
+            if error not in (0, but)
+        ]
+        if problems:
+            raise DeviceError(f"{self.line.label}: {'; '.join(problems)}: remove the cause, then restart it")
+
+    def _outlast_watchdogs(self) -> None:
+        """Say nothing for longer than motors may go on."""
+        self._clock.sleep_until(self._clock.now_s() + _LATEST_WATCHDOG * self._watchdog_s)
+
+    def _refuse_going_on(self, going_on: Sequence[bool], how: str) -> None:
+        """DeviceError: some motors went on (n) after the silence, and how that is seen."""
+        if any(going_on):
+            alive = ", ".join(self.motor_label(joint) for joint, on in enumerate(going_on) if on)
+            raise DeviceError(
+                f"{self.line.label}: {alive} {how} after {_LATEST_WATCHDOG * self._watchdog_s:.2g} s without "
+                f"commands; set its timeout to {self._watchdog_s:g} s"
+            )

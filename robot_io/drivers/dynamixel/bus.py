@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import BusTorque
 from robot_io.drivers.dynamixel.examination import examine_servo
 from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem
 from robot_io.drivers.dynamixel.servos import DynamixelLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
+from robot_io.drivers.joint_bus import BusTorque
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder
 from robot_io.drivers.servo.feedback import FeedbackReader

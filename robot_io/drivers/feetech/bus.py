@@ -12,12 +12,12 @@ from math import ceil
 import numpy as np
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import BusTorque
 from robot_io.drivers.feetech import tables
 from robot_io.drivers.feetech.examination import examine_servo
 from robot_io.drivers.feetech.feedback import Feedback, Plausibility, feedback_problem, feedback_reader
 from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from robot_io.drivers.joint_bus import BusTorque
 from robot_io.drivers.servo.bus import ServoBus
 from robot_io.drivers.servo.devices import ServoEncoder
 from robot_io.drivers.servo.feedback import FeedbackReader

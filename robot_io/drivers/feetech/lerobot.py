@@ -17,8 +17,7 @@ from pydantic import Field, RootModel, model_validator
 from robot_io.drivers.feetech.settings import HomingOffset
 from robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
 from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, validate
-from robot_io.files.safe_yaml import read_text
+from robot_io.files.file_model import FileModel, read_text, validate
 
 Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION, strict=True)]
 

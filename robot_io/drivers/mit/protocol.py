@@ -1,18 +1,32 @@
-"""The MIT motor protocol: motion, gains and feed-forward torque packed into eight bytes.
+"""The protocol of motors in MIT mode: motion, gains and feed-forward torque packed into eight bytes.
 
 Big-endian: position 16 bits, velocity 12, KP 12, KD 12, torque 12. An n bit number x stands for low + x (high
 - low) / (2^n - 1); the ranges depend on the model, or are stated in the robot file.
-
 Sources: CubeMars "AK Series Actuator Driver Manual" V1.0.8, section 5.3 (frames, special codes); Damiao,
 "DM-J4310-2EC user manual" (feedback frame, registers). The protocol is that of the MIT Mini Cheetah's motor
-controller; what differs between makers is in `makers`.
+controller; what differs between makers is in `settings`.
+
+Damiao's motors have registers. A frame to id 7FF holds the motor's id (2 bytes, little-endian), 33 to read or
+55 to write, the register's number, and its value (4 bytes, a float or an integer). The motor answers with the
+same bytes under its own answer id. Source: Damiao, "DM-J4310-2EC user manual", register list.
+
+Robstride's motors take 16 bits for each number, in frames with 29 bit ids. An id is what a frame is (5 bits),
+16 bits that depend on it, and who it is for (8 bits). A command has its torque in the id. A state has mode,
+faults and the sender there; other faults come in frames of their own.
+Sources: RobStride, user manuals of RS00 to RS06 of 2026-04-28, section 4.1 (frames, fault bits, parameters),
+and section 3.3.6 (CAN timeout); byte order of faults and the status of a parameter that could not be read:
+RobStride/Python_Sample, huggingface/lerobot#4070 (tried on RS00, RS03 and RS06).
 """
 
+import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from math import isnan
+from typing import ClassVar, Final
 
 from robot_io.drivers.can.line import CanFrame, expect_length
-from robot_io.errors import InputError
+from robot_io.errors import InputError, ProtocolError
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +110,204 @@ def to_bits(value: float, low: float, high: float, largest: int) -> int:
 def from_bits(bits: int, half_range: float, largest: int) -> float:
     """What a number from 0 to `largest` stands for, from -half_range to half_range."""
     return (2.0 * bits / largest - 1.0) * half_range
+
+
+REGISTERS_ID: Final = 0x7FF
+READ, WRITE = 0x33, 0x55
+
+
+@dataclass(frozen=True, slots=True)
+class MotorRegister:
+    """One value of a motor."""
+
+    name: str  # as in the manual
+    number: int  # of the register, or Robstride's index
+    format: str  # of its four bytes, for struct
+
+
+DAMIAO_CAN_TIMEOUT: Final = MotorRegister("CAN timeout", 9, "<I")  # 50 us
+CONTROL_MODE: Final = MotorRegister("control mode", 10, "<I")
+POSITION_RANGE: Final = MotorRegister("PMAX", 21, "<f")  # rad
+VELOCITY_RANGE: Final = MotorRegister("VMAX", 22, "<f")  # rad/s
+TORQUE_RANGE: Final = MotorRegister("TMAX", 23, "<f")  # N m
+
+MIT_MODE: Final = 1
+TIMEOUT_STEP_S: Final = 50e-6
+
+
+class Order(StrEnum):
+    """What every motor can be told beside a torque."""
+
+    ENTER = "enter motor mode"
+    LEAVE = "leave motor mode"
+    CLEAR = "forget an error"
+
+
+class MitFrames:
+    """Frames of the Mini Cheetah's firmware, as CubeMars' motors and others have it.
+
+    Some motors answer to `host_id`; `answer_ids` are the arbitration ids of each motor's answers, by its id.
+    """
+
+    _ORDERS: ClassVar = {Order.ENTER: ENTER_MOTOR_MODE, Order.LEAVE: EXIT_MOTOR_MODE}
+    _ID_BITS, _STATUS_BESIDE_ID = 0xFF, False
+    extended = False
+
+    def __init__(self, host_id: int, answer_ids: Mapping[int, tuple[int, ...]]) -> None:
+        self.host_id, self._answer_ids = host_id, answer_ids
+
+    def order(self, motor_id: int, order: Order) -> CanFrame:
+        """Tell a motor to do something; it answers with its state."""
+        return CanFrame(motor_id, self._ORDERS[order])
+
+    def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
+        """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m]."""
+        return encode_torque(motor_id, torque_nm, ranges)
+
+    def motor_asked(self, frame: CanFrame) -> int | None:
+        """Which motor answers a frame of the host's with its state; None if none does."""
+        return None if frame.can_id == REGISTERS_ID else frame.can_id
+
+    def sender(self, frame: CanFrame) -> int | None:
+        """Which motor a frame comes from; None if it is no answer of one of ours."""
+        if frame.extended or frame.remote or not frame.data:
+            return None
+        motor_id = frame.data[0] & self._ID_BITS
+        return motor_id if frame.can_id in self._answer_ids.get(motor_id, ()) else None
+
+    def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
+        """What a motor answers. ProtocolError: it is no state."""
+        return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
+
+    def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
+        """Whether an answer is about a register, and no state."""
+        return False
+
+    def alarm(self, frame: CanFrame) -> int | None:
+        """Errors that a motor tells unasked, None where a frame tells none."""
+        return None
+
+    def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
+        """Ask for a register's value."""
+        return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
+
+    def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
+        """Set a register; what is set is lost without power."""
+        number = int(value) if register.format == "<I" else value
+        data = bytes((WRITE, register.number)) + struct.pack(register.format, number)
+        return _registers(motor_id, data)
+
+    def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
+        """The value in an answer. ProtocolError: it is about another register, or says that there is none."""
+        data = frame.data
+        if not _is_about_register(frame, motor_id) or data[2] != READ:
+            raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")
+        if data[3] != register.number:
+            raise ProtocolError(f"register {data[3]} in place of {register.number}")
+        (value,) = struct.unpack(register.format, data[4:])
+        return float(value)
+
+
+class DamiaoFrames(MitFrames):
+    """Damiao's: four bits of the id with a status above, an order more, and registers."""
+
+    _ORDERS: ClassVar = {**MitFrames._ORDERS, Order.CLEAR: CLEAR_ERROR}
+    _ID_BITS, _STATUS_BESIDE_ID = 0xF, True
+
+    def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
+        """See `MitFrames`; a state that looks so would be near the range's end."""
+        return _is_about_register(frame, motor_id)
+
+
+def _registers(motor_id: int, data: bytes) -> CanFrame:
+    return CanFrame(REGISTERS_ID, motor_id.to_bytes(2, "little") + data)
+
+
+def _is_about_register(frame: CanFrame, motor_id: int) -> bool:
+    head = motor_id.to_bytes(2, "little")
+    return len(frame.data) == 8 and frame.data[:2] == head and frame.data[2] in (READ, WRITE)
+
+
+RUN_MODE: Final = MotorRegister("run_mode", 0x7005, "<B3x")
+OPERATION_CONTROL: Final = 0  # a run mode: what others call MIT mode
+POSITION: Final = MotorRegister("mechPos", 0x7019, "<f")  # of the output shaft, over all turns [rad]
+ROBSTRIDE_CAN_TIMEOUT: Final = MotorRegister("canTimeout", 0x7028, "<I")  # 50 us
+
+_CONTROL, _STATE, _ENABLE, _STOP, _READ, _WRITE, _FAULTS = 1, 2, 3, 4, 17, 18, 21
+_ORDERS = {
+    Order.ENTER: (_ENABLE, bytes(8)),
+    Order.LEAVE: (_STOP, bytes(8)),
+    Order.CLEAR: (_STOP, b"\x01" + bytes(7)),
+}
+_RUNNING, _MODES = 2, 3  # and how many modes there are
+_IDLE_GAINS = bytes((0x80, 0, 0x80, 0, 0, 0, 0, 0))  # as `_ONLY_TORQUE`
+_FOUR_WORDS = struct.Struct(">4H")  # position, velocity, torque, temperature
+FAULT_FRAME_BITS: Final = 8  # faults of their own frames stand so far above those of a state
+
+
+class RobstrideFrames(MitFrames):
+    """Robstride's frames."""
+
+    extended = True
+
+    def order(self, motor_id: int, order: Order) -> CanFrame:
+        kind, data = _ORDERS[order]
+        return self._frame(kind, self.host_id, motor_id, data)
+
+    def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
+        bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, MAX_16)
+        return self._frame(_CONTROL, bits, motor_id, _IDLE_GAINS), from_bits(bits, ranges.torque_nm, MAX_16)
+
+    def motor_asked(self, frame: CanFrame) -> int | None:
+        return None if frame.can_id >> 24 == _READ else frame.can_id & 0xFF
+
+    def sender(self, frame: CanFrame) -> int | None:
+        is_answer = frame.extended and not frame.remote and frame.can_id & 0xFF == self.host_id
+        known = is_answer and frame.can_id >> 24 in (_STATE, _READ, _FAULTS)
+        return frame.can_id >> 8 & 0xFF if known else None
+
+    def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
+        expect_length(frame, "motor state", 8)
+        mode = frame.can_id >> 22 & 3
+        if frame.can_id >> 24 != _STATE or mode >= _MODES:
+            raise ProtocolError(f"no state: id {frame.can_id:08X}")
+        position, velocity, torque, _ = _FOUR_WORDS.unpack(frame.data)
+        return MitState(
+            motor_id=frame.can_id >> 8 & 0xFF,
+            position_rad=from_bits(position, ranges.position_rad, MAX_16),
+            velocity_rad_s=from_bits(velocity, ranges.velocity_rad_s, MAX_16),
+            torque_nm=from_bits(torque, ranges.torque_nm, MAX_16),
+            at_range_end=position in (0, MAX_16) or velocity in (0, MAX_16),
+            error=frame.can_id >> 16 & 0x3F,
+            enabled=mode == _RUNNING,
+        )
+
+    def alarm(self, frame: CanFrame) -> int | None:
+        if frame.can_id >> 24 != _FAULTS:
+            return None
+        expect_length(frame, "faults", 8)
+        return int.from_bytes(frame.data[:4], "little") << FAULT_FRAME_BITS
+
+    def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
+        return frame.can_id >> 24 == _READ
+
+    def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
+        return self._frame(_READ, self.host_id, motor_id, register.number.to_bytes(2, "little") + bytes(6))
+
+    def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
+        number = value if register.format == "<f" else int(value)
+        data = register.number.to_bytes(4, "little") + struct.pack(register.format, number)
+        return self._frame(_WRITE, self.host_id, motor_id, data)
+
+    def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
+        expect_length(frame, "parameter", 8)
+        if frame.can_id != _READ << 24 | motor_id << 8 | self.host_id:  # between them: whether it failed
+            raise ProtocolError(f"no parameter: id {frame.can_id:08X}")
+        if frame.data[:4] != register.number.to_bytes(4, "little"):
+            raise ProtocolError(f"no parameter {register.number:04X}: {frame.data.hex(' ')}")
+        (value,) = struct.unpack(register.format, frame.data[4:])
+        return float(value)
+
+    @staticmethod
+    def _frame(kind: int, middle: int, target: int, data: bytes) -> CanFrame:
+        return CanFrame(kind << 24 | middle << 8 | target, data, extended=True)

@@ -1,16 +1,226 @@
-"""Lorenz Messtechnik force sensors with a digital interface (LCV-USB2 and kin)."""
+"""Lorenz Messtechnik sensors: telegrams with two checksums, which also start the fast stream.
 
+A telegram is STX, command, receiver, sender, number of parameters, the parameters, checksum and weighted
+checksum; an STX within it is sent twice. The checksum is the sum of the bytes; the weighted one sums the
+running checksums, with the carry added back. Three STX end a stream.
+
+Source: Lorenz Messtechnik, sensor interface protocol, as implemented by Duckle29/LorenzTelegram (facts:
+layout, command numbers, checksums, stream mode 3, configuration blocks).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import pairwise
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, field_validator
 
-from robot_io.drivers.serial_force import lorenz_protocol as lorenz
-from robot_io.drivers.serial_force.lorenz_protocol import LorenzCommand, LorenzStream, Telegram
-from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.text import known_unit, newtons_per
-from robot_io.errors import DeviceError, ProtocolError
+from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from robot_io.drivers.serial_force.stream import known_unit, newtons_per
+from robot_io.errors import DeviceError, InputError, ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Positive
+
+STX = 0x02
+HOST = 0xFF
+STOP_STREAM = bytes((STX, STX, STX))
+ROTOR_HEADER_BLOCK = 128
+ROTOR_HEADER_ID = 0x40
+STREAM_MODE = 3
+SAMPLE_RATE_CODES = {20: 250, 25: 200, 50: 100, 100: 50, 200: 25, 250: 20, 500: 10, 1000: 5, 1250: 4, 2500: 2}
+_HEADER = 4  # command, receiver, sender, count
+_BLOCK = 32  # bytes of a configuration block
+
+
+class LorenzCommand(IntEnum):
+    """Commands that are used here."""
+
+    ACK = 0x06
+    NACK = 0x15
+    HELLO = 0x40
+    READ_CONFIG = 0x44
+    SPECIAL_MODE = 0x5A
+
+
+@dataclass(frozen=True, slots=True)
+class Telegram:
+    """One telegram."""
+
+    command: int  # what it is
+    receiver: int  # address that it goes to
+    sender: int  # address that it comes from
+    parameters: bytes = b""  # up to 255 bytes
+
+
+@dataclass(frozen=True, slots=True)
+class SensorHeader:
+    """What the sensor says of itself (block "rotor header")."""
+
+    dimension_code: int  # code of the unit
+    load_code: int  # nominal load of channel A, as it is stored
+    serial_number: int  # of the sensor
+
+
+def checksums(content: bytes) -> tuple[int, int]:
+    """Checksum and weighted checksum over everything between STX and themselves."""
+    plain = weighted = 0
+    for byte in content:
+        plain = (plain + byte) & 0xFF
+        weighted += plain
+        weighted = (weighted + (weighted > 0xFF)) & 0xFF
+    return plain, weighted
+
+
+def encode_telegram(telegram: Telegram) -> bytes:
+    """The bytes of a telegram. InputError: more than 255 parameters."""
+    count = len(telegram.parameters)
+    if count > 255:
+        raise InputError(f"a telegram holds at most 255 parameters, not {count}")
+    content = bytes((telegram.command, telegram.receiver, telegram.sender, count)) + telegram.parameters
+    content += bytes(checksums(content))
+    return bytes((STX,)) + content.replace(b"\x02", b"\x02\x02")
+
+
+class TelegramReader:
+    """Finds telegrams in a stream of bytes, in any portions.
+
+    A single STX always begins a telegram, even in the middle of another one that has lost its end.
+
+    Attributes:
+        rejected: telegrams that were broken off or had a wrong checksum.
+    """
+
+    def __init__(self) -> None:
+        self._content: bytearray | None = None  # since STX, without doubled ones; None: waiting for STX
+        self._half_stuffed = False
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[Telegram]:
+        """Telegrams that are complete now, oldest first."""
+        found = []
+        for byte in data:
+            if not self._take(byte):
+                continue
+            content, self._content = bytes(self._content or b""), None
+            if checksums(content[:-2]) == (content[-2], content[-1]):
+                found.append(Telegram(content[0], content[1], content[2], content[_HEADER:-2]))
+            else:
+                self.rejected += 1
+        return found
+
+    def _take(self, byte: int) -> bool:
+        """Take one byte in; True if it was the last of a telegram."""
+        if self._content is None:
+            self._content = bytearray() if byte == STX else None
+            return False
+        if byte == STX and not self._half_stuffed:
+            self._half_stuffed = True
+            return False
+        if self._half_stuffed and byte != STX:  # that STX was a beginning
+            self.rejected += bool(self._content)
+            self._content = bytearray()
+        self._half_stuffed = False
+        self._content.append(byte)
+        return len(self._content) >= _HEADER and len(self._content) == _HEADER + self._content[3] + 2
+
+
+def encode_start_stream(address: int, rate_hz: int) -> bytes:
+    """Ask for an endless stream of channel A. InputError: the sensor has no such rate."""
+    if rate_hz not in SAMPLE_RATE_CODES:
+        raise InputError(f"rate_hz {rate_hz}: valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
+    parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[rate_hz], 0, 0, ord("A")))
+    return encode_telegram(Telegram(LorenzCommand.SPECIAL_MODE, address, HOST, parameters))
+
+
+def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
+    """The block "rotor header" as READ_CONFIG answers it: its number, and the block with own checksums.
+
+    ProtocolError: wrong block, length or checksum.
+    """
+    if (
+        len(parameters) != _BLOCK + 1
+        or parameters[0] != ROTOR_HEADER_BLOCK
+        or parameters[1] != ROTOR_HEADER_ID
+    ):
+        raise ProtocolError("not the configuration block 'rotor header'")
+    block = bytes(parameters[1:])
+    if _block_checksums(block[:28]) != block[28:]:
+        raise ProtocolError("configuration block 'rotor header': wrong checksum")
+    return SensorHeader(
+        dimension_code=block[8],
+        load_code=int.from_bytes(block[10:12], "big"),
+        serial_number=int.from_bytes(block[4:8], "big"),
+    )
+
+
+def _block_checksums(content: bytes) -> bytes:
+    plain = weighted = 0
+    for byte in content:
+        plain = (plain + byte) & 0xFFFF
+        weighted = (weighted + plain) & 0xFFFF
+    return plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+
+
+_SYNC_SAMPLES = 5  # counters in a row before a stream is accepted
+
+
+class LorenzStream:
+    """Samples of the fast stream (mode 3): a counter, and 16 bits, signed, big-endian; no checksum.
+
+    Only the counters tell where a sample begins and ends: it counts once the counter after it has come and
+    goes on by one. Where that counter also stands within the sample, bytes may have been lost before it: the
+    sample is left out. After a gap the stream is accepted again once five counters in a row fit. A flipped
+    bit in a value does not show here.
+
+    Args:
+        newtons_per_count: newtons in one count.
+    """
+
+    complaint = ""  # it has no words
+
+    def __init__(self, newtons_per_count: float) -> None:
+        self._factor = newtons_per_count
+        self._rest = b""
+        self._in_step = False  # whether the rest begins with a counter
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[float]:
+        buffer, place, samples = self._rest + data, 0, []
+        while True:
+            if not self._in_step:
+                place, self._in_step = self._search(buffer, place)
+            if not self._in_step or place + 4 > len(buffer):
+                break
+            counter, *value, following = buffer[place : place + 4]
+            if (following - counter) & 0xFF != 1:
+                self._in_step = False
+                self.rejected += 1
+                continue
+            place += 3
+            if following not in value:
+                samples.append(int.from_bytes(value, "big", signed=True) * self._factor)
+        self._rest = buffer[place:]
+        return samples
+
+    def _search(self, buffer: bytes, place: int) -> tuple[int, bool]:
+        """Where a row of fitting counters begins; or where to look on when there is more.
+
+        A ramp of the force counts on by one too, and a byte of the true row may be lost or damaged, which
+        leaves it two steps: a row is accepted only where no other one has as many.
+        """
+        while place + 3 * _SYNC_SAMPLES + 2 <= len(buffer):
+            steps = [_steps(buffer[place + shift :: 3][:_SYNC_SAMPLES]) for shift in range(3)]
+            if max(steps) == _SYNC_SAMPLES - 1 and sorted(steps)[1] <= 1:
+                return place + steps.index(max(steps)), True
+            place += 1
+        return place, False
+
+
+def _steps(counters: bytes) -> int:
+    """How often they go on by one."""
+    return sum((after - before) & 0xFF == 1 for before, after in pairwise(counters))
+
 
 _ANSWER_S = 0.3
 
@@ -30,8 +240,8 @@ class LorenzSettings(SerialForceSettings):
     @field_validator("rate_hz")
     @classmethod
     def _exists(cls, rate_hz: int) -> int:
-        if rate_hz not in lorenz.SAMPLE_RATE_CODES:
-            raise ValueError(f"valid are {', '.join(map(str, lorenz.SAMPLE_RATE_CODES))}")
+        if rate_hz not in SAMPLE_RATE_CODES:
+            raise ValueError(f"valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
         return rate_hz
 
     @property
@@ -48,7 +258,7 @@ class Lorenz(SerialForceSensor, Examinable):
 
     name = "lorenz"
     Settings = LorenzSettings
-    end_of_stream = lorenz.STOP_STREAM
+    end_of_stream = STOP_STREAM
     _own: LorenzSettings
 
     def configure(self) -> None:
@@ -57,12 +267,12 @@ class Lorenz(SerialForceSensor, Examinable):
         DeviceError: it does not answer, or is another one.
         """
         own = self._own
-        self._bus.write(lorenz.STOP_STREAM)
+        self._bus.write(STOP_STREAM)
         self._greet()
-        block = bytes((lorenz.ROTOR_HEADER_BLOCK,))
+        block = bytes((ROTOR_HEADER_BLOCK,))
         answer = self._ask(LorenzCommand.READ_CONFIG, block, LorenzCommand.READ_CONFIG)
         try:
-            header = lorenz.decode_header_block(answer.parameters)
+            header = decode_header_block(answer.parameters)
         except ProtocolError as error:
             raise self._error(str(error)) from error
         if (header.dimension_code, header.load_code) != (own.dimension_code, own.load_code):
@@ -72,7 +282,7 @@ class Lorenz(SerialForceSensor, Examinable):
                 f"{own.dimension_code} and {own.load_code}"
             )
         self._found = f"serial number {header.serial_number}, {own.nominal_n:.4g} N, {own.rate_hz} samples/s"
-        self._command(lorenz.encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
+        self._command(encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
         stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
         self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
 
@@ -84,11 +294,11 @@ class Lorenz(SerialForceSensor, Examinable):
             self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
 
     def _ask(self, command: LorenzCommand, parameters: bytes, expected: LorenzCommand) -> Telegram:
-        data = lorenz.encode_telegram(Telegram(command, self._own.address, lorenz.HOST, parameters))
+        data = encode_telegram(Telegram(command, self._own.address, HOST, parameters))
         return self._command(data, expected, command.name)
 
     def _command(self, data: bytes, expected: LorenzCommand, what: str) -> Telegram:
-        reader = lorenz.TelegramReader()
+        reader = TelegramReader()
 
         def answer(received: bytes) -> Telegram | None:
             from_sensor = (t for t in reader.feed(received) if t.sender == self._own.address)

@@ -19,9 +19,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from robot_io.drivers.serial_force.own_time import OwnTime
-from robot_io.drivers.serial_force.sensor import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.text import LineSplitter, text_of
+from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, text_of
 from robot_io.errors import ProtocolError
 from robot_io.examination import Examinable
 from robot_io.files.file_model import Capacity, Number, Positive

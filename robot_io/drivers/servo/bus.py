@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from robot_io.driver import DriverContext
-from robot_io.drivers.bus_devices import JointBus, check_one_per_joint
+from robot_io.drivers.joint_bus import JointBus, check_one_per_joint
 from robot_io.drivers.servo.examination import examine_line
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.joints import ServoJoints, ServoSample

@@ -6,8 +6,7 @@ import pytest
 
 from control.arm.rigid_body import RigidBody
 from robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
-from robot_io.calibration.applied import gravity_base_m_s2
-from robot_io.calibration.devices import CalibratedForceSensor
+from robot_io.calibration.applied import CalibratedForceSensor, gravity_base_m_s2
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError

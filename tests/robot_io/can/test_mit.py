@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from robot_io.drivers.can.line import CanFrame
 from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit import registers
-from robot_io.drivers.mit.frames import DamiaoFrames
-from robot_io.drivers.mit.makers import DIALECTS, Maker
+from robot_io.drivers.mit.protocol import DamiaoFrames
+from robot_io.drivers.mit.settings import DIALECTS, Maker
 from robot_io.errors import InputError, ProtocolError
-from sim_backend.emulators.can import damiao_motor, mit_motor, robstride_motor
+from sim_backend.emulators.mit import CUBEMARS_LIMITS, DAMIAO_LIMITS, ROBSTRIDE_LIMITS
 
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 
@@ -24,9 +23,9 @@ def test_special_codes_of_the_manual():
 
 # Position [rad], velocity [rad/s], torque [N m], as the emulators have them: they share nothing with drivers.
 RANGES = {
-    Maker.CUBEMARS: mit_motor.LIMITS,
-    Maker.DAMIAO: damiao_motor.LIMITS,
-    Maker.ROBSTRIDE: robstride_motor.LIMITS,
+    Maker.CUBEMARS: CUBEMARS_LIMITS,
+    Maker.DAMIAO: DAMIAO_LIMITS,
+    Maker.ROBSTRIDE: ROBSTRIDE_LIMITS,
 }
 
 
@@ -120,13 +119,13 @@ def test_damiao_s_status_stands_above_the_id(first, motor_id, error, enabled):
 
 def test_registers_of_the_manual():
     frames = DamiaoFrames(0, {})
-    assert frames.read_register(1, registers.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
-    written = frames.write_register(0x0102, registers.TORQUE_RANGE, 10.0)
+    assert frames.read_register(1, mit.CONTROL_MODE).data.hex(" ") == "01 00 33 0a 00 00 00 00"
+    written = frames.write_register(0x0102, mit.TORQUE_RANGE, 10.0)
     assert (written.can_id, written.data.hex(" ")) == (0x7FF, "02 01 55 17 00 00 20 41")
     frame = CanFrame(0x11, bytes.fromhex("0201331700002041"))
-    assert frames.register_value(frame, 0x0102, registers.TORQUE_RANGE) == 10.0
-    wrong = ((frame, 1, registers.TORQUE_RANGE), (frame, 0x0102, registers.CAN_TIMEOUT))
-    for answer, motor_id, register in (*wrong, (written, 0x0102, registers.TORQUE_RANGE)):
+    assert frames.register_value(frame, 0x0102, mit.TORQUE_RANGE) == 10.0
+    wrong = ((frame, 1, mit.TORQUE_RANGE), (frame, 0x0102, mit.DAMIAO_CAN_TIMEOUT))
+    for answer, motor_id, register in (*wrong, (written, 0x0102, mit.TORQUE_RANGE)):
         with pytest.raises(ProtocolError):
             frames.register_value(answer, motor_id, register)
 

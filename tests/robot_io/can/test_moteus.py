@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
+from robot_io.drivers import moteus
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.moteus import protocol as moteus
 from robot_io.errors import InputError, ProtocolError
 
 QUESTION = "11001f0110040c"

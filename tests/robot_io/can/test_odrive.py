@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robot_io.drivers import odrive_protocol as odrive
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.odrive import protocol as odrive
-from robot_io.drivers.odrive.protocol import AxisState, Firmware, OdriveCommand, axis_error_names
+from robot_io.drivers.odrive_protocol import AxisState, Firmware, OdriveCommand, axis_error_names
 from robot_io.errors import InputError, ProtocolError
 
 DBC = {

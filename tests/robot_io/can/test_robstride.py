@@ -6,10 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.mit.frames import Order
-from robot_io.drivers.mit.makers import DIALECTS, Maker
-from robot_io.drivers.mit.registers import MotorRegister
-from robot_io.drivers.mit.robstride import CAN_TIMEOUT, RUN_MODE, RobstrideFrames
+from robot_io.drivers.mit.protocol import (
+    ROBSTRIDE_CAN_TIMEOUT,
+    RUN_MODE,
+    MotorRegister,
+    Order,
+    RobstrideFrames,
+)
+from robot_io.drivers.mit.settings import DIALECTS, Maker
 from robot_io.errors import ProtocolError
 
 FRAMES = RobstrideFrames(0xFD, {})
@@ -29,7 +33,7 @@ def said(frame):
             "1100FD7F 1e 70 00 00 00 00 00 00",
         ),
         (RobstrideFrames(0xAA, {}).write_register(2, RUN_MODE, 1), "1200AA02 05 70 00 00 01 00 00 00"),
-        (FRAMES.write_register(1, CAN_TIMEOUT, 20000), "1200FD01 28 70 00 00 20 4e 00 00"),
+        (FRAMES.write_register(1, ROBSTRIDE_CAN_TIMEOUT, 20000), "1200FD01 28 70 00 00 20 4e 00 00"),
         (FRAMES.order(1, Order.ENTER), "0300FD01 00 00 00 00 00 00 00 00"),
         (FRAMES.order(1, Order.LEAVE), "0400FD01 00 00 00 00 00 00 00 00"),
         (FRAMES.order(1, Order.CLEAR), "0400FD01 01 00 00 00 00 00 00 00"),

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.clock import MonotonicClock, SimulatedClock
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
-from robot_io.drivers.can.slcan import decode_line, encode_line
+from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, decode_line, encode_line
 from robot_io.errors import DeviceError
 
 OPENING = b"\rC\rS8\rO\r"

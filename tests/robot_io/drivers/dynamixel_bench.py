@@ -7,10 +7,9 @@ from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncoder, DynamixelTorque
 from robot_io.robot_file import load_robot_file
-from sim_backend.emulators.bench import Bench
-from sim_backend.emulators.dynamixel.line import DynamixelLine, Mounting
+from sim_backend.emulators.bench import Bench, Plant
+from sim_backend.emulators.dynamixel import DynamixelLine, Mounting
 from sim_backend.emulators.faults import Fault
-from sim_backend.emulators.plant import Plant
 from sim_backend.scenario import load_scenario
 
 ROBOT_FILE = Path(__file__).resolve().parents[3] / "robots" / "dynamixel_3dof.yaml"

@@ -9,7 +9,7 @@ from robot_io.drivers.dynamixel.bus import DynamixelBus
 from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
 from robot_io.robot_file import load_robot_file
 from robot_io.types import Status
-from sim_backend.emulators.dynamixel import control_table as table
+from sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import READ_S, ROBOT_FILE, TICK_S, dynamixel_bench
 
 FAST, PLAIN = {"fast_sync_read": True}, {"fast_sync_read": False}

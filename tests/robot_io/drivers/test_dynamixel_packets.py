@@ -16,7 +16,7 @@ from robot_io.drivers.dynamixel.protocol import (
     encode_packet,
 )
 from robot_io.errors import ProtocolError
-from sim_backend.emulators.dynamixel import wire
+from sim_backend.emulators import dynamixel
 
 IDS = st.integers(0, 252)
 # Bytes with many headers, stuffing and near-misses among them.
@@ -98,7 +98,7 @@ def test_the_checksum_can_be_continued(first, second):
 
 
 def test_the_sdk_destuffs_a_first_pattern_likewise():
-    sent = wire.status(1, 0, packet("ff ff fd 07"))
+    sent = dynamixel.status(1, 0, packet("ff ff fd 07"))
     theirs = Protocol2PacketHandler().removeStuffing(list(sent))
     assert bytes(theirs[9:13]) == decode_status(sent).data == packet("ff ff fd 07")
 
@@ -106,7 +106,7 @@ def test_the_sdk_destuffs_a_first_pattern_likewise():
 @example(servo_id=1, error=0, data=packet("ff ff ff ff fd ff ff ff ff ff fd"))  # the SDK gets this one wrong
 @given(IDS, st.integers(0, 255), TRICKY)
 def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
-    sent = wire.status(servo_id, error, data)
+    sent = dynamixel.status(servo_id, error, data)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
     assert decode_status(sent) == StatusPacket(servo_id, error, data)
 
@@ -116,14 +116,14 @@ def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
 def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
     sent = encode_packet(servo_id, code, parameters)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
-    (understood,) = wire.Receiver().take(sent)
+    (understood,) = dynamixel.Receiver().take(sent)
     assert (understood.target, understood.code, understood.parameters) == (servo_id, code, parameters)
     assert understood.intact
 
 
 @given(st.lists(st.tuples(IDS, st.integers(0, 255), TRICKY), max_size=4), st.data())
 def test_answers_are_found_in_any_pieces(answers, data):
-    stream = b"".join(wire.status(*answer) for answer in answers)
+    stream = b"".join(dynamixel.status(*answer) for answer in answers)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
     reader = StatusReader()
     found = []
@@ -139,24 +139,26 @@ def test_an_answer_is_found_behind_noise(noise, servo_id, data):
     noise = noise.replace(b"\xff\xff\xfd", b"") + b"\x00"
     if b"\xff\xff\xfd" in noise:
         return
-    assert StatusReader().feed(noise + wire.status(servo_id, 0, data)) == [StatusPacket(servo_id, 0, data)]
+    assert StatusReader().feed(noise + dynamixel.status(servo_id, 0, data)) == [
+        StatusPacket(servo_id, 0, data)
+    ]
 
 
 def test_a_damaged_length_does_not_swallow_what_follows():
     endless = packet("ff ff fd 00 01 ff ff 55 00")
-    good = wire.status(2, 0, b"\x07")
+    good = dynamixel.status(2, 0, b"\x07")
     assert StatusReader().feed(endless + good) == [StatusPacket(2, 0, b"\x07")]
 
 
 def test_an_echo_of_the_request_is_no_answer():
     """Some adapters hear themselves."""
-    answer = wire.status(1, 0, packet("a6 00 00 00"))
+    answer = dynamixel.status(1, 0, packet("a6 00 00 00"))
     assert StatusReader().feed(protocol.read(1, 132, 4) + answer) == [decode_status(answer)]
 
 
 @pytest.mark.parametrize("place", range(3))
 def test_a_damaged_part_of_a_fast_answer_is_named(place):
-    damaged = bytearray(wire.fast_status([(servo_id, 0, b"abcd") for servo_id in (5, 6, 7)], 3))
+    damaged = bytearray(dynamixel.fast_status([(servo_id, 0, b"abcd") for servo_id in (5, 6, 7)], 3))
     damaged[8 + 8 * place + 3] ^= 1
     with pytest.raises(ProtocolError, match=rf"servo {5 + place}'s part"):
         FastReply((5, 6, 7), 4).decode(bytes(damaged))
@@ -164,10 +166,10 @@ def test_a_damaged_part_of_a_fast_answer_is_named(place):
 
 def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
     reply = FastReply((1, 2), 2)
-    swapped = wire.fast_status([(2, 0, b"ab"), (1, 0, b"cd")], 2)
+    swapped = dynamixel.fast_status([(2, 0, b"ab"), (1, 0, b"cd")], 2)
     with pytest.raises(ProtocolError, match="servo 2 answered in place of servo 1"):
         reply.decode(swapped)
-    cut = wire.fast_status([(1, 0, b"ab")], 2)
+    cut = dynamixel.fast_status([(1, 0, b"ab")], 2)
     assert reply.answered(cut) == 1
     with pytest.raises(ProtocolError):
         reply.decode(cut)

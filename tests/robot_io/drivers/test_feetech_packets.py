@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robot_io.drivers.feetech import protocol, tables
 from robot_io.drivers.feetech.protocol import StatusPacket, StatusReader, decode_status
 from robot_io.errors import ProtocolError
-from sim_backend.emulators.feetech import wire
+from sim_backend.emulators import feetech
 
 IDS, DATA = st.integers(0, 0xFC), st.binary(max_size=40)
 
@@ -65,7 +65,7 @@ def test_what_does_not_fit_is_refused(register, value):
 
 @given(st.lists(st.tuples(IDS, st.integers(0, 0x3F), DATA), max_size=6), st.data())
 def test_answers_are_found_in_any_portions(answers, draw):
-    stream, found, reader = b"".join(wire.status(*answer) for answer in answers), [], StatusReader()
+    stream, found, reader = b"".join(feetech.status(*answer) for answer in answers), [], StatusReader()
     while stream:
         cut = draw.draw(st.integers(1, len(stream)))
         found += reader.feed(stream[:cut])
@@ -79,7 +79,7 @@ def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     """It differs from an answer in nothing but that it is what was sent."""
     request = protocol.read(servo_id, address, size)
     assert isinstance(decode_status(request), StatusPacket)
-    reader, answer = protocol.packet_reader(request), wire.status(servo_id, 0, bytes(size))
+    reader, answer = protocol.packet_reader(request), feetech.status(servo_id, 0, bytes(size))
     expected = [StatusPacket(servo_id, 0, bytes(size))]
     assert reader.feed(request + answer) == expected
     reader = StatusReader()
@@ -90,7 +90,7 @@ def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
 def test_an_echo_comes_once():
     """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
     request = protocol.read(1, 56, 2)
-    assert wire.status(1, 2, (568).to_bytes(2, "little")) == request
+    assert feetech.status(1, 2, (568).to_bytes(2, "little")) == request
     assert protocol.packet_reader(request).feed(2 * request) == [StatusPacket(1, 2, b"\x38\x02")]
 
 

@@ -11,7 +11,7 @@ from robot_io.drivers.dynamixel.feedback import feedback_reader
 from robot_io.drivers.dynamixel.servos import DynamixelAccess
 from robot_io.drivers.dynamixel.tables import DRIVE_MODE
 from robot_io.errors import DeviceTimeoutError
-from sim_backend.emulators.dynamixel import wire
+from sim_backend.emulators import dynamixel
 
 FAST_SYNC_READ, LENGTH = 0x8A, 5  # an instruction; a place in a packet
 
@@ -24,7 +24,7 @@ class LateLine:
 
     def __init__(self, clock, late_s, *, damaged):
         self._clock, self._late_s, self._damaged = clock, late_s, damaged
-        self._receiver, self._random = wire.Receiver(), random.Random(0)
+        self._receiver, self._random = dynamixel.Receiver(), random.Random(0)
         self._coming = []
         self.asked_at_s = []
 
@@ -35,9 +35,9 @@ class LateLine:
             block = struct.pack("<BBbhii", 1, 0, 3, 0, 0, len(self.asked_at_s)).rjust(size, b"\x01")
             self.asked_at_s.append(now_s)
             if instruction.code == FAST_SYNC_READ:
-                answer = wire.fast_status([(servo_id, 0, block) for servo_id in ids], len(ids))
+                answer = dynamixel.fast_status([(servo_id, 0, block) for servo_id in ids], len(ids))
             else:
-                answer = b"".join(wire.status(servo_id, 0, block) for servo_id in ids)
+                answer = b"".join(dynamixel.status(servo_id, 0, block) for servo_id in ids)
             self._coming.append((now_s + self._late_s, self._maybe_damaged(answer)))
 
     def _maybe_damaged(self, answer):
@@ -83,12 +83,12 @@ def test_no_answer_is_dated_later_than_its_request(damaged, fast, servos, period
 
 
 def test_what_came_after_a_question_was_given_up_does_not_answer_the_next():
-    line = bytearray(wire.status(1, 0, b"\x07"))
+    line = bytearray(dynamixel.status(1, 0, b"\x07"))
     came = lambda *_: bytes([line.pop(0) for _ in range(len(line))])  # noqa: E731
     port = SimpleNamespace(
         read_all=came,
         wait=came,
         duration_s=lambda _: 0.0,
-        write=lambda _: line.extend(wire.status(1, 0, b"\x04")),
+        write=lambda _: line.extend(dynamixel.status(1, 0, b"\x04")),
     )
     assert DynamixelAccess(port, SimulatedClock()).read(1, DRIVE_MODE) == 4

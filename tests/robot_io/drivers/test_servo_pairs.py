@@ -15,7 +15,7 @@ from robot_io.files.file_model import validate
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from sim_backend.emulators.dynamixel import control_table as table
+from sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 

@@ -5,11 +5,11 @@ import pytest
 from robot_io.drivers.dynamixel import tables as dynamixel
 from robot_io.drivers.feetech import tables as feetech
 from robot_io.drivers.feetech.protocol import error_names
-from robot_io.drivers.mit.makers import DIALECTS, Maker
-from robot_io.drivers.odrive.protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
+from robot_io.drivers.mit.settings import DIALECTS, Maker
+from robot_io.drivers.odrive_protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
 from robot_io.drivers.servo.register import Register
-from sim_backend.emulators.dynamixel.control_table import MODELS, items_of
-from sim_backend.emulators.feetech import servo as emulated_sts
+from sim_backend.emulators import feetech as emulated_sts
+from sim_backend.emulators.dynamixel_servo import MODELS, items_of
 
 DYNAMIXEL = """
 9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,

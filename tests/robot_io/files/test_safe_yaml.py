@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.errors import InputError
-from robot_io.files.safe_yaml import YamlDocument, load_yaml, parse_yaml
+from robot_io.files.file_model import YamlDocument, load_yaml, parse_yaml
 
 
 def test_values_are_what_they_look_like():

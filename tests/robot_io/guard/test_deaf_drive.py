@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robot_io.guard import Guard, Limits, SafeState
-from robot_io.guard.unresponsive_drive import UnresponsiveDrives
+from robot_io.guard.plausibility import UnresponsiveDrives
 from robot_io.types import Command, Measurement, Status
 
 DT = 1e-3

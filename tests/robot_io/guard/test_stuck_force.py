@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_io.guard import Guard, SafeState
-from robot_io.guard.stuck_sensors import StuckForce
+from robot_io.guard.plausibility import StuckForce
 from tests.robot_io.guard.test_deaf_drive import LIMITS, measured
 
 LIMIT_S = 0.02

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.bota import protocol
-from robot_io.drivers.bota.protocol import BotaStream, crc16, decode_frame
+from robot_io.drivers.serial_force import bota
+from robot_io.drivers.serial_force.bota import BotaStream, crc16, decode_frame
 from robot_io.errors import DeviceError, ProtocolError
-from sim_backend.emulators.serial.bota import INVALID, OVERRANGE, RAW, SKIPPED, frame
+from sim_backend.emulators.serial_sensors import INVALID, OVERRANGE, RAW, SKIPPED, bota_frame
 from tests.wire.parts import BOTA, ODRIVE
 
 VALUES = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6)
@@ -22,31 +22,31 @@ def test_the_crc_is_that_of_x25():
 
 @given(st.integers(0, 65_535), VALUES, st.integers(0, 2**32 - 1))
 def test_a_frame_is_what_the_sensor_sent(status, values, time_us):
-    found = decode_frame(frame(status, values, time_us))
+    found = decode_frame(bota_frame(status, values, time_us))
     assert found == (status, tuple(values), time_us, 31.5)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_what_is_no_number_is_refused(value):
     with pytest.raises(ProtocolError, match="not a number"):
-        decode_frame(frame(0, [*ONES[:5], value], 0))
+        decode_frame(bota_frame(0, [*ONES[:5], value], 0))
 
 
 def fed(*frames, axis="y"):
     """What is made of frames that follow one at time 0, which does not count yet."""
     stream = BotaStream(axis, 100.0)
-    assert stream.feed(frame(0, ONES, 0)) == []
+    assert stream.feed(bota_frame(0, ONES, 0)) == []
     return stream, stream.feed(b"".join(frames))
 
 
 @pytest.mark.parametrize(("axis", "force_n"), [("x", 1.0), ("y", -2.0), ("z", 3.0)])
 def test_the_axis_is_the_one_that_was_chosen(axis, force_n):
-    assert fed(frame(0, ONES, 1250), axis=axis)[1] == [force_n]
+    assert fed(bota_frame(0, ONES, 1250), axis=axis)[1] == [force_n]
 
 
 @pytest.mark.parametrize("cut", range(1, 37, 5))
 def test_after_a_lost_beginning_the_next_frame_is_found(cut):
-    _, forces = fed(frame(0, [0xAA] * 6, 10)[cut:], frame(0, ONES, 1250), frame(0, ONES, 2500))
+    _, forces = fed(bota_frame(0, [0xAA] * 6, 10)[cut:], bota_frame(0, ONES, 1250), bota_frame(0, ONES, 2500))
     assert forces == [-2.0, -2.0]
 
 
@@ -69,7 +69,7 @@ def test_noise_is_not_kept():
     ],
 )
 def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
-    stream, forces = fed(*(frame(0, ONES, time_us) for time_us in times_us))
+    stream, forces = fed(*(bota_frame(0, ONES, time_us) for time_us in times_us))
     assert len(forces) == taken
     assert stream.rejected == 1 + len(times_us) - taken
     assert not stream.complaint
@@ -78,12 +78,12 @@ def test_a_time_that_does_not_go_on_is_believed_with_the_next(times_us, taken):
 def test_the_sensors_time_begins_anew_after_71_minutes():
     stream = BotaStream("y", 100.0)
     times_us = (2**32 - 2250, 2**32 - 1000, 250)
-    assert stream.feed(b"".join(frame(0, ONES, time_us) for time_us in times_us)) == [-2.0, -2.0]
+    assert stream.feed(b"".join(bota_frame(0, ONES, time_us) for time_us in times_us)) == [-2.0, -2.0]
     assert not stream.complaint
 
 
 def test_a_sensor_that_has_restarted_is_named():
-    stream, _ = fed(*(frame(0, ONES, time_us) for time_us in (10_000, 2**32 - 10_000, 2**32 - 8_750)))
+    stream, _ = fed(*(bota_frame(0, ONES, time_us) for time_us in (10_000, 2**32 - 10_000, 2**32 - 8_750)))
     assert "has restarted" in stream.complaint
 
 
@@ -98,16 +98,16 @@ def test_a_sensor_that_has_restarted_is_named():
     ],
 )
 def test_a_status_is_an_end_of_range_an_error_or_a_sample_less(status, forces, said):
-    stream, found = fed(frame(status, ONES, 1250))
+    stream, found = fed(bota_frame(status, ONES, 1250))
     assert (found, stream.complaint) == (forces, said)
-    assert stream.feed(frame(0, ONES, 2500)) == [-2.0]
+    assert stream.feed(bota_frame(0, ONES, 2500)) == [-2.0]
     assert not stream.complaint
 
 
 def test_a_sensor_that_skips_on_and_on_says_so_itself():
-    stream, forces = fed(*(frame(SKIPPED, ONES, 1250 * k) for k in range(1, 6)))
+    stream, forces = fed(*(bota_frame(SKIPPED, ONES, 1250 * k) for k in range(1, 6)))
     assert (forces, stream.complaint) == ([], "the sensor says 'skips measurements, lower rate_hz'")
-    assert stream.feed(frame(0, ONES, 7500)) == [-2.0]
+    assert stream.feed(bota_frame(0, ONES, 7500)) == [-2.0]
     assert not stream.complaint
 
 
@@ -115,7 +115,7 @@ def test_one_frame_alone_is_no_force():
     """One in 65 536 of the places in another device's bytes that look like a frame has the CRC of one."""
     noise = b"\x55\xaa\x55" * 100
     stream = BotaStream("y", 100.0)
-    assert stream.feed(noise + frame(0, ONES, 123_456) + noise) == []
+    assert stream.feed(noise + bota_frame(0, ONES, 123_456) + noise) == []
 
 
 @pytest.fixture
@@ -157,7 +157,7 @@ def test_a_line_that_is_too_slow_is_refused(bench):
 
 
 def test_commands_are_those_of_the_maker():
-    assert [protocol.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
-    assert protocol.communication_setup(9600) == b"c,0,1,0,0"
-    assert protocol.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
-    assert protocol.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0
+    assert [bota.filter_setup(rate) for rate in (100, 800)] == [b"f,512,0,0,1", b"f,64,0,0,1"]
+    assert bota.communication_setup(9600) == b"c,0,1,0,0"
+    assert bota.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,") is None
+    assert bota.code_of(b"f,512,0,0,1", b"\xaar,0,C,0 r,0,f,0") == 0

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force import loadstar
-from robot_io.drivers.serial_force.loadstar import loadstar_stream
-from robot_io.drivers.serial_force.text import newtons_per
+from robot_io.drivers.serial_force import gauges
+from robot_io.drivers.serial_force.gauges import loadstar_stream
+from robot_io.drivers.serial_force.stream import newtons_per
 from robot_io.errors import ProtocolError
 
 POUND_N = 4.4482216152605  # NIST SP 811, lbf
@@ -17,25 +17,25 @@ POUND_N = 4.4482216152605  # NIST SP 811, lbf
 )
 def test_readings_of_the_manual(text, value):
     """The command set's examples, and the %12.4f of the fast interface."""
-    assert loadstar.number_of(text) == value
+    assert gauges.number_of(text) == value
 
 
 @pytest.mark.parametrize("text", ["", "nan", "inf", "1e5", "1.2.3", "0x10", "--1", "1,5", "1 2", "٣"])
 def test_what_is_no_reading_is_refused(text):
     with pytest.raises(ProtocolError):
-        loadstar.number_of(text)
+        gauges.number_of(text)
 
 
 def test_answers_of_the_manual():
-    assert loadstar.model_of("FCM DI-1000") == "DI-1000"
-    assert loadstar.model_of("FCM DI-100") == "DI-100"
-    assert loadstar.unit_of("lbf") == pytest.approx(POUND_N)
-    assert loadstar.unit_of("UNITS kgf") == pytest.approx(9.80665)
+    assert gauges.model_of("FCM DI-1000") == "DI-1000"
+    assert gauges.model_of("FCM DI-100") == "DI-100"
+    assert gauges.unit_of("lbf") == pytest.approx(POUND_N)
+    assert gauges.unit_of("UNITS kgf") == pytest.approx(9.80665)
     for unit in ("lbf-ft", "in", "psi", "", "UNITS", "MN"):
         with pytest.raises(ProtocolError, match="not a known unit"):
-            loadstar.unit_of(unit)
+            gauges.unit_of(unit)
     with pytest.raises(ProtocolError, match="iLoad"):
-        loadstar.model_of("iLoad Pro")
+        gauges.model_of("iLoad Pro")
 
 
 @pytest.mark.parametrize(

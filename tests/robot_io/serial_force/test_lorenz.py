@@ -5,13 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force import lorenz_protocol as lorenz
-from robot_io.drivers.serial_force.lorenz_protocol import (
-    LorenzCommand,
-    LorenzStream,
-    Telegram,
-    TelegramReader,
-)
+from robot_io.drivers.serial_force import lorenz
+from robot_io.drivers.serial_force.lorenz import LorenzCommand, LorenzStream, Telegram, TelegramReader
 from robot_io.errors import InputError, ProtocolError
 
 TELEGRAMS = st.builds(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robot_io.drivers.serial_force.mark10 import Mark10Stream, reading_of
-from robot_io.drivers.serial_force.poll import Poll
+from robot_io.drivers.serial_force.gauges import Mark10Stream, reading_of
+from robot_io.drivers.serial_force.stream import Poll
 from robot_io.errors import ProtocolError
 
 POUND_N = 4.4482216152605  # NIST SP 811, lbf

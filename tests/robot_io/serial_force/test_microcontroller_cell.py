@@ -11,7 +11,7 @@ from robot_io.errors import DeviceError, ProtocolError
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
-from sim_backend.emulators.serial.cell import line
+from sim_backend.emulators.serial_sensors import cell_line
 from tests.wire.parts import CELL, ODRIVE, ROOT
 
 FIRMWARE = ROOT / "docs" / "firmware" / "load_cell" / "load_cell.ino"
@@ -71,12 +71,12 @@ def test_the_firmware_and_the_driver_understand_each_other(tmp_path):
 )
 def test_what_is_no_sample_is_refused(text):
     with pytest.raises(ProtocolError):
-        sample_of(line(text)[:-1])
+        sample_of(cell_line(text)[:-1])
 
 
 def stream(*texts):
     made = CellStream(0.5, 10.0, 100.0, 320.0)
-    return made, made.feed(b"\n" + b"".join(map(line, texts)))
+    return made, made.feed(b"\n" + b"".join(map(cell_line, texts)))
 
 
 def test_a_force_is_counts_above_zero():
@@ -103,7 +103,7 @@ def test_lost_samples_are_just_lost(counters):
 def test_a_converter_at_its_end_is_saturated():
     assert stream("1 8388607", "2 -8388608", "3 8388606")[1][:2] == [4194298.5, -4194309.0]
     made = CellStream(1e-6, 0.0, 100.0, 320.0)
-    assert made.feed(b"\n" + line("1 8388607") + line("2 -8388608")) == [100.0, -100.0]
+    assert made.feed(b"\n" + cell_line("1 8388607") + cell_line("2 -8388608")) == [100.0, -100.0]
 
 
 @pytest.fixture
@@ -116,8 +116,8 @@ def arm(bench):
     [
         ("rate_hz: 320", "rate_hz: 80", "makes 320 samples/s, the robot file says 80"),
         ("", b"cell 1 x 320*0000\n", "no cell answers"),
-        ("", line("cell 2 x 320"), "speaks version 2, this driver version 1"),
-        ("", line("cell 1 x fast"), "says 'fast' samples a second, which is no number"),
+        ("", cell_line("cell 2 x 320"), "speaks version 2, this driver version 1"),
+        ("", cell_line("cell 1 x fast"), "says 'fast' samples a second, which is no number"),
     ],
 )
 def test_another_cell_than_stated_is_refused(arm, old, new, problem):
@@ -134,7 +134,7 @@ def test_what_the_firmware_says_is_wrong_is_said_until_the_next_sample(arm, word
     arm.robot.configure()
     arm.ticks(20, None)
     sensor = arm.arm.wires["load_cell"]._sensor
-    sensor.reading = lambda force_n: line(f"fault {word}")
+    sensor.reading = lambda force_n: cell_line(f"fault {word}")
     assert arm.ticks(5, None).force_status is Status.FAULT
     assert f"the cell says 'fault {word}'" in arm.problem
     del sensor.reading

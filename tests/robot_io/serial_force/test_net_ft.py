@@ -8,16 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.driver import DriverCatalogue
-from robot_io.drivers.net_ft import protocol
-from robot_io.drivers.net_ft.configuration import parse_configuration
-from robot_io.drivers.net_ft.line import NetFtLineSettings
-from robot_io.drivers.net_ft.protocol import NetFtStream, decode_record
+from robot_io.drivers import net_ft
+from robot_io.drivers.net_ft import NetFtLineSettings, NetFtStream, decode_record, parse_configuration
 from robot_io.errors import DeviceError, InputError, ProtocolError
 from robot_io.files.file_model import validate
 from robot_io.robot import build_robot
 from robot_io.robot_file import parse_robot_file
 from robot_io.types import Status
-from sim_backend.emulators.net_ft.box import EmulatedNetFt, record
+from sim_backend.emulators.net_ft import EmulatedNetFt, record
 from tests.wire.parts import NET_FT, ODRIVE
 
 COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)
@@ -36,8 +34,8 @@ def test_a_datagram_of_another_size_is_none(size):
 
 
 def test_requests_are_those_of_the_manual():
-    assert protocol.START.hex() == "1234000200000000"
-    assert protocol.STOP.hex() == "1234000000000000"
+    assert net_ft.START.hex() == "1234000200000000"
+    assert net_ft.STOP.hex() == "1234000000000000"
 
 
 def fed(*records, axis="z"):
@@ -227,11 +225,11 @@ def test_the_first_request_may_be_lost_and_the_stream_is_ended(arm):
         heard.append(data) or (b"" if len(heard) < 3 else hear(data, now_s))
     )
     arm.robot.configure()
-    assert heard == [protocol.START] * 3
+    assert heard == [net_ft.START] * 3
     assert arm.ticks(5, None).force_status is not Status.FAULT
     arm.robot.close()
     arm.clock.sleep_until(arm.clock.now_s() + 0.01)
-    assert heard[-1] == protocol.STOP
+    assert heard[-1] == net_ft.STOP
     assert not sensor(arm)._timer.running
 
 

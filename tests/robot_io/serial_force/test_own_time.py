@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force.own_time import OwnTime
+from robot_io.drivers.serial_force.stream import OwnTime
 from sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CELL, NET_FT, ODRIVE
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robot_io.drivers.serial_force.force_lines import compile_pattern, pattern_stream
+from robot_io.drivers.serial_force.gauges import compile_pattern, pattern_stream
 from robot_io.errors import InputError
 
 MARK_10 = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"

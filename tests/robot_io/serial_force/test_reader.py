@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from robot_io.clock import SimulatedClock
-from robot_io.drivers.serial_force.force_lines import pattern_stream
-from robot_io.drivers.serial_force.loadstar import loadstar_stream
-from robot_io.drivers.serial_force.lorenz_protocol import LorenzStream
-from robot_io.drivers.serial_force.reader import SerialReader
+from robot_io.drivers.serial_force.gauges import loadstar_stream, pattern_stream
+from robot_io.drivers.serial_force.line import SerialReader
+from robot_io.drivers.serial_force.lorenz import LorenzStream
 
 
 class Line:

@@ -9,10 +9,10 @@ import cantools
 import pytest
 
 from robot_io.robot_file import load_robot_file
-from sim_backend.emulators.can.mit_motor import EmulatedMitMotor
-from sim_backend.emulators.can.odrive import EmulatedOdrive
-from sim_backend.emulators.plant import Plant
-from sim_backend.emulators.serial.sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
+from sim_backend.emulators.bench import Plant
+from sim_backend.emulators.mit import EmulatedMitMotor
+from sim_backend.emulators.odrive import EmulatedOdrive
+from sim_backend.emulators.serial_sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
 from sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -11,11 +11,10 @@ import serial
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
 from robot_io.clock import MonotonicClock
-from sim_backend.emulators.bench import Bench
-from sim_backend.emulators.dynamixel import wire
-from sim_backend.emulators.dynamixel.control_table import MODELS
-from sim_backend.emulators.dynamixel.line import DynamixelLine, Mounting
-from sim_backend.emulators.plant import JointState
+from sim_backend.emulators import dynamixel
+from sim_backend.emulators.bench import Bench, JointState
+from sim_backend.emulators.dynamixel import DynamixelLine, Mounting
+from sim_backend.emulators.dynamixel_servo import MODELS
 
 BYTE_S = 10 / 4e6
 HAND_ON_S = 0.04  # real time that a pseudo terminal may take
@@ -54,7 +53,7 @@ class Client:
     def say(self, text, wait_s=0.01):
         """Send a packet written in hex, without its checksum; returns what comes back within `wait_s`."""
         packet = bytes.fromhex(text)
-        self.port.write(packet + wire.checksum(packet).to_bytes(2, "little"))
+        self.port.write(packet + dynamixel.checksum(packet).to_bytes(2, "little"))
         select.select([self.line._master], [], [], HAND_ON_S)
         return self.listen(wait_s)
 
@@ -94,26 +93,27 @@ def client():
 
 
 def status(servo_id, *body):
-    return wire.status(servo_id, body[0], bytes(body[1:]))
+    return dynamixel.status(servo_id, body[0], bytes(body[1:]))
 
 
 def test_its_packets_are_as_published():
     """ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0", examples of Ping, Read and Fast Sync Read."""
     assert (
-        wire.status(1, 0, bytes.fromhex("06 04 26")).hex(" ") == "ff ff fd 00 01 07 00 55 00 06 04 26 65 5d"
+        dynamixel.status(1, 0, bytes.fromhex("06 04 26")).hex(" ")
+        == "ff ff fd 00 01 07 00 55 00 06 04 26 65 5d"
     )
-    assert wire.status(1, 0, bytes.fromhex("a6 00 00 00")).hex(" ") == (
+    assert dynamixel.status(1, 0, bytes.fromhex("a6 00 00 00")).hex(" ") == (
         "ff ff fd 00 01 08 00 55 00 a6 00 00 00 8c c0"
     )
     parts = [(3, 0, b"\xa6\0\0\0"), (7, 0, b"\x1f\x08\0\0"), (4, 0, b"\xff\x03\0\0")]
-    assert wire.fast_status(parts, 3).hex(" ") == (
+    assert dynamixel.fast_status(parts, 3).hex(" ") == (
         "ff ff fd 00 fe 19 00 55 00 03 a6 00 00 00 84 08 00 07 1f 08 00 00 16 ca 00 04 ff 03 00 00 d1 9e"
     )
 
 
 def test_published_requests_are_understood():
     request = bytes.fromhex("ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87")
-    (understood,) = wire.Receiver().take(b"\xff\xff\xfd\xfd noise " + request)
+    (understood,) = dynamixel.Receiver().take(b"\xff\xff\xfd\xfd noise " + request)
     assert (understood.target, understood.code, understood.intact) == (0xFE, 0x83, True)
     assert understood.parameters == request[8:-2]
 

@@ -1,0 +1,361 @@
+"""The arm as a whole: a motion that excites it, and what its torques say of drives, friction and tilt.
+
+    torque_j = I_j(q, v, a) + G_j(q) g
+
+I is the inertial part, and G the torque per component of the fall acceleration g in the base's axes: gravity
+acts linearly. The masses are those of the URDF and taken as exact.
+
+The fit finds gains, offsets and friction of the drives, and the base's tilt, from one motion in free air.
+
+    gain_j m_j(t) + offset_j = (I_j + G_j g(pitch, roll))(t - delay) + coulomb_j sign(v_j) + viscous_j v_j
+
+I and G are of the model, m is what the drives measure. It carries the noise, so it is what is
+fitted, with 1 / gain_j on the right. The amplitude of the weight's torque gives the gain and its phase the
+tilt. The delay between the samples of motion and torque is fitted as well: left alone it passes for viscous
+friction. Samples near standstill, where friction is anything up to its limit, are left out.
+
+Gauss-Newton, each joint weighted with its own residual; the covariance allows for autocorrelated residuals
+(estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
+"""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from calibration.standstill import UncertainValue
+from control.arm.rigid_body import RigidBody
+from estimation.data.tick_channels import joint_channels
+from estimation.statistics.least_squares import solve
+from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.uncertainty import sandwich
+from robot_io.calibration.applied import gravity_base_m_s2
+from robot_io.errors import InputError
+from robot_io.session import Samples
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+_UNIT = np.eye(3)
+
+
+@dataclass(frozen=True)
+class GravityBodies:
+    """One arm without gravity, and with 1 m/s^2 along each of the base's axes."""
+
+    weightless: RigidBody
+    along: tuple[RigidBody, RigidBody, RigidBody]
+
+    @classmethod
+    def from_urdf(cls, urdf: str | Path, tip_frame: str) -> Self:
+        """Build the four models of a URDF.
+
+        Args:
+            urdf: path or text.
+            tip_frame: name of the tip's frame.
+
+        Returns:
+            The models.
+        """
+        weightless, x, y, z = (
+            RigidBody.from_urdf(urdf, tip_frame, gravity) for gravity in ((0.0, 0.0, 0.0), *_UNIT)
+        )
+        return cls(weightless, (x, y, z))
+
+    def parts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Compute the inertial torques, and the torques per unit of gravity.
+
+        Args:
+            q: joint positions, shape (m, n) [rad].
+            v: joint velocities, shape (m, n) [rad/s].
+            a: joint accelerations, shape (m, n) [rad/s^2].
+
+        Returns:
+            I, shape (m, n) [N m], and G, shape (m, n, 3) [N m s^2/m].
+        """
+        rest = np.zeros_like(q)
+        gravity = np.stack([body.inverse_dynamics_along(q, rest, rest) for body in self.along], axis=2)
+        return self.weightless.inverse_dynamics_along(q, v, a), gravity
+
+
+def fall(tilt_rad: FloatArray) -> FloatArray:
+    """Compute the fall acceleration in the base's axes.
+
+    Args:
+        tilt_rad: pitch and roll, shape (2,) [rad].
+
+    Returns:
+        Shape (3,) [m/s^2].
+    """
+    return np.array(gravity_base_m_s2(float(tilt_rad[0]), float(tilt_rad[1])))
+
+
+def fall_slopes(tilt_rad: FloatArray) -> FloatArray:
+    """Compute the derivatives of `fall` by pitch and by roll.
+
+    Args:
+        tilt_rad: pitch and roll, shape (2,) [rad].
+
+    Returns:
+        Shape (3, 2) [m/s^2 per rad].
+    """
+    step = 1e-6
+    return np.column_stack(
+        [(fall(tilt_rad + step * turn) - fall(tilt_rad - step * turn)) / (2 * step) for turn in np.eye(2)]
+    )
+
+
+def design(bodies: GravityBodies, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """Compute the columns of the linearised model: gain, Coulomb, viscous, offset of each joint; tilt.
+
+    Args:
+        bodies: models of the arm.
+        q: joint positions, shape (m, n) [rad].
+        v: joint velocities, shape (m, n) [rad/s].
+        a: joint accelerations, shape (m, n) [rad/s^2].
+
+    Returns:
+        Shape (m n, 4 n + 2).
+    """
+    inertial, gravity = bodies.parts(q, v, a)
+    level = np.zeros(2)
+    torque = inertial + gravity @ fall(level)
+    slopes = gravity @ fall_slopes(level)
+    count, joints = q.shape
+    columns = np.zeros((joints, count, 4 * joints + 2))
+    for joint in range(joints):
+        own = np.column_stack([torque[:, joint], np.sign(v[:, joint]), v[:, joint], -np.ones(count)])
+        columns[joint, :, 4 * joint : 4 * joint + 4] = own
+        columns[joint, :, -2:] = slopes[:, joint]
+    return columns.reshape(joints * count, -1)
+
+
+STANDSTILL_RAD_S = 0.03
+_EDGE = 30  # samples at either end, where derivatives are one-sided
+BLOCK = 50  # samples whose mean is one observation
+_FEWEST = 500  # samples of a motion
+_FEWEST_BLOCKS = 50  # of each joint, in motion
+_STEPS = 12
+_CONVERGED = 1e-10
+_UNFELT = 1e-3  # of the larger one: a tilt whose torque is less than that is not felt
+_FEWEST_LOADED = 1e-9
+
+
+UncertainArray = UncertainValue[FloatArray]
+
+
+@dataclass(frozen=True)
+class ArmFit:
+    """Parameters of each joint, shape (n,), of the base, and residuals of the samples, shape (m, n)."""
+
+    gain: UncertainArray  # true over measured torque [-]
+    offset_nm: UncertainArray  # true torque where the measured one is 0 [N m]
+    command_offset_nm: UncertainArray  # true torque where the commanded one is 0 [N m]
+    coulomb_nm: UncertainArray  # dry friction [N m]
+    viscous_nms_rad: UncertainArray  # viscous friction [N m s/rad]
+    delay_s: UncertainValue[float]  # of the torque samples behind the motion's [s]
+    tilt_rad: UncertainArray  # pitch and roll, shape (2,) [rad]; NaN where the arm does not feel it
+    residual_nm: FloatArray  # measured less fitted torque, NaN where a sample was left out [N m]
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+
+
+@dataclass(frozen=True)
+class ArmMotion:
+    """Motion and torques at the times of the torque samples, shape (m,), each of shape (m, n), SI units."""
+
+    time_s: FloatArray
+    position_rad: FloatArray
+    velocity_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+    measured_nm: FloatArray
+    sent_nm: FloatArray
+
+
+def motion_of(ticks: Samples) -> ArmMotion:
+    """Extract the part of a session in which the path was followed.
+
+    Args:
+        ticks: of the session.
+
+    Returns:
+        Motion and torques.
+
+    Raises:
+        InputError: there is too little motion.
+    """
+    excited = ticks.select(ticks["run"] == 0)
+    channels = joint_channels(excited)
+    if not channels or len(channels[0]) < _FEWEST:
+        raise InputError(
+            "the session holds too little motion to calibrate from: its calibration was interrupted"
+        )
+    context, inner = channels[0].context, slice(_EDGE, -_EDGE)
+    before = np.searchsorted(excited["time_s"], channels[0].time_s, side="right") - 1
+    sent = excited.vector("torque_sent_nm")[np.maximum(before, 0)]
+    return ArmMotion(
+        channels[0].time_s[inner],
+        context["joint_position"][inner],
+        context["joint_velocity"][inner],
+        context["joint_acceleration"][inner],
+        np.column_stack([channel.effort for channel in channels])[inner],
+        sent[inner],
+    )
+
+
+def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
+    """Fit drives, friction, delay and tilt to a motion.
+
+    Args:
+        motion: motion and torques.
+        bodies: the arm without gravity, and with gravity along each axis.
+
+    Returns:
+        The parameters with their uncertainties.
+
+    Raises:
+        InputError: a joint hardly moved, or its load does not change, so that its gain is not identifiable.
+    """
+    inertial, gravity = bodies.parts(motion.position_rad, motion.velocity_rad_s, motion.acceleration_rad_s2)
+    # Samples near standstill are left out, with those near them in time: derivatives smear friction's jump.
+    still = np.abs(motion.velocity_rad_s) <= STANDSTILL_RAD_S
+    near = np.ones(2 * _EDGE + 1)
+    away = np.column_stack([np.convolve(joint, near, mode="same") < 0.5 for joint in still.T])
+    moving = _means(away.astype(np.float64)) == 1.0
+    inertial, gravity = _means(inertial), _means(gravity)
+    motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
+    _check(moving, inertial + gravity @ fall(np.zeros(2)))
+    solver = _Solver(motion, inertial, gravity, moving, _felt(gravity))
+    return _unpacked(solver, *solver.solve())
+
+
+class _Solver:
+    """Gauss-Newton over (1/gain, coulomb/gain, viscous/gain, offset/gain) of each joint, and the tilt."""
+
+    def __init__(
+        self, motion: ArmMotion, inertial: FloatArray, gravity: FloatArray, moving: BoolArray, felt: BoolArray
+    ) -> None:
+        self.motion, self.moving, self.felt = motion, moving, felt
+        self._inertial, self._gravity = inertial, gravity
+        self.joints = inertial.shape[1]
+        self.delay = 4 * self.joints  # index of the delay; the tilts follow
+
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Values and covariance, the tilts that are not felt left out."""
+        values = np.zeros(self.delay + 1 + int(self.felt.sum()))
+        values[: self.delay : 4] = 1.0
+        for _ in range(_STEPS):
+            columns, residual, w, _ = self._linearised(values)
+            step = solve(columns, residual, w).gains
+            values = values + step
+            if np.abs(step).max() < _CONVERGED:
+                break
+        columns, residual, w, joint = self._linearised(values)
+        return values, sandwich(columns, residual * w**2, w**2, joint).matrix
+
+    def tilt(self, values: FloatArray) -> FloatArray:
+        """Pitch and roll, 0 where they are not felt."""
+        tilt = np.zeros(2)
+        tilt[self.felt] = values[self.delay + 1 :]
+        return tilt
+
+    def predicted_nm(self, values: FloatArray) -> FloatArray:
+        """Torques that the drives should have measured, shape (m, n) [N m]."""
+        known, _ = self._known_and_rate(values)
+        s, c, b, o = values[: self.delay].reshape(-1, 4).T
+        speed = self.motion.velocity_rad_s
+        return np.asarray(s * known + c * np.sign(speed) + b * speed - o)
+
+    def _known_and_rate(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The rigid body's torques with this tilt and delay, (m, n), and their rate without the delay."""
+        known = np.asarray(self._inertial + self._gravity @ fall(self.tilt(values)))
+        rate = np.gradient(known, self.motion.time_s, axis=0)
+        return known - values[self.delay] * rate, rate
+
+    def _linearised(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+        """Columns (k, p), residuals, weights and joint numbers (k,) of all samples that count."""
+        known, rate = self._known_and_rate(values)
+        slopes = self._gravity @ fall_slopes(self.tilt(values))[:, self.felt]
+        blocks, residuals, weights, joints = [], [], [], []
+        for j in range(self.joints):
+            rows, (s, c, b, o) = self.moving[:, j], values[4 * j : 4 * j + 4]
+            speed = self.motion.velocity_rad_s[rows, j]
+            own = np.column_stack([known[rows, j], np.sign(speed), speed, -np.ones(len(speed))])
+            block = np.zeros((len(speed), len(values)))
+            block[:, 4 * j : 4 * j + 4] = own
+            block[:, self.delay] = -s * rate[rows, j]
+            block[:, self.delay + 1 :] = s * slopes[rows, j]
+            blocks.append(block)
+            residuals.append(self.motion.measured_nm[rows, j] - own @ np.array([s, c, b, o]))
+            weights.append(np.full(len(speed), 1.0 / residuals[-1].std()))
+            joints.append(np.full(len(speed), j))
+        columns, residual, weight = map(np.concatenate, (blocks, residuals, weights))
+        return columns, residual, weight, np.concatenate(joints)
+
+
+def _unpacked(solver: _Solver, values: FloatArray, covariance: FloatArray) -> ArmFit:
+    """Gain, offset and friction out of their ratios, with uncertainties to the first order."""
+    motion, delay = solver.motion, solver.delay
+    ratios, std = values[:delay].reshape(-1, 4), np.sqrt(np.diag(covariance))
+    gain = 1.0 / ratios[:, 0]
+    first = np.arange(0, delay, 4)
+
+    def times_gain(k: int) -> UncertainArray:
+        slopes = np.zeros((len(gain), len(values)))
+        slopes[np.arange(len(gain)), first + k] = gain
+        slopes[np.arange(len(gain)), first] = -ratios[:, k] * gain**2
+        return UncertainValue(
+            gain * ratios[:, k], np.sqrt(np.einsum("ip,pq,iq->i", slopes, covariance, slopes))
+        )
+
+    offset = times_gain(3)
+    tilt, tilt_std = np.full(2, np.nan), np.full(2, np.nan)
+    tilt[solver.felt], tilt_std[solver.felt] = values[delay + 1 :], std[delay + 1 :]
+    difference = motion.measured_nm - motion.sent_nm
+    shift = difference.mean(axis=0)
+    shift_std = np.sqrt(np.diag(sum_covariance(difference - shift).matrix)) / len(difference)
+    residual = motion.measured_nm - solver.predicted_nm(values)
+    return ArmFit(
+        gain=UncertainValue(gain, gain**2 * std[first]),
+        offset_nm=offset,
+        command_offset_nm=UncertainValue(
+            offset.value + gain * shift, np.hypot(offset.std_err, gain * shift_std)
+        ),
+        coulomb_nm=times_gain(1),
+        viscous_nms_rad=times_gain(2),
+        delay_s=UncertainValue(float(values[delay]), float(std[delay])),
+        tilt_rad=UncertainValue(tilt, tilt_std),
+        residual_nm=np.where(solver.moving, residual, np.nan),
+        position_rad=motion.position_rad,
+        velocity_rad_s=motion.velocity_rad_s,
+    )
+
+
+def _means(values: FloatArray) -> FloatArray:
+    """Means of blocks of `BLOCK` samples, along the first axis.
+
+    Both sides of a linear equation may be filtered alike. It takes away the controller's answer to the
+    encoders' noise, which is in the measured torque and, smoothed differently, in the acceleration.
+    """
+    count = len(values) // BLOCK
+    return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))
+
+
+def _felt(gravity: FloatArray) -> BoolArray:
+    """Which of pitch and roll change the torques of a level arm enough to be identified."""
+    size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
+    return np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
+
+
+def _check(moving: BoolArray, torque_nm: FloatArray) -> None:
+    for joint, (count, spread) in enumerate(
+        zip(moving.sum(axis=0), np.ptp(torque_nm, axis=0), strict=True), 1
+    ):
+        if count < _FEWEST_BLOCKS:
+            raise InputError(
+                f"joint {joint} hardly moves: only {count} blocks of {BLOCK} samples are faster than "
+                f"{STANDSTILL_RAD_S} rad/s"
+            )
+        if spread < _FEWEST_LOADED:
+            raise InputError(
+                f"joint {joint} carries the same load everywhere: its torque gain cannot be identified"
+            )

@@ -1,0 +1,527 @@
+"""Motions in free air for calibration: an exciting path of all joints, above the ground and below all limits.
+
+No part of the arm goes lower than its lowest point at the start. The path is a finite Fourier series about a
+posture. It stays inside the arm's limits and clear of the ground. Source: J. Swevers et al., Optimal robot
+excitation and identification, IEEE Trans. Robotics Automation 13(5), 1997.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm_fit import GravityBodies, design
+from control.arm.rigid_body import RigidBody
+from control.laws.computed_torque import ComputedTorque
+from control.laws.gains import TrackingGains
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
+from control.paths.trajectory import JointMotion, JointMove, quintic
+from robot_io.errors import InputError, SafetyTripError
+from robot_io.guard import Limits
+from robot_io.types import Command, FloatArray, Measurement
+
+MARGIN_M = 0.01
+_STEP_RAD = 0.05
+SHARE = 0.5  # of a limit; the rest is for noise, friction and the controller's corrections
+_TORQUE_SHARE = 0.8  # share of the torque limit, mostly for the known weight
+_TRAVEL_RAD_S = 0.6
+ACCELERATION_RAD_S2 = 2.0
+_WAY_POSTURES = 60  # postures of the way that are checked
+_TRIES = 61  # angles of each joint
+
+
+def lowest_m(body: RigidBody, postures_rad: Iterable[FloatArray]) -> float:
+    """Compute the height of the lowest joint (but the first) or tip over some postures.
+
+    Args:
+        body: model of the arm.
+        postures_rad: joint positions, shape (n,) each [rad].
+
+    Returns:
+        Height [m].
+    """
+    return min(float(body.heights_m(posture)[1:].min()) for posture in postures_rad)
+
+
+def straight_way(start_rad: FloatArray, end_rad: FloatArray) -> FloatArray:
+    """List postures on the way of a joint move.
+
+    Args:
+        start_rad: shape (n,) [rad].
+        end_rad: shape (n,) [rad].
+
+    Returns:
+        Shape (k, n) [rad].
+    """
+    count = max(2, int(np.abs(end_rad - start_rad).max() / _STEP_RAD) + 1)
+    return np.linspace(start_rad, end_rad, count)
+
+
+def is_clear(body: RigidBody, postures_rad: Iterable[FloatArray], floor_m: float) -> bool:
+    """Whether no part comes nearer to the floor than the margin.
+
+    Args:
+        body: model of the arm.
+        postures_rad: joint positions, shape (n,) each [rad].
+        floor_m: height of the floor, which the arm has reached already [m].
+
+    Returns:
+        True if all postures are clear.
+    """
+    return lowest_m(body, postures_rad) >= floor_m - MARGIN_M
+
+
+def paced(speed_rad_s: float, limits: Limits) -> FloatArray:
+    """Limit a speed to a share of the joints' velocity limits.
+
+    Args:
+        speed_rad_s: intended speed [rad/s].
+        limits: of the guard.
+
+    Returns:
+        Speed of each joint, shape (n,) [rad/s].
+    """
+    return np.minimum(speed_rad_s, SHARE * np.array(limits.velocity_rad_s))
+
+
+def travel_speed_rad_s(limits: Limits) -> float:
+    """Compute the speed of the fastest joint on the ways to a measurement and back.
+
+    Args:
+        limits: of the guard.
+
+    Returns:
+        Speed [rad/s].
+    """
+    return float(paced(_TRAVEL_RAD_S, limits).min())
+
+
+def overloaded_joint(body: RigidBody, motions: Iterable[JointMotion], limits: Limits) -> int | None:
+    """Find the first joint that would need nearly all of its torque limit.
+
+    Args:
+        body: model of the arm.
+        motions: of all joints.
+        limits: of the guard.
+
+    Returns:
+        Index of the joint from 0; None if there is none.
+    """
+    for motion in motions:
+        share = np.abs(body.inverse_dynamics(*motion)) / np.array(limits.torque_nm)
+        if share.max() > _TORQUE_SHARE:
+            return int(share.argmax())
+    return None
+
+
+def room(limits: Limits, margin_rad: float) -> tuple[FloatArray, FloatArray]:
+    """Compute the position range that keeps a distance from the limits.
+
+    Args:
+        limits: of the guard.
+        margin_rad: distance [rad].
+
+    Returns:
+        Lowest and highest positions, shape (n,) each [rad].
+
+    Raises:
+        InputError: a joint's range is too small.
+    """
+    low = np.array(limits.position_min_rad) + margin_rad
+    high = np.array(limits.position_max_rad) - margin_rad
+    if np.any(low >= high):
+        joint = int(np.argmax(low - high))
+        raise InputError(
+            f"joint {joint + 1}: limits.position_min_rad and position_max_rad are "
+            f"{high[joint] - low[joint] + 2 * margin_rad:.3g} rad apart; a calibration keeps "
+            f"{margin_rad:g} rad away from both: widen them"
+        )
+    return low, high
+
+
+def check_way_up(body: RigidBody, start_rad: FloatArray, up_rad: FloatArray, limits: Limits) -> None:
+    """Check that the way up keeps its distance from the ground, and that the torque limits carry the arm.
+
+    Args:
+        body: model of the arm.
+        start_rad: present joint positions, shape (n,) [rad].
+        up_rad: end of the way, shape (n,) [rad].
+        limits: of the guard.
+
+    Raises:
+        InputError: the way comes nearer to the ground, or needs too much torque.
+    """
+    floor_m = float(body.heights_m(start_rad)[1:].min())
+    if not is_clear(body, straight_way(start_rad, up_rad), floor_m):
+        raise InputError(
+            "the way up from where the arm stands would come nearer to the ground: raise the arm first"
+        )
+    move = JointMove(start_rad, up_rad, travel_speed_rad_s(limits), ACCELERATION_RAD_S2)
+    motions = (move.at(time_s) for time_s in np.linspace(0.0, move.duration_s, _WAY_POSTURES))
+    joint = overloaded_joint(body, motions, limits)
+    if joint is not None:
+        raise InputError(
+            f"joint {joint + 1}: its limits.torque_nm, {limits.torque_nm[joint]:g} N m, hardly carries the "
+            "arm on its way up: raise it, or correct the URDF's masses"
+        )
+
+
+def highest_posture(body: RigidBody, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Find the posture whose joints and tip stand highest, on a grid over the joints' ranges.
+
+    Args:
+        body: model of the arm.
+        low: lowest positions, shape (n,) [rad].
+        high: highest positions, shape (n,) [rad].
+
+    Returns:
+        Joint positions, shape (n,) [rad].
+    """
+    posture = np.clip(np.zeros(body.joint_count), low, high)
+    for _ in range(2):  # joint by joint: for a chain the sum of heights has one top
+        for joint in range(body.joint_count):
+            tries = np.repeat(posture[None], _TRIES, axis=0)
+            tries[:, joint] = np.linspace(low[joint], high[joint], _TRIES)
+            posture = max(tries, key=lambda q: float(body.heights_m(q).sum()))
+    return posture
+
+
+_FADE_SHARE = 0.1  # of the duration, from rest to the full motion and back
+HARMONICS = 4
+_SLOWEST_RAD_S = 0.1  # friction near standstill hides the torques of slower motions
+_LIMIT_MARGIN_RAD = 0.15  # distance to the position limits
+_CANDIDATES = 24
+_POSTURES = 120  # postures of a candidate that are checked
+_SHRINKING = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2)
+
+
+class FourierPath:
+    """q(t) = centre + fade(t) sum_k amplitude_k sin(2 pi k t / period + phase_k).
+
+    It starts and ends at rest in the centre, fading over a quintic, so that the acceleration is continuous.
+
+    Args:
+        centre_rad: shape (n,) [rad].
+        amplitude_rad: shape (n, harmonics) [rad].
+        phase_rad: shape (n, harmonics) [rad].
+        period_s: of the first harmonic [s].
+        duration_s: of the whole path [s].
+    """
+
+    def __init__(
+        self,
+        centre_rad: FloatArray,
+        amplitude_rad: FloatArray,
+        phase_rad: FloatArray,
+        period_s: float,
+        duration_s: float,
+    ) -> None:
+        self.centre_rad, self.duration_s = centre_rad, duration_s
+        self._amplitude, self._phase = amplitude_rad, phase_rad
+        self._rate = math.tau / period_s * np.arange(1, amplitude_rad.shape[1] + 1)
+
+    def at(self, time_s: float) -> JointMotion:
+        """Compute the motion at a time; at rest before the start and after the end.
+
+        Args:
+            time_s: since the start [s].
+
+        Returns:
+            Motion of the joints.
+        """
+        return self._faded(self._rate * time_s + self._phase, *self._fade(time_s))
+
+    def along(self, times_s: FloatArray) -> JointMotion:
+        """Compute the motion at many times at once.
+
+        Args:
+            times_s: since the start, shape (m,) [s].
+
+        Returns:
+            Motion whose parts have shape (m, n).
+        """
+        fade, rate, spin = np.array([self._fade(time_s) for time_s in times_s.tolist()]).T[..., None]
+        return self._faded(times_s[:, None, None] * self._rate + self._phase, fade, rate, spin)
+
+    def _fade(self, time_s: float) -> tuple[float, float, float]:
+        """The share of the full motion and its derivatives; the second half fades as the first, backwards."""
+        is_first = time_s <= 0.5 * self.duration_s
+        since_s = time_s if is_first else self.duration_s - time_s
+        fade, rate, spin = quintic(since_s, _FADE_SHARE * self.duration_s)
+        return fade, rate if is_first else -rate, spin
+
+    def _faded(
+        self, angle: FloatArray, fade: float | FloatArray, rate: float | FloatArray, spin: float | FloatArray
+    ) -> JointMotion:
+        """The motion at these angles of the harmonics (..., n, harmonics) [rad]."""
+        sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
+        wave, speed, acceleration = sine.sum(axis=-1), cosine @ self._rate, -(sine @ self._rate**2)
+        return JointMotion(
+            self.centre_rad + fade * wave,
+            fade * speed + rate * wave,
+            fade * acceleration + 2.0 * rate * speed + spin * wave,
+        )
+
+
+@dataclass(frozen=True)
+class ExcitationSettings:
+    """Size and speed of an exciting motion."""
+
+    duration_s: float  # of the whole motion [s]
+    period_s: float  # of its slowest part [s]
+    amplitude_rad: float = 1.0  # of a joint, if nothing is in the way [rad]
+    speed_rad_s: float = 1.5  # of the fastest joint at most [rad/s]
+
+
+TORQUE_MOTION = ExcitationSettings(duration_s=40.0, period_s=10.0)
+GRAVITY_MOTION = ExcitationSettings(duration_s=60.0, period_s=30.0, speed_rad_s=0.4)
+
+
+def choose_path(
+    body: RigidBody,
+    bodies: GravityBodies,
+    start_rad: FloatArray,
+    limits: Limits,
+    *,
+    settings: ExcitationSettings,
+    rng: np.random.Generator,
+) -> FourierPath:
+    """Choose the most informative of some random paths about the posture that stands highest.
+
+    The most informative path has the largest determinant of the normal equations (D-optimal) of gains,
+    offsets, friction and tilt. Nothing goes lower than where the arm stands now. Equal seeds choose the same
+    path.
+
+    Args:
+        body: model of the arm.
+        bodies: the arm without gravity, and with gravity along each axis.
+        start_rad: present joint positions, shape (n,) [rad].
+        limits: of the guard.
+        settings: size and speed.
+        rng: random numbers.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: no motion is clear of the ground and inside the limits, or all are too slow.
+    """
+    floor_m = float(body.heights_m(start_rad)[1:].min())
+    low, high = room(limits, _LIMIT_MARGIN_RAD)
+    speed = _allowed_speeds(limits, settings)
+    centre = highest_posture(body, low, high)
+    check_way_up(body, start_rad, centre, limits)
+    times = np.linspace(0.0, settings.duration_s, _POSTURES)
+    best: tuple[float, FourierPath] | None = None
+    for _ in range(_CANDIDATES):
+        shape = (
+            rng.uniform(0.3, 1.0, (body.joint_count, HARMONICS)),
+            rng.uniform(-math.pi, math.pi, (body.joint_count, HARMONICS)),
+        )
+        for path in _shrinking(centre, shape, settings, (low, high), speed):
+            motion = path.along(times)
+            each = (JointMotion(*row) for row in zip(*motion, strict=True))
+            if is_clear(body, motion.position_rad, floor_m) and overloaded_joint(body, each, limits) is None:
+                score = _information(bodies, motion)
+                best = (score, path) if best is None or score > best[0] else best
+                break
+    if best is None:
+        raise InputError(
+            "no motion of the arm stays above where it stands now and within its torque limits: "
+            "raise the arm first, or limits.torque_nm"
+        )
+    return best[1]
+
+
+def _allowed_speeds(limits: Limits, settings: ExcitationSettings) -> FloatArray:
+    """Speeds (n,) [rad/s]; refuses with `InputError` a joint too slow for its torque to say anything."""
+    speed = paced(settings.speed_rad_s, limits)
+    joint = int(speed.argmin())
+    if speed[joint] < _SLOWEST_RAD_S:
+        raise InputError(
+            f"limits.velocity_rad_s of joint {joint + 1} is {limits.velocity_rad_s[joint]:g} rad/s: too slow "
+            f"to tell friction from weight; this motion needs {_SLOWEST_RAD_S / SHARE:g} rad/s or more"
+        )
+    return speed
+
+
+def _shrinking(
+    centre: FloatArray,
+    shape: tuple[FloatArray, FloatArray],
+    settings: ExcitationSettings,
+    bounds: tuple[FloatArray, FloatArray],
+    speed: FloatArray,
+) -> Iterator[FourierPath]:
+    """One path, smaller and smaller; each inside the limits of position and speed."""
+    (low, high), (amplitude, phase) = bounds, shape
+    period_s = settings.period_s
+    times = np.linspace(0.0, settings.duration_s, 10 * _POSTURES)
+    unit = FourierPath(np.zeros(len(centre)), amplitude, phase, period_s, settings.duration_s)
+    motion = unit.along(times)
+    reach, rate = np.abs(motion.position_rad).max(axis=0), np.abs(motion.velocity_rad_s).max(axis=0)
+    room = np.minimum(np.minimum(high - centre, centre - low), settings.amplitude_rad)
+    scale = np.minimum(room / reach, speed / rate)
+    for share in _SHRINKING:
+        yield FourierPath(centre, share * scale[:, None] * amplitude, phase, period_s, settings.duration_s)
+
+
+def _information(bodies: GravityBodies, motion: JointMotion) -> float:
+    columns = design(bodies, *motion)
+    norms = np.linalg.norm(columns, axis=0)
+    sign, size = np.linalg.slogdet(columns[:, norms > 0].T @ columns[:, norms > 0])
+    return float(size) if sign > 0 else -math.inf
+
+
+TOUCH_N = 5.0  # away from what the force sensor showed at the start
+_TOUCH_TICKS = 3
+_REST_RAD_S = 0.05
+_REST_WAIT_S = 2.0
+_SETTLE_S = 0.3
+
+
+class FreeMotion:
+    """What all motions without contact share: tracking, monitoring of the force, and the output.
+
+    Args:
+        body: model of the arm.
+        gains: of the tracking.
+    """
+
+    def __init__(self, body: RigidBody, gains: TrackingGains) -> None:
+        self.body = body
+        self._torque = ComputedTorque(body, gains)
+        self._no_contact = np.zeros(body.joint_count)
+        self._touched_ticks = 0
+        self._air_n = 0.0
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin from rest; the present force counts as that of free air.
+
+        Args:
+            measurement: state of the arm.
+        """
+        self._torque.reset()
+        self._touched_ticks = 0
+        self._air_n = measurement.force_n if math.isfinite(measurement.force_n) else 0.0
+
+    def forget(self) -> None:
+        """Clear the feedback's integral, such as that of a stop that was pressed on."""
+        self._torque.reset()
+
+    def torque_nm(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
+        """Compute joint torques that follow a motion.
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            dt_s: time since the last tick [s].
+
+        Returns:
+            Shape (n,) [N m].
+
+        Raises:
+            SafetyTripError: the force sensor reads more than `TOUCH_N` away from free air.
+        """
+        away_n = measurement.force_n - self._air_n
+        self._touched_ticks = self._touched_ticks + 1 if abs(away_n) > TOUCH_N else 0
+        if self._touched_ticks >= _TOUCH_TICKS:
+            raise SafetyTripError(
+                f"{away_n:.1f} N on the tool: something is in the way; clear it, or, if there is nothing, "
+                "take off what hangs on the tool: its weight turns with it"
+            )
+        return self._torque.step(measurement, motion, self._no_contact, dt_s)
+
+    def at_rest(self, measurement: Measurement, waited_s: float) -> bool:
+        """Whether the arm stands still.
+
+        Args:
+            measurement: state of the arm.
+            waited_s: time since its motion should have ended [s].
+
+        Returns:
+            True at rest.
+
+        Raises:
+            SafetyTripError: it still moves after `_REST_WAIT_S`.
+        """
+        stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
+        if not stands and waited_s > _REST_WAIT_S:
+            raise SafetyTripError(
+                "back where the motion started the arm does not come to rest; if it shakes, lower "
+                "gains.tracking.bandwidth_rad_s in the robot file"
+            )
+        return stands
+
+    def output(
+        self,
+        measurement: Measurement,
+        motion: JointMotion,
+        torque_nm: FloatArray,
+        phase: Phase,
+        run: int = NO_RUN,
+        *,
+        done: bool = False,
+        events: tuple[TaskEvent, ...] = (),
+    ) -> TaskOutput:
+        """Make the output of a tick; without an object the direction into it is zero.
+
+        Args:
+            measurement: state of the arm.
+            motion: reference of the joints.
+            torque_nm: command, shape (n,) [N m].
+            phase: of the task.
+            run: number of the run, or `NO_RUN`.
+            done: whether the task has ended.
+            events: of the tick.
+
+        Returns:
+            The output.
+        """
+        tip = self.body.tip_motion(measurement.joint_position_rad, measurement.joint_velocity_rad_s)
+        return make_output(
+            Command(torque_nm), motion, tip, np.zeros(3), phase, run=run, done=done, events=events
+        )
+
+
+class PathTask:
+    """Moves to a path, follows it and moves back; see `control.loop.task.Task`. The path's ticks are run 0.
+
+    Args:
+        body: model of the arm.
+        gains: of the tracking.
+        path: to follow.
+        travel_rad_s: speed of the fastest joint on the ways there and back [rad/s].
+    """
+
+    def __init__(self, body: RigidBody, gains: TrackingGains, path: FourierPath, travel_rad_s: float) -> None:
+        self._free = FreeMotion(body, gains)
+        self._path, self._travel_rad_s = path, travel_rad_s
+        self._time_s = 0.0
+        self.duration_s = path.duration_s  # with the ways to it and back, once started
+
+    def start(self, measurement: Measurement) -> None:
+        self._free.start(measurement)
+        self._time_s = 0.0
+        start_rad, centre_rad = measurement.joint_position_rad.copy(), self._path.centre_rad
+        self._there = JointMove(start_rad, centre_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._back = JointMove(centre_rad, start_rad, self._travel_rad_s, ACCELERATION_RAD_S2)
+        self._begin_s = self._there.duration_s + _SETTLE_S
+        self._end_s = self._begin_s + self._path.duration_s
+        self.duration_s = self._end_s + self._back.duration_s + _SETTLE_S
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        self._time_s += dt_s
+        if self._time_s < self._begin_s:
+            motion, phase, run = self._there.at(self._time_s), Phase.MOVE, NO_RUN
+        elif self._time_s < self._end_s:
+            motion, phase, run = self._path.at(self._time_s - self._begin_s), Phase.FREE_AIR, 0
+        else:
+            motion, phase, run = self._back.at(self._time_s - self._end_s), Phase.MOVE, NO_RUN
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        over_s = self._time_s - self.duration_s
+        done = over_s >= 0.0 and self._free.at_rest(measurement, over_s)
+        events = (TaskEvent("motion_done", "the motion is done"),) if done else ()
+        return self._free.output(
+            measurement, motion, torque_nm, Phase.IDLE if done else phase, run, done=done, events=events
+        )

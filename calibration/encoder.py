@@ -1,0 +1,428 @@
+"""The joints' zeros: against a hard stop or a known pose."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Self
+
+import numpy as np
+
+from calibration.arm_motion import (
+    ACCELERATION_RAD_S2,
+    MARGIN_M,
+    SHARE,
+    FreeMotion,
+    check_way_up,
+    highest_posture,
+    lowest_m,
+    overloaded_joint,
+    paced,
+    room,
+    straight_way,
+    travel_speed_rad_s,
+)
+from calibration.standstill import few_sample_factor
+from control.arm.rigid_body import RigidBody
+from control.laws.gains import TrackingGains
+from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
+from control.paths.trajectory import JointMotion, JointMove
+from robot_io.clip import clip
+from robot_io.errors import InputError, SafetyTripError
+from robot_io.guard import Limits
+from robot_io.session import Samples, Session
+from robot_io.types import FloatArray, Measurement, Status
+
+_NEAR_RAD = 0.12  # distance to the stop at which the approach begins
+_LIMIT_MARGIN_RAD = 0.1  # distance of postures to the position limits
+_INSTEAD = "or calibrate in a known pose instead, without power: --pose home"
+_TRIES = 5  # postures of each other joint
+
+
+@dataclass(frozen=True)
+class StopApproach:
+    """One joint's way to its stop."""
+
+    joint: int  # from 0
+    stop_rad: float  # where the stop is said to be [rad]
+    side: int  # 1 for the upper stop, -1 for the lower
+    posture_rad: FloatArray  # where the approach begins, shape (n,) [rad]
+
+
+def plan_stops(
+    body: RigidBody,
+    start_rad: FloatArray,
+    limits: Limits,
+    stops_rad: tuple[FloatArray, FloatArray],
+    reach_rad: float,
+) -> tuple[FloatArray, tuple[StopApproach, ...]]:
+    """Plan the posture to go up to first, and the approaches, each from there.
+
+    For each joint, take the side and posture with the most room to the ground among those in which the torque
+    limits carry the arm. Nothing goes lower than where the arm stands.
+
+    Args:
+        body: model of the arm.
+        start_rad: present joint positions, shape (n,) [rad].
+        limits: of the guard.
+        stops_rad: lower and upper stops, shape (n,) each [rad], NaN where there is none.
+        reach_rad: how far a joint may seem to go beyond its stop [rad].
+
+    Returns:
+        The posture, shape (n,) [rad], and the approaches.
+
+    Raises:
+        InputError: a joint has no stop that can be reached clear of the ground.
+    """
+    floor_m = float(body.heights_m(start_rad)[1:].min())
+    low, high = room(limits, _LIMIT_MARGIN_RAD)
+    up = highest_posture(body, low, high)
+    check_way_up(body, start_rad, up, limits)
+    approaches = []
+    for joint in range(body.joint_count):
+        ways = _candidates(body, up, joint, bounds=(low, high), stops_rad=stops_rad, reach_rad=reach_rad)
+        candidates = ((lowest_m(body, way), it) for way, it in ways if _carried(body, way, limits))
+        lowest, approach = max(candidates, key=lambda candidate: candidate[0], default=(None, None))
+        if lowest is None or approach is None:
+            raise InputError(
+                f"joint {joint + 1}: no stop of it is stated, or limits.torque_nm hardly carry the arm "
+                f"there: state or raise them; {_INSTEAD}"
+            )
+        if lowest < floor_m - MARGIN_M:
+            raise InputError(
+                f"joint {joint + 1}: on the way to its stops the arm would come {floor_m - lowest:.2g} m "
+                f"nearer to the ground than it stands now: begin with it so much higher; {_INSTEAD}"
+            )
+        approaches.append(approach)
+    return up, tuple(approaches)
+
+
+def with_room_for_stops(limits: Limits, approaches: Iterable[StopApproach], beyond_rad: float) -> Limits:
+    """Widen the position limits so that each joint can go to its stop.
+
+    Args:
+        limits: of the guard.
+        approaches: to the stops.
+        beyond_rad: how far a joint may seem to go beyond its stop [rad].
+
+    Returns:
+        The widened limits.
+    """
+    low, high = list(limits.position_min_rad), list(limits.position_max_rad)
+    for approach in approaches:
+        joint, end_rad = approach.joint, approach.stop_rad + approach.side * beyond_rad
+        if approach.side > 0:
+            high[joint] = max(high[joint], end_rad)
+        else:
+            low[joint] = min(low[joint], end_rad)
+    return limits.model_copy(update={"position_min_rad": tuple(low), "position_max_rad": tuple(high)})
+
+
+def _carried(body: RigidBody, way_rad: FloatArray, limits: Limits) -> bool:
+    at_rest = np.zeros(body.joint_count)
+    return overloaded_joint(body, (JointMotion(q, at_rest, at_rest) for q in way_rad), limits) is None
+
+
+def _candidates(
+    body: RigidBody,
+    up: FloatArray,
+    joint: int,
+    *,
+    bounds: tuple[FloatArray, FloatArray],
+    stops_rad: tuple[FloatArray, FloatArray],
+    reach_rad: float,
+) -> Iterator[tuple[FloatArray, StopApproach]]:
+    """Postures on the way, (k, n), and approach, for both sides and some postures of the joints behind."""
+    low, high = bounds
+    behind = [np.linspace(0.6 * low[j], 0.6 * high[j], _TRIES) for j in range(joint + 1, body.joint_count)]
+    for side, stops in ((-1, stops_rad[0]), (1, stops_rad[1])):
+        if not np.isfinite(stops[joint]):
+            continue
+        for angles in product(*behind):
+            posture = up.copy()
+            posture[joint + 1 :] = angles
+            posture[joint] = np.clip(stops[joint] - side * _NEAR_RAD, low[joint], high[joint])
+            end = posture.copy()
+            end[joint] = stops[joint] + side * reach_rad
+            way = np.concatenate([straight_way(up, posture), straight_way(posture, end)])
+            yield way, StopApproach(joint, float(stops[joint]), side, posture)
+
+
+EVENT = "stop_touched"
+PUSH_SHARE = 0.075  # of the torque limit: less than the guard's threshold for an encoder that stands still
+_PRESS_RAD_S = 0.05
+_LEAD_RAD = 0.03
+_STILL_S = 0.3  # a joint that is pushed for so long
+_STILL_RAD = 0.003  # and moves less than this stands against something
+_BACK_RAD = 0.08  # between two touches
+_SETTLE_S = 0.3
+
+
+@dataclass(frozen=True)
+class StopSettings:
+    """How stops are touched."""
+
+    # torque beyond the arm's weight that pushes a joint against its stop, shape (n,) [N m].
+    push_nm: FloatArray
+    lead_rad: FloatArray  # the reference waits when it is so far ahead of the joint, shape (n,) [rad]
+    travel_rad_s: float  # on the ways to the stops and back [rad/s]
+    speed_rad_s: float  # of the approach [rad/s]
+    touches: int = 3  # at each stop
+    hold_s: float = 0.25  # how long the joint is read at the stop [s]
+    reach_rad: float = 0.15  # largest distance from where the stop is said to be [rad]
+
+    @classmethod
+    def within(cls, limits: Limits) -> Self:
+        """Choose settings that stay well below the guard's limits of torque, speed and tracking.
+
+        Args:
+            limits: of the guard.
+
+        Returns:
+            The settings.
+        """
+        return cls(
+            push_nm=PUSH_SHARE * np.array(limits.torque_nm),
+            lead_rad=np.minimum(_LEAD_RAD, SHARE * np.array(limits.tracking_rad)),
+            travel_rad_s=travel_speed_rad_s(limits),
+            speed_rad_s=float(paced(_PRESS_RAD_S, limits).min()),
+        )
+
+
+class StopTask:
+    """Touches every stop several times; see `control.loop.task.Task`. The ticks at a stop are in phase HOLD.
+
+    Runs number the touches of all joints.
+
+    Args:
+        body: model of the arm.
+        gains: of the tracking.
+        up_rad: posture between the approaches, shape (n,) [rad].
+        approaches: to the stops.
+        settings: torque, speed and number of touches.
+    """
+
+    def __init__(
+        self,
+        body: RigidBody,
+        gains: TrackingGains,
+        up_rad: FloatArray,
+        approaches: Sequence[StopApproach],
+        settings: StopSettings,
+    ) -> None:
+        self._free, self._body = FreeMotion(body, gains), body
+        self._up_rad, self._approaches, self._settings = up_rad, tuple(approaches), settings
+        self._touches = len(approaches) * settings.touches
+
+    def start(self, measurement: Measurement) -> None:
+        self._free.start(measurement)
+        self._start_rad = measurement.joint_position_rad.copy()
+        self._touch = 0
+        self._pressing = False
+        self._held_s = self._still_s = self._still_rad = 0.0
+        self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
+
+    def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        """See `control.loop.task.Task.step`; trips where a stop is not where it is said to be."""
+        return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
+
+    @property
+    def _approach(self) -> StopApproach:
+        return self._approaches[min(self._touch, self._touches - 1) // self._settings.touches]
+
+    def _move_along(self, postures: Sequence[FloatArray]) -> None:
+        speed_rad_s = self._settings.travel_rad_s
+        self._moves = [JointMove(a, b, speed_rad_s, ACCELERATION_RAD_S2) for a, b in pairwise(postures)]
+        self._move_s = 0.0
+
+    def _move(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        self._move_s += dt_s
+        motion = self._moves[0].at(self._move_s)
+        torque_nm = self._free.torque_nm(measurement, motion, dt_s)
+        phase = Phase.MOVE
+        over_s = self._move_s - self._moves[0].duration_s - _SETTLE_S
+        if over_s >= 0.0:
+            if len(self._moves) > 1:
+                self._moves, self._move_s = self._moves[1:], 0.0
+            elif self._touch < self._touches:
+                self._pressing, self._reference_rad = True, motion.position_rad.copy()
+                self._held_s = self._still_s = 0.0
+                self._still_rad = float(motion.position_rad[self._approach.joint])
+            elif self._free.at_rest(measurement, over_s):
+                phase = Phase.IDLE
+        return self._free.output(measurement, motion, torque_nm, phase, done=phase is Phase.IDLE)
+
+    def _press(self, measurement: Measurement, dt_s: float) -> TaskOutput:
+        approach, settings = self._approach, self._settings
+        joint, position = approach.joint, float(measurement.joint_position_rad[approach.joint])
+        ahead = approach.side * (self._reference_rad[joint] - position)
+        speed = np.zeros(self._body.joint_count)
+        if ahead < settings.lead_rad[joint]:
+            speed[joint] = approach.side * settings.speed_rad_s
+            self._reference_rad = self._reference_rad + speed * dt_s
+        motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
+        torque_nm = self._pushed(measurement, motion, dt_s)
+        self._note_stillness(measurement, ahead, dt_s)
+        at_stop = self._still_s >= _STILL_S
+        self._held_s += dt_s if at_stop else 0.0
+        phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
+        events: tuple[TaskEvent, ...] = ()
+        if at_stop or approach.side * (position - approach.stop_rad) > settings.reach_rad:
+            self._check_stop(position, at_stop)
+        if self._held_s >= settings.hold_s:
+            text = f"joint {joint + 1} against its stop, the encoder shows {position:.5f} rad"
+            stop = {"run": self._touch, "joint": joint, "stop_rad": approach.stop_rad, "shown_rad": position}
+            events = (TaskEvent(EVENT, text, stop),)
+            self._leave(measurement.joint_position_rad)
+        return self._free.output(measurement, motion, torque_nm, phase, run, events=events)
+
+    def _pushed(self, measurement: Measurement, motion: JointMotion, dt_s: float) -> FloatArray:
+        """Torques that hold the other joints and push this one after its reference with little torque.
+
+        The tracking of this joint must not reach the others through the mass matrix: a stop would shake them.
+        """
+        joint = self._approach.joint
+        position, speed = measurement.joint_position_rad[joint], measurement.joint_velocity_rad_s[joint]
+        own_position, own_speed = motion.position_rad.copy(), motion.velocity_rad_s.copy()
+        own_position[joint], own_speed[joint] = position, speed
+        free_joints = JointMotion(own_position, own_speed, motion.acceleration_rad_s2)
+        torque_nm = self._free.torque_nm(measurement, free_joints, dt_s).copy()
+        most_nm = float(self._settings.push_nm[joint])
+        ahead, faster = motion.position_rad[joint] - position, motion.velocity_rad_s[joint] - speed
+        inertia = float(self._body.mass_matrix(measurement.joint_position_rad)[joint, joint])
+        spring_nm_rad = most_nm / float(self._settings.lead_rad[joint])  # pulls it after its reference
+        damping_nms_rad = 2.0 * math.sqrt(inertia * spring_nm_rad)  # critical, so that it does not swing
+        push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
+        torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
+        return torque_nm
+
+    def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
+        position_rad = float(measurement.joint_position_rad[self._approach.joint])
+        pushed = ahead_rad >= 0.9 * self._settings.lead_rad[self._approach.joint]
+        if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
+            self._still_s += dt_s
+        else:
+            self._still_s, self._still_rad = 0.0, position_rad
+
+    def _check_stop(self, position_rad: float, at_stop: bool) -> None:
+        """Trip for a stop that is too far from where it should be."""
+        approach, reach = self._approach, self._settings.reach_rad
+        if abs(position_rad - approach.stop_rad) > reach:
+            push_nm = float(self._settings.push_nm[approach.joint])
+            what = f"stands still against a push of {push_nm:.2g} N m" if at_stop else "met no stop"
+            remedy = "clear what is in its way, " if at_stop else ""
+            held = "friction holds it or " if at_stop else ""
+            option = "--upper-stops" if approach.side > 0 else "--lower-stops"
+            raise SafetyTripError(
+                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, its stop is said to be at "
+                f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
+                f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
+                "(--pose)"
+            )
+
+    def _leave(self, position_rad: FloatArray) -> None:
+        """Back off, and go on to the next touch, the next stop, or home."""
+        before, here = self._approach, self._reference_rad.copy()
+        here[before.joint] = position_rad[before.joint]
+        back = here.copy()
+        back[before.joint] -= before.side * _BACK_RAD
+        self._touch += 1
+        self._pressing = False
+        self._free.forget()
+        if self._touch >= self._touches:
+            self._move_along([here, back, self._up_rad, self._start_rad])
+        elif self._approach is before:
+            self._move_along([here, back])
+        else:
+            self._move_along([here, back, self._up_rad, self._approach.posture_rad])
+
+
+_ROUNDING_RAD = 1e-12  # of a mean of equal numbers
+_UNIFORM = np.sqrt(12.0)  # resolution over the standard deviation that it alone gives
+
+
+@dataclass(frozen=True)
+class EncoderFit:
+    """Zeros of n joints."""
+
+    offset_rad: FloatArray  # to be added to what the encoders show, shape (n,) [rad]
+    std_rad: FloatArray  # standard uncertainties, shape (n,) [rad]
+    shown_rad: tuple[FloatArray, ...]  # one mean for every touch of every joint, or one for the pose [rad]
+    repeatability_rad: FloatArray  # standard deviation of the touches, shape (n,); 0 for a pose [rad]
+
+
+def fit_stops(session: Session, joint_count: int, stop_std_rad: float) -> EncoderFit:
+    """Fit zeros to touches of hard stops, as `StopTask` logs them.
+
+    Args:
+        session: with the touches.
+        joint_count: number of joints n.
+        stop_std_rad: standard uncertainty of the stops' positions [rad].
+
+    Returns:
+        The zeros.
+
+    Raises:
+        InputError: a joint's stop was not touched at least twice.
+    """
+    ticks = _fresh(session.samples("tick"))
+    position = ticks.vector("joint_position_rad")
+    shown: list[list[float]] = [[] for _ in range(joint_count)]
+    known = np.full(joint_count, np.nan)
+    for event in session.events:
+        if event.kind == EVENT and event.data:
+            joint = int(event.data["joint"])
+            known[joint] = float(event.data["stop_rad"])
+            shown[joint].append(float(position[ticks["run"] == event.data["run"], joint].mean()))
+    missing = [joint + 1 for joint, touches in enumerate(shown) if len(touches) < 2]
+    if missing:
+        raise InputError(f"{session.path}: joint {missing[0]} was not held against its stop at least twice")
+    means = np.array([np.mean(touches) for touches in shown])
+    scatter = np.array([np.std(touches, ddof=1) for touches in shown])
+    scatter[scatter < _ROUNDING_RAD] = 0.0
+    counts = np.array([len(touches) for touches in shown])
+    errors = np.array([few_sample_factor(count - 1) for count in counts]) * scatter / np.sqrt(counts)
+    resolution = _resolution(session.samples("tick"))
+    std = np.sqrt(errors**2 + (resolution / _UNIFORM) ** 2 + stop_std_rad**2)
+    return EncoderFit(known - means, std, tuple(np.array(t) for t in shown), scatter)
+
+
+def fit_pose(session: Session, pose_rad: FloatArray, pose_std_rad: float) -> EncoderFit:
+    """Fit zeros to a pose in which the arm was held.
+
+    Args:
+        session: in which the arm stands still.
+        pose_rad: shape (n,) [rad].
+        pose_std_rad: standard uncertainty of each joint [rad].
+
+    Returns:
+        The zeros.
+
+    Raises:
+        InputError: the session holds no samples, or the arm moved.
+    """
+    position = _fresh(session.samples("tick")).vector("joint_position_rad")
+    if not len(position):
+        raise InputError(f"{session.path}: no fresh encoder samples in it")
+    resolution = _resolution(session.samples("tick"))
+    moved = np.ptp(position, axis=0)
+    if np.any(moved > max(10 * resolution, 2e-3)):
+        joint = int(np.argmax(moved))
+        raise InputError(
+            f"joint {joint + 1} moved by {moved[joint]:.2g} rad: the arm must stand still in the pose"
+        )
+    means = position.mean(axis=0)
+    half_ranges = 0.5 * moved / np.sqrt(3.0)
+    std = np.sqrt(half_ranges**2 + (resolution / _UNIFORM) ** 2 + pose_std_rad**2)
+    return EncoderFit(pose_rad - means, std, tuple(means[:, None]), np.zeros(len(means)))
+
+
+def _fresh(ticks: Samples) -> Samples:
+    return ticks.select(ticks["encoder_status"] == Status.OK)
+
+
+def _resolution(ticks: Samples) -> float:
+    """The encoders' steps as the data show them: the smallest change from tick to tick [rad]; 0 if none."""
+    changes = np.abs(np.diff(ticks.vector("joint_position_rad"), axis=0)).ravel()
+    changes = changes[changes > 1e-12]
+    return float(changes.min()) if len(changes) else 0.0

@@ -1,1 +1,0 @@
-"""The joints' zeros: against a hard stop or a known pose."""

@@ -1,0 +1,396 @@
+"""The force sensor, from known weights or a reference: plateaus, fit, weighing on the robot.
+
+The fit finds scale, zero, curvature and hysteresis from plateaus.
+
+    force = scale (r - zero) + curvature (r - zero)^2,   r = reading + hysteresis / 2 * direction
+
+An effect that the data do not show (a t test at 1 %) is removed from the equation; its estimate is reported.
+Without curvature, scale is the mean slope over the range, with it the slope at the zero. Least squares in the
+force.
+
+Each plateau is one observation, so that differences between plateaus (creep, friction, a weight's error) are
+in the uncertainty. No sensor is exactly linear or parabolic, and the remaining shape need not show in the
+scatter: the change of zero and scale by one more power of the reading counts as one more standard
+uncertainty. VIM 2.39, 4.16, 4.21; VDI/VDE 2638; JCGM 100:2008, 4.3 and F.2.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t
+
+from calibration.standstill import StillRobot, UncertainValue, few_sample_factor
+from estimation.data.table import Table, read_table
+from estimation.signals.blocks import blocks
+from robot_io.errors import InputError
+from robot_io.session import Session
+from robot_io.types import BoolArray, FloatArray, Status
+
+_SETTLING_SHARE = 0.25  # of a plateau, left out where nothing says when it is settled
+_FEWEST = 3  # samples of a plateau
+_OUTLIER = 8.0  # robust standard deviations of a converter's glitch
+_NORMAL = 1.4826  # standard deviation of normal noise over its median absolute deviation
+STANDARD_GRAVITY_M_S2 = 9.80665
+_ROLES = ("reading", "reference", "settled")
+_READING_UNITS = {"counts": "count", "count": "count", "n": "N", "v": "V", "mv": "mV", "mv/v": "mV/V"}
+_TO_N = {"n": 1.0, "kn": 1e3, "mn": 1e-3, "lbf": 4.4482216152605}
+
+
+@dataclass(frozen=True)
+class Plateaus:
+    """Mean readings under known forces, in the order of time; arrays of shape (m,)."""
+
+    reference_n: FloatArray  # force that was there [N]
+    reading: FloatArray  # mean of what the sensor showed, in its unit
+    std_err: FloatArray  # of each mean if the samples' noise is white, in the sensor's unit
+    direction: FloatArray  # 1 where the force was reached from below, -1 from above, 0 at the start
+    glitches: int = 0  # samples that were left out as outliers
+
+    def __len__(self) -> int:
+        return len(self.reading)
+
+
+def find_plateaus(reading: FloatArray, reference_n: FloatArray, settled: BoolArray | None = None) -> Plateaus:
+    """Cut a record where the reference changes, and average the reading of each piece.
+
+    Args:
+        reading: of the sensor, shape (n,).
+        reference_n: known force, shape (n,) [N].
+        settled: samples that count, shape (n,); without it the first quarter of each plateau does not count.
+
+    Returns:
+        The plateaus.
+
+    Raises:
+        InputError: fewer than three samples remain of every plateau.
+    """
+    steps = np.concatenate([[0], np.cumsum(np.diff(reference_n) != 0.0)])
+    pieces = [_settled(reading[rows], None if settled is None else settled[rows]) for rows in blocks(steps)]
+    references = [float(reference_n[rows][0]) for rows in blocks(steps)]
+    long_enough = [number for number, piece in enumerate(pieces) if len(piece) >= _FEWEST]
+    if not long_enough:
+        raise InputError(
+            f"no plateau has {_FEWEST} settled samples: the reference must stay constant for a while"
+        )
+    return plateaus_of([references[i] for i in long_enough], [pieces[i] for i in long_enough])
+
+
+def plateaus_of(references_n: Sequence[float], pieces: Sequence[FloatArray]) -> Plateaus:
+    """Average the settled readings under each force, without outliers.
+
+    Args:
+        references_n: known forces, in the order of time [N].
+        pieces: readings under each of them.
+
+    Returns:
+        The plateaus.
+    """
+    kept = [piece[~_is_glitch(piece)] for piece in pieces]
+    reference = np.array(references_n, dtype=np.float64)
+    return Plateaus(
+        reference,
+        np.array([piece.mean() for piece in kept]),
+        np.array([piece.std(ddof=1) / np.sqrt(len(piece)) for piece in kept]),
+        np.concatenate([[0.0], np.sign(np.diff(reference))]),
+        sum(map(len, pieces)) - sum(map(len, kept)),
+    )
+
+
+def _settled(reading: FloatArray, settled: BoolArray | None) -> FloatArray:
+    return reading[int(_SETTLING_SHARE * len(reading)) :] if settled is None else reading[settled]
+
+
+def _is_glitch(piece: FloatArray) -> BoolArray:
+    """Samples far off the median, if most agree; the resolution counts as noise."""
+    off = np.abs(piece - np.median(piece))
+    steps = np.diff(np.unique(piece))
+    noise = max(_NORMAL * float(np.median(off)), float(steps.min()) if len(steps) else 0.0)
+    return np.asarray(off > _OUTLIER * noise if noise else np.zeros(len(piece), dtype=np.bool_))
+
+
+def read_reference_file(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, str],
+    *,
+    gravity_m_s2: float = STANDARD_GRAVITY_M_S2,
+    reading_unit: str | None = None,
+) -> tuple[Plateaus, str]:
+    """Read plateaus from a data file: CSV (also .gz), Parquet or NPZ, one row a sample in the order of time.
+
+    Units are the end of a name, such as `load_counts`, `weight_kg`, `force_N`. Where there is a column
+    `settled`, only rows count in which it is not 0.
+
+    Args:
+        path: of the file.
+        columns: names of the columns `reading`, `reference` and `settled`; a missing entry is a column whose
+            name begins so.
+        gravity_m_s2: makes a mass a weight [m/s^2].
+        reading_unit: of the readings; None for the end of the column's name.
+
+    Returns:
+        The plateaus, and the unit of the readings.
+
+    Raises:
+        InputError: the file cannot be read, a column is missing or has no known unit, or nothing is steady.
+    """
+    wrong = [role for role in columns if role not in _ROLES]
+    if wrong:
+        raise InputError(f"--column {wrong[0]}: valid are {', '.join(_ROLES)}")
+    table = read_table(path)
+    reading = _column(table, "reading", columns)
+    reference = _column(table, "reference", columns)
+    settled = columns.get("settled") or next((name for name in table.names if name == "settled"), None)
+    plateaus = find_plateaus(
+        table.numbers(reading),
+        table.numbers(reference) * _newtons(table, reference, gravity_m_s2),
+        None if settled is None else np.asarray(table.numbers(settled) != 0.0),
+    )
+    return plateaus, reading_unit or _reading_unit(table, reading)
+
+
+def _column(table: Table, role: str, columns: Mapping[str, str]) -> str:
+    if role in columns:
+        return columns[role]
+    candidates = [name for name in table.names if name == role or name.startswith(f"{role}_")]
+    if len(candidates) != 1:
+        free = [name for name in table.names if not name.startswith((*_ROLES, "time"))]
+        example = (free or [*table.names])[0]
+        raise InputError(
+            f"{table.path}: which column is the {role}? Say --column {role}={example}. "
+            f"There are: {table.listed_names}"
+        )
+    return candidates[0]
+
+
+def _newtons(table: Table, name: str, gravity_m_s2: float) -> float:
+    """Look up the size of one unit of the reference [N]."""
+    factors = _TO_N | {"kg": gravity_m_s2, "g": 1e-3 * gravity_m_s2, "lb": 0.45359237 * gravity_m_s2}
+    unit = name.rpartition("_")[2].lower()
+    if unit not in factors:
+        raise InputError(
+            f"{table.path}: the unit of the reference is the end of its column's name; '{name}' says none of "
+            f"{', '.join(factors)}"
+        )
+    return factors[unit]
+
+
+def _reading_unit(table: Table, name: str) -> str:
+    unit = _READING_UNITS.get(name.rpartition("_")[2].lower())
+    if unit is None:
+        raise InputError(
+            f"{table.path}: the unit of the reading is not the end of its column's name '{name}'; "
+            "say it with --reading-unit"
+        )
+    return unit
+
+
+EVENT = "reference_force"
+
+
+def weigh(
+    still: StillRobot,
+    forces_n: Sequence[float],
+    place: Callable[[int, float], None],
+    *,
+    settle_s: float,
+    measure_s: float,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Read the sensor under one force after the other; the records of each are numbered as a run.
+
+    Args:
+        still: the robot, without power.
+        forces_n: to put on, positive in compression [N].
+        place: called with index and force [N]; returns when the force is there.
+        settle_s: time before each measurement [s].
+        measure_s: length of each measurement [s].
+        progress: called with the share that is done.
+
+    Raises:
+        SafetyTripError: a sample is missing, old or beyond a limit.
+        KeyboardInterrupt: the user stopped it.
+    """
+    for number, force_n in enumerate(forces_n):
+        place(number, force_n)
+        still.settle(settle_s)
+        text = f"{force_n:.4f} N on the sensor"
+        still.log.event(still.clock.now_s(), EVENT, text, {"run": number, "force_n": force_n})
+        still.watch(measure_s, number)
+        if progress:
+            progress((number + 1) / len(forces_n))
+
+
+def read_weighing(session: Session) -> Plateaus:
+    """Read the plateaus of a session that `weigh` logged.
+
+    Args:
+        session: the session.
+
+    Returns:
+        The plateaus.
+
+    Raises:
+        InputError: the session holds no reference forces.
+    """
+    forces_n = {e.data["run"]: float(e.data["force_n"]) for e in session.events if e.kind == EVENT and e.data}
+    if not forces_n:
+        raise InputError(f"{session.path}: no reference forces in it: it is not from palpate calibrate force")
+    ticks = session.samples("tick")
+    fresh = ticks.select(ticks["force_status"] == Status.OK)
+    pieces = [fresh["force_n"][fresh["run"] == run] for run in forces_n]
+    whole = [number for number, piece in enumerate(pieces) if len(piece) >= 3]
+    levels = np.array(list(forces_n.values()))[whole]
+    return plateaus_of(levels.tolist(), [pieces[number] for number in whole])
+
+
+_SIGNIFICANT = 0.01
+_SPARE = 2  # plateaus beyond the number of parameters
+_FEWEST_LEVELS = 3
+_FEWEST_LEVELS_OF_A_CURVE = 4  # three points lie on a parabola, whatever the sensor's shape is
+_CURVATURE, _CUBIC, _HYSTERESIS = 2, 3, 4  # places among the parameters
+_SUSPECT = 5.0  # times the other plateaus' scatter
+
+
+@dataclass(frozen=True)
+class ForceFit:
+    """Characteristic of a force sensor; u is the unit of its readings."""
+
+    zero: UncertainValue[float]  # reading without force [u]
+    scale: UncertainValue[float]  # [N/u]
+    curvature: UncertainValue[float] | None  # [N/u^2]; None where none is shown
+    # what the sensor shows more on the way down than on the way up, at the same force [N].
+    hysteresis_n: UncertainValue[float]
+    # largest distance of the characteristic from its chord over the range, as a share of it.
+    nonlinearity: UncertainValue[float]
+    plateaus: Plateaus  # what was fitted
+    residual_n: FloatArray  # reference less what the calibrated sensor says, shape (m,) [N]
+    range_n: tuple[float, float]  # lowest and highest reference [N]
+    suspect: int | None  # index from 0 of an outlying plateau, or None
+
+    @property
+    def rms_n(self) -> float:
+        """Root mean square of the residuals [N]."""
+        return float(np.sqrt(np.mean(self.residual_n**2)))
+
+
+def fit_force(plateaus: Plateaus, reference_rel_std: float = 0.0) -> ForceFit:
+    """Fit a force sensor's characteristic to plateaus, which go up and down, so that hysteresis shows.
+
+    Args:
+        plateaus: mean readings under known forces.
+        reference_rel_std: standard uncertainty of all references together, as a share of them [-].
+
+    Returns:
+        The characteristic with its uncertainties.
+
+    Raises:
+        InputError: too few plateaus or forces, or the sensor answers with the wrong sign or not at all.
+    """
+    check_references(plateaus.reference_n)
+    if np.ptp(plateaus.reading) == 0.0:
+        raise InputError("the reading is the same under every force: the sensor does not answer")
+    has_branches = bool(np.any(plateaus.direction < 0) and np.any(plateaus.direction > 0))
+    used = np.array([True, True, True, False, has_branches])
+    full_values, full_errors, freedom = _solve(plateaus, used)
+    shown = np.abs(full_values) > t.ppf(1 - _SIGNIFICANT / 2, freedom) * full_errors
+    shown[_CURVATURE] &= _levels(plateaus.reference_n) >= _FEWEST_LEVELS_OF_A_CURVE
+    used &= np.array([True, True, shown[_CURVATURE], False, shown[_HYSTERESIS]])
+    values, errors, _ = _solve(plateaus, used)
+    if not values[1] > 0.0:
+        raise InputError(
+            f"the reading falls by {abs(1 / values[1]):.4g} per N that the reference rises: turn the sign"
+        )
+    zero, scale, curvature, _, half = np.where(used, values, full_values).tolist()
+    errors = np.hypot(errors, _shape_errors(plateaus, used, values))
+    errors[1] = np.hypot(errors[1], scale * reference_rel_std)
+    zero_err, scale_err, curvature_err, _, half_err = np.where(used, errors, full_errors).tolist()
+    span_n = float(np.ptp(plateaus.reference_n))
+    bow = span_n / (4.0 * scale**2)  # of a parabola over its chord, as a share of the range
+    residual = _residuals(values, plateaus, hysteresis=False)
+    return ForceFit(
+        zero=UncertainValue(zero, zero_err),
+        scale=UncertainValue(scale, scale_err),
+        curvature=UncertainValue(curvature, curvature_err) if used[_CURVATURE] else None,
+        hysteresis_n=UncertainValue(-2 * scale * half, 2 * scale * half_err),
+        nonlinearity=UncertainValue(abs(curvature) * bow, curvature_err * bow),
+        plateaus=plateaus,
+        residual_n=residual,
+        range_n=(float(plateaus.reference_n.min()), float(plateaus.reference_n.max())),
+        suspect=_suspect(_residuals(values, plateaus)),
+    )
+
+
+def check_references(reference_n: Sequence[float] | FloatArray) -> None:
+    """Check that the planned forces suffice for a fit.
+
+    Args:
+        reference_n: force of each plateau [N].
+
+    Raises:
+        InputError: there are too few plateaus or different forces.
+    """
+    levels = _levels(reference_n)
+    if levels < _FEWEST_LEVELS or len(reference_n) < 4 + _SPARE:
+        raise InputError(
+            f"{len(reference_n)} plateaus at {levels} different forces: at least {4 + _SPARE} at "
+            f"{_FEWEST_LEVELS} are needed, such as 0, 1, 2, 3, 2, 1, 0 kg"
+        )
+
+
+def _levels(reference_n: Sequence[float] | FloatArray) -> int:
+    return len(np.unique(reference_n))
+
+
+def _shape_errors(plateaus: Plateaus, used: BoolArray, values: FloatArray) -> FloatArray:
+    """What the next power of the reading would change of the values in the file, shape (5,).
+
+    The mean slope is the mean slope whatever the shape is; everything else is said of one point, the zero.
+    """
+    richer, curved = used.copy(), bool(used[_CURVATURE])
+    richer[_CUBIC if curved else _CURVATURE] = True
+    if len(plateaus) <= richer.sum():
+        return np.zeros(len(used))
+    change = np.abs(_solve(plateaus, richer)[0] - values)
+    return np.where([True, curved, curved, False, False], change, 0.0)
+
+
+def _solve(plateaus: Plateaus, used: BoolArray) -> tuple[FloatArray, FloatArray, int]:
+    """Values and standard errors of zero, scale, curvature, cubic, half hysteresis; 0 where not used."""
+    slope, intercept = (float(value) for value in np.polyfit(plateaus.reading, plateaus.reference_n, 1))
+    zero = -intercept / slope if slope else 0.0
+    width = np.ptp(plateaus.reading)
+    typical = np.array([width, slope, slope / width, slope / width**2, width])
+    values = np.zeros(len(used))
+
+    def unpacked(free: FloatArray) -> FloatArray:
+        values[used] = free * typical[used]
+        return values
+
+    start = (np.array([zero, slope, 0.0, 0.0, 0.0]) / typical)[used]
+    fit = least_squares(lambda free: _residuals(unpacked(free), plateaus), start, x_scale="jac", xtol=1e-14)
+    freedom = len(plateaus) - int(used.sum())
+    own_n = slope * plateaus.std_err
+    variance = max(2.0 * fit.cost / freedom, float(np.mean(own_n**2)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * variance
+    errors = np.zeros(len(used))
+    errors[used] = np.sqrt(np.diag(covariance)) * np.abs(typical[used]) * few_sample_factor(freedom)
+    return unpacked(fit.x).copy(), errors, freedom
+
+
+def _residuals(
+    values: Sequence[float] | FloatArray, plateaus: Plateaus, *, hysteresis: bool = True
+) -> FloatArray:
+    zero, scale, curvature, cubic, half = values
+    above = plateaus.reading - zero - (half * plateaus.direction if hysteresis else 0.0)
+    return np.asarray(plateaus.reference_n - above * (scale + above * (curvature + above * cubic)))
+
+
+def _suspect(residual: FloatArray) -> int | None:
+    """Find a plateau whose residual is much larger than the others' scatter, as from a wrong weight."""
+    worst = int(np.argmax(np.abs(residual)))
+    rest = np.delete(residual, worst)
+    scatter = float(np.sqrt(np.mean(rest**2)))
+    return worst if abs(residual[worst]) > _SUSPECT * scatter > 0.0 else None

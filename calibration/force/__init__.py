@@ -1,1 +1,0 @@
-"""The force sensor, from known weights or a reference: plateaus, fit, weighing on the robot."""

@@ -1,1 +1,0 @@
-"""Bota Systems' force-torque sensors with a serial interface: protocol and sensor."""

@@ -1,0 +1,334 @@
+"""moteus controllers of mjbots on a CAN FD bus.
+
+Position mode without gains, and feed-forward torque. A frame is a row of subframes, each of which writes or
+reads registers, or answers. Every frame that is sent here ends with the same question, so that every answer
+has the same form; one that has another is refused.
+
+Sources: mjbots/moteus of 2026-04-06, docs/protocol/can.md and registers.md (subframes, registers, faults);
+the order of answers: mjbots/mjlib, multiplex/micro_server.cc.
+"""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, tau
+from typing import Annotated, ClassVar, Final
+
+from pydantic import Field, model_validator
+
+from robot_io.clip import clip
+from robot_io.driver import DriverContext
+from robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
+from robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
+from robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from robot_io.errors import DeviceError, InputError, ProtocolError
+from robot_io.examination import Finding, fail, ok, warn
+from robot_io.files.file_model import Number
+from robot_io.guard.limits import Torque
+
+
+class MoteusMotor(MotorMounting):
+    """One controller with its motor. It reports at its output: `gear_ratio` is what comes after it."""
+
+    motor_id: Annotated[int, Field(ge=1, le=127, strict=True)]  # its CAN id
+    max_torque_nm: Torque  # largest torque at its output, from servo.max_current_A [N m]
+
+
+class MoteusBusSettings(CanLineSettings):
+    """What the robot file says; `bitrate` is that of the arbitration, data travels at 5 Mbit/s."""
+
+    fd: ClassVar = True
+
+    motors: Annotated[tuple[MoteusMotor, ...], Field(min_length=1)]  # one per joint, from base to tip
+    host_id: Annotated[int, Field(ge=0, le=127, strict=True)] = 0  # to whom they answer
+    # After how long without a command a controller stops [s]. Each command carries it, in milliseconds, and
+    # it is left to expire once at each activation.
+    watchdog_s: Annotated[Number, Field(ge=1e-3, le=1)] = 0.1
+
+    @model_validator(mode="after")
+    def _agree(self) -> "MoteusBusSettings":
+        ids = [motor.motor_id for motor in self.motors]
+        if len({*ids, self.host_id}) <= len(ids):
+            raise ValueError(f"motors: ids {ids} and host_id {self.host_id} are not all different")
+        return self
+
+
+STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11  # modes
+RELATIVE, ROTOR, OUTPUT = 0, 1, 2  # what its position is known by: home state
+FIRST_LIMIT: Final = 96  # from here on a fault code in a healthy mode says what limits the torque
+
+FAULTS: Final = {
+    0: "no fault",
+    FAULT: "a fault without a code",
+    TIMEOUT: "its watchdog has expired: too long without a command",
+    32: "calibration fault",
+    33: "motor driver fault",
+    34: "over voltage",
+    35: "encoder fault",
+    36: "motor not configured",
+    37: "PWM cycle overrun",
+    38: "over temperature",
+    39: "outside of servopos.position_min and position_max: set both to nan",
+    40: "under voltage",
+    41: "configuration changed",
+    42: "no valid commutation encoder",
+    43: "no valid output encoder",
+    44: "driver enable fault",
+    45: "stop position deprecated",
+    46: "timing violation",
+    47: "back EMF feedforward without an acceleration limit",
+    48: "invalid limits",
+    49: "position control error",
+    50: "velocity control error",
+}
+ENCODER_FAULTS: Final = frozenset({35, 42, 43})
+LIMITS: Final = {
+    96: "servo.max_velocity",
+    97: "servo.max_power_W",
+    98: "the supply voltage",
+    99: "servo.max_current_A",
+    100: "servo.fault_temperature",
+    101: "servo.motor_fault_temperature",
+    102: "the commanded maximum torque",
+    103: "servopos.position_min or position_max",
+}
+
+_QUESTION = bytes.fromhex("1100 1f01 10040c")  # mode; position, velocity, torque; four from the home state on
+_STOP = bytes.fromhex("010000") + _QUESTION + b"\x50\x50"  # mode 0; no operation, up to a length of CAN FD
+_ASK = _QUESTION + b"\x50"
+# Position mode, at no position, with this torque, no stiffness and damping, this watchdog, and no integral.
+_COMMAND = (bytes.fromhex("01000a 012080 0d22"), bytes.fromhex("02230000 0527"), bytes.fromhex("012b00"))
+_FLOAT, _WORD = struct.Struct("<f"), struct.Struct("<h")
+_ANSWER = struct.Struct("<2sb2s3f3s4b")
+_HEADS = tuple(bytes.fromhex(head) for head in ("2100", "2f01", "20040c"))
+_ANSWERED = 0x8000  # in an id: an answer is wanted
+_VOLT = 0.5  # of supply voltage in a byte
+_WATCHDOG_STEP_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class MoteusState:
+    """What a controller answers; position, velocity and torque are of its output."""
+
+    mode: int
+    position_rev: float
+    velocity_rev_s: float
+    torque_nm: float
+    home: int  # what its position is known by
+    supply_v: float
+    temperature_c: float  # of the board
+    fault: int  # a fault in mode FAULT, else what limits the torque; 0 is none
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it knows its position, velocity and torque."""
+        return isfinite(self.position_rev + self.velocity_rev_s + self.torque_nm)
+
+    @property
+    def error(self) -> int:
+        """What is wrong, see `FAULTS`; 0 is nothing."""
+        if self.mode == FAULT:
+            return self.fault or FAULT
+        return TIMEOUT if self.mode == TIMEOUT else 0
+
+
+def encode_stop(host_id: int, motor_id: int) -> CanFrame:
+    """Let go, and forget faults."""
+    return _frame(host_id, motor_id, _STOP)
+
+
+def encode_question(host_id: int, motor_id: int) -> CanFrame:
+    """Ask for the state, and change nothing."""
+    return _frame(host_id, motor_id, _ASK)
+
+
+def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
+    """Command a torque at the output [N m] that holds for `watchdog_s` [s]. InputError: it is no number."""
+    if not isfinite(torque_nm):
+        raise InputError(f"torque {torque_nm} N m is not finite")
+    head, middle, tail = _COMMAND
+    timeout = _WORD.pack(round(watchdog_s / _WATCHDOG_STEP_S))
+    data = head + _FLOAT.pack(torque_nm) + middle + timeout + tail + _QUESTION + b"\x50\x50"
+    return _frame(host_id, motor_id, data)
+
+
+def as_sent(torque_nm: float) -> float:
+    """A torque as the 32 bit float that travels [N m]."""
+    return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
+
+
+def decode_state(frame: CanFrame) -> MoteusState:
+    """What a controller answers. ProtocolError: wrong length, or not what was asked for."""
+    expect_length(frame, "moteus state", _ANSWER.size)
+    head, mode, floats, turns, speed, torque, rest, home, volts, celsius, fault = _ANSWER.unpack(frame.data)
+    if (head, floats, rest) != _HEADS:
+        raise ProtocolError(f"not what was asked for: {frame.data.hex(' ')}")
+    return MoteusState(mode, turns, speed, torque, home, _VOLT * volts, celsius, fault)
+
+
+def _frame(host_id: int, motor_id: int, data: bytes) -> CanFrame:
+    return CanFrame(_ANSWERED | host_id << 8 | motor_id, data, extended=True, fd=True)
+
+
+_ARBITRATION_BITS, _DATA_BITS, _DATA_BITRATE = 48, 37, 5_000_000  # around the data, with a 29 bit id
+_COMMAND_BYTES, _ANSWER_BYTES = 32, 24
+_KNOWN_BY = {ROTOR: "the rotor alone, within one of its turns", OUTPUT: "the output"}
+
+
+class MoteusBus(AskedMotorBus[MoteusState]):
+    """moteus controllers. Each command carries its watchdog, which is left to expire at activation."""
+
+    name = "moteus_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(MoteusBusSettings, settings)
+        ids = [motor.motor_id for motor in own.motors]
+        super().__init__(own, own.motors, context, ids, own.watchdog_s)
+        self._own, self._motors = own, own.motors
+        self._shown: list[MoteusState | None] = [None] * len(ids)
+        self._question_frames = [encode_question(own.host_id, motor_id) for motor_id in ids]
+        self._stops = [encode_stop(own.host_id, motor_id) for motor_id in ids]
+
+    def configure(self) -> None:
+        """Open the adapter and hear every controller; nothing changes its mode.
+
+        DeviceError: the adapter cannot be opened, or a controller is silent or does not know its position.
+        """
+        self._hear_all()
+        self._refuse_lost()
+
+    def _refuse_lost(self) -> None:
+        """DeviceError: a controller does not know its position, or only from where it started."""
+        for joint, state in enumerate(self._shown):
+            if self._motion_is_wrong[joint]:
+                raise self._about(
+                    joint, f"does not know its position: {self._error_names(self._errors[joint])}"
+                )
+            if state is not None and state.home == RELATIVE:
+                raise self._about(joint, "has no reference for its position (home state 0)")
+
+    def _report(self) -> list[Finding]:
+        self._shown = [None] * self.joint_count
+        self._ask()
+        self._wait_for(lambda: None not in self._shown, ANSWER_S)
+        return [self._observe(joint, state) for joint, state in enumerate(self._shown)]
+
+    def _observe(self, joint: int, state: MoteusState | None) -> Finding:
+        label = self.motor_label(joint)
+        if state is None:
+            return fail(label, "does not answer", "check its power, cable, id and bit rates")
+        value = f"mode {state.mode}, {state.supply_v:.1f} V, {state.temperature_c:.0f} °C, position known by "
+        value += _KNOWN_BY.get(state.home, "nothing")
+        if state.error:
+            names = self._error_names(state.error)
+            return warn(label, f"{names}; {value}", "it is cleared at activation; see what caused it")
+        return ok(label, value)
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: a command to each controller, and its answer."""
+        data_bits = 2 * _DATA_BITS + 8 * (_COMMAND_BYTES + _ANSWER_BYTES)
+        arbitration_s = 2 * _ARBITRATION_BITS / (self.line.bitrate or 1_000_000)
+        return self.joint_count * (arbitration_s + data_bits / _DATA_BITRATE)
+
+    def power_on(self) -> None:
+        self._unasked = [0] * self.joint_count
+        self._arm()
+        self._refuse_twins()
+        self._refuse_lost()  # it may have restarted since it was configured
+        self._outlast_watchdogs()
+        self._answered(self._question_frames)
+        self._refuse_going_on([bool(enabled) for enabled in self._enabled], "is still in position mode")
+        self._arm()
+        self._powered = True
+        self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
+
+    def _switch_off(self) -> None:
+        self._bring_to(self._stops, "torque off is not confirmed by", enabled=False)
+
+    def _arm(self) -> None:
+        """Forget faults, and go to position mode at zero torque. DeviceError: a controller did not."""
+        self._bring_to(self._stops, "does not stop:", enabled=False)
+        self._bring_to(self._zero_torque(), "no position mode:", enabled=True)
+
+    def _bring_to(self, frames: list[CanFrame], problem: str, *, enabled: bool) -> None:
+        """Send frames until the answer to an earlier one says that all are in position mode, or stopped."""
+        self._answers = [0] * self.joint_count
+
+        def others() -> list[str]:
+            return [
+                f"{self.motor_label(joint)} ({self._error_names(error) if error else 'no such answer'})"
+                for joint, error in enumerate(self._errors)
+                if self._answers[joint] < 2 or error or self._enabled[joint] is not enabled
+            ]
+
+        def done() -> bool:
+            missing = others()
+            if missing:
+                self._send_all(frames)
+            return not missing
+
+        if not self._wait_for(done, ANSWER_S):
+            twins = f"; {self._twins()}" if any(self._unasked) else ""
+            raise DeviceError(f"{self.line.label}: {problem} {', '.join(others())}{twins}")
+
+    def _questions(self, joint: int) -> list[CanFrame]:
+        return [self._question_frames[joint]]
+
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        is_answer = frame.fd and not frame.remote and frame.can_id & 0xFF == self._own.host_id
+        return self._joint_by_id.get(frame.can_id >> 8) if is_answer else None
+
+    def _take(self, frame: CanFrame, at_s: float) -> bool:
+        joint = self._joint_of(frame)
+        if joint is None:
+            return False
+        self._states[joint].append((decode_state(frame), at_s))
+        return True
+
+    def _motor_asked(self, frame: CanFrame) -> int | None:
+        return frame.can_id & 0x7F
+
+    def _condition(self, state: MoteusState) -> tuple[int, bool | None]:
+        return state.error, state.mode == POSITION
+
+    def _keep(self, joint: int, state: MoteusState, asked_s: float) -> None:
+        motor = self._motors[joint]
+        self._shown[joint] = state
+        self._motion_is_wrong[joint] = not state.is_known or state.error in ENCODER_FAULTS
+        if state.is_known:
+            self._position_rad[joint] = motor.joint_angle_rad(tau * state.position_rev)
+            self._velocity_rad_s[joint] = tau * state.velocity_rev_s / motor.signed_ratio
+            self._torque_nm[joint] = state.torque_nm * motor.signed_ratio
+            self._torque_at_s[joint] = asked_s
+        self._motion_at_s[joint] = asked_s
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        motor = self._motors[joint]
+        ratio = motor.signed_ratio
+        output_nm = clip(torque_nm / ratio, -motor.max_torque_nm, motor.max_torque_nm)
+        frame = encode_torque(self._own.host_id, motor.motor_id, output_nm, self._own.watchdog_s)
+        return frame, as_sent(output_nm) * ratio
+
+    def _error_names(self, error: int) -> str:
+        return FAULTS.get(error, f"unknown fault {error}")
+
+    def _doubt(self, joint: int) -> str:
+        """See `MotorBus._doubt`: a controller says what cuts its torque."""
+        state = self._shown[joint]
+        if state is None or state.error or state.fault < FIRST_LIMIT:
+            return ""
+        return f"its torque is limited by {LIMITS.get(state.fault, f'code {state.fault}')}"
+
+
+class MoteusEncoder(BusEncoder):
+    """Positions and velocities that moteus controllers report; the settings are the bus's."""
+
+    name = "moteus_encoder"
+    bus_type = MoteusBus
+
+
+class MoteusTorque(BusTorque):
+    """Torques to and from moteus controllers; the settings are the bus's."""
+
+    name = "moteus_torque"
+    bus_type = MoteusBus

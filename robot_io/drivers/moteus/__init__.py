@@ -1,1 +1,0 @@
-"""moteus controllers of mjbots on a CAN FD bus."""

@@ -1,0 +1,334 @@
+"""ATI's Net F/T and Ethernet Axia sensors: protocol, configuration page, line and sensor.
+
+Raw Data Transfer (RDT) is a request of 8 bytes, and records of 36, one in a datagram. All values are
+big-endian. A record counts itself and the measurement that it holds, so that one that comes twice, late or
+out of order is told. Ethernet's CRC and UDP's checksum let no flipped bit through.
+
+Sources: ATI 9620-05-NET FT, "UDP Interface Using RDT"; ATI 9610-05-Ethernet Axia, "Status Code". The names of
+bits are Axia's, and 17 is the older Net Box's. Others mean something else there, such as 30 an error of its
+processor: so every one that says error stops, and is told as a number too.
+
+The active configuration is on the page `netftapi2.xml` of its web server (ATI 9620-05-NET FT, "XML Pages").
+Only the values that are needed are taken out of the text.
+"""
+
+import os
+import re
+import socket
+import struct
+from contextlib import suppress
+from http.client import OK, HTTPConnection, HTTPException
+from math import isfinite
+from typing import Annotated, Final, NamedTuple
+
+from pydantic import AfterValidator, Field
+
+from robot_io.drivers.serial_force.line import (
+    AxisForceSettings,
+    ForceLine,
+    ForceLineSettings,
+    SerialForceSensor,
+    SerialReader,
+)
+from robot_io.drivers.serial_force.stream import OwnTime, known_unit, newtons_per
+from robot_io.drivers.servo.stream import bit_names
+from robot_io.errors import DeviceError, ProtocolError
+from robot_io.examination import Examinable
+from robot_io.files.file_model import Positive, matching
+
+_REQUEST: Final = struct.Struct(">HHI")
+_RECORD: Final = struct.Struct(">3I6i")
+_HEADER: Final = 0x1234
+STOP: Final = _REQUEST.pack(_HEADER, 0, 0)
+START: Final = _REQUEST.pack(_HEADER, 2, 0)  # at once, one record in a datagram, until it is told to stop
+RECORD_SIZE: Final = _RECORD.size
+
+_LARGEST_COUNTS: Final = (1 << 31) - 1
+_NO_ERROR: Final = 1 << 16 | 1 << 31  # a monitor condition that was latched; any of them
+_STATUS: Final = {
+    1 << 0: "temperature",
+    1 << 1: "supply voltage",
+    1 << 2: "broken gage",
+    1 << 3: "busy",
+    1 << 5: "other error",
+    1 << 7: "calibration not accessible",
+    1 << 17: "transducer saturated",
+    1 << 27: "gage out of range",
+    1 << 28: "simulated error",
+    1 << 29: "calibration checksum",
+    1 << 30: "force or torque out of range",
+}
+_COUNTERS: Final = 1 << 32
+_OLD_RECORDS = 50  # in a row are more than any network repeats,
+_OLD_BEGINNING, _BEGINNING = 3, 20  # and so many of the first records that there are, long after them
+
+
+class Record(NamedTuple):
+    """One record."""
+
+    sequence: int  # of the records
+    measurement: int  # of the sensor's own measurements
+    status: int  # bits
+    counts: tuple[int, ...]  # forces and torques along x, y, z
+
+
+def decode_record(datagram: bytes) -> Record:
+    """The record in a datagram. ProtocolError: it has another size."""
+    if len(datagram) != RECORD_SIZE:
+        raise ProtocolError(f"a record has {RECORD_SIZE} bytes, this one {len(datagram)}")
+    sequence, measurement, status, *counts = _RECORD.unpack(datagram)
+    return Record(sequence, measurement, status, tuple(counts))
+
+
+def status_problem(status: int) -> str:
+    """What a status says is wrong, by name, or nothing."""
+    errors = status & ~_NO_ERROR
+    if errors or status == 1 << 31:
+        return f"{bit_names(errors, _STATUS) if errors else 'error'} (status {status:#010x})"
+    return ""
+
+
+class NetFtStream:
+    """Forces of one axis ("x", "y" or "z") from datagrams, `rate_hz` of them a second [Hz]; see `Stream`.
+
+    What counts as rejected are datagrams that were no records, and records that were not new.
+    """
+
+    def __init__(self, newtons_per_count: float, axis: str, rate_hz: float) -> None:
+        self._scale, self._axis, self._period_s = newtons_per_count, "xyz".index(axis), 1.0 / rate_hz
+        self._last: Record | None = None
+        self._old = 0  # in a row
+        self.complaint, self.own_time = "", OwnTime()
+        self.rejected = 0
+
+    def feed(self, data: bytes) -> list[float]:
+        """The force in one datagram, if it has a new one [N]."""
+        try:
+            record = decode_record(data)
+        except ProtocolError:
+            self.rejected += 1
+            return []
+        if not self._is_new(record):
+            return []
+        counts, problem = record.counts[self._axis], status_problem(record.status)
+        if not problem and abs(counts) >= _LARGEST_COUNTS:
+            problem = "counts at their end"
+        self._last, self.complaint = record, f"the sensor says '{problem}'" if problem else ""
+        return [] if problem else [counts * self._scale]
+
+    def _is_new(self, record: Record) -> bool:
+        last = self._last or Record(record.sequence - 1, record.measurement - 1, 0, ())
+        steps = (record.sequence - last.sequence) % _COUNTERS
+        if 0 < steps < _COUNTERS // 2 and record.measurement != last.measurement:
+            self._old = 0
+            self.own_time.goes_on(steps * self._period_s)
+            return True
+        self.rejected += 1
+        self._old += 1
+        is_beginning = record.sequence <= _BEGINNING and last.sequence > 2 * _BEGINNING
+        if self._old >= (_OLD_BEGINNING if is_beginning else _OLD_RECORDS):
+            self.complaint = "the sensor has begun to count anew, or measures nothing new: has it restarted?"
+        return False
+
+
+PAGE: Final = "/netftapi2.xml"
+_LARGEST_PAGE = 262_144  # bytes
+_PATIENCE_S = 2.0
+
+
+class Configuration(NamedTuple):
+    """What a sensor says of itself."""
+
+    product: str  # name of the product
+    counts_per_force: float  # counts of one `unit`
+    unit: str  # of its forces
+    rate_hz: int  # records a second
+    is_streaming: bool  # whether records are sent at all
+
+
+def parse_configuration(page: bytes) -> Configuration:
+    """The configuration on a page. ProtocolError: something is missing, or cannot be."""
+    text = page.decode("utf-8", "replace")
+    try:
+        configuration = Configuration(
+            product=_value(text, "prodname", "Net F/T"),
+            counts_per_force=float(_value(text, "cfgcpf")),
+            unit=_value(text, "scfgfu"),
+            rate_hz=int(_value(text, "comrdtrate")),
+            is_streaming=_value(text, "comrdte").lower() == "enabled",
+        )
+    except ValueError as error:
+        raise ProtocolError(f"not a number: {error}") from error
+    newtons_per(configuration.unit)
+    if not (configuration.counts_per_force > 0.0 and isfinite(configuration.counts_per_force)):
+        raise ProtocolError(f"{configuration.counts_per_force:g} counts per {configuration.unit}")
+    if configuration.rate_hz < 1:
+        raise ProtocolError(f"{configuration.rate_hz} records a second")
+    return configuration
+
+
+def _value(text: str, name: str, default: str | None = None) -> str:
+    found = re.search(rf"<{name}>\s*([ -~]{{1,60}}?)\s*</{name}>", text)
+    if found is None and default is None:
+        raise ProtocolError(f"'{name}' is missing")
+    return found[1] if found else str(default)
+
+
+def read_configuration(host: str, port: int) -> Configuration:
+    """Ask a sensor. DeviceError: it does not answer in time, or with something else."""
+    where = f"http://{host}:{port}{PAGE}"
+    connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
+    try:
+        connection.request("GET", PAGE)
+        answer = connection.getresponse()
+        page = answer.read(_LARGEST_PAGE) if answer.status == OK else b""
+    except (OSError, HTTPException) as error:
+        raise DeviceError(
+            f"{where}: no answer ({error}); check power, cable, host and this machine's address"
+        ) from error
+    finally:
+        connection.close()
+    if answer.status != OK:
+        raise DeviceError(f"{where}: answers '{answer.status} {answer.reason}': is that a Net F/T?")
+    try:
+        return parse_configuration(page)
+    except ProtocolError as error:
+        raise DeviceError(f"{where}: is no configuration of a Net F/T: {error}") from error
+
+
+_LARGEST_DATAGRAM = 2048  # bytes
+_AT_ONCE = 1000  # datagrams in one look, at most
+
+_Port = Annotated[int, Field(ge=1, le=65_535, strict=True)]
+
+
+class NetFtLineSettings(ForceLineSettings):
+    """What the robot file says."""
+
+    # As delivered, 192.168.1.1.
+    host: Annotated[str, matching("[A-Za-z0-9._-]{1,253}", "its address alone, such as 192.168.1.1")]
+    rdt_port: _Port = 49_152
+    http_port: _Port = 80
+
+
+class DatagramReader(SerialReader):
+    """Hands each datagram on by itself."""
+
+    def _receive(self) -> list[bytes]:
+        datagrams: list[bytes] = []
+        with suppress(BlockingIOError):
+            while len(datagrams) < _AT_ONCE:
+                datagrams.append(os.read(self._file_descriptor, _LARGEST_DATAGRAM))
+        return datagrams
+
+
+class _Socket:
+    """A socket that hears one sender, as a port."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.connect((host, port))
+        except (OSError, UnicodeError):
+            self._socket.close()
+            raise
+        self.fileno, self.close = self._socket.fileno, self._socket.close
+
+    def read(self, size: int) -> bytes:
+        """One datagram, or nothing; also where a host says that nobody hears what was sent."""
+        with suppress(BlockingIOError, ConnectionRefusedError):
+            return self._socket.recv(size)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; a host that says that nobody hears there means what was sent before."""
+        with suppress(ConnectionRefusedError):
+            self._socket.send(data)
+
+
+class NetFtLine(ForceLine):
+    """One sensor; datagrams of others are not heard."""
+
+    name = "net_ft_line"
+    Settings = NetFtLineSettings
+    reader_type = DatagramReader
+    _own: NetFtLineSettings
+    _port: _Socket | None
+
+    @property
+    def label(self) -> str:
+        """See `ForceLine.label`."""
+        return f"Net F/T {self._own.host}"
+
+    def configure(self) -> None:
+        """Open a socket. DeviceError: the host has no address, or there is no way to it."""
+        try:
+            self._port = _Socket(self._own.host, self._own.rdt_port)
+        except (OSError, UnicodeError) as error:  # the latter for what can be no host's name
+            raise DeviceError(f"{self.label}: cannot be reached ({error})") from error
+
+    def read_configuration(self) -> Configuration:
+        """What the sensor says of itself. DeviceError: it does not answer, or with something else."""
+        return read_configuration(self._own.host, self._own.http_port)
+
+    def _close_port(self) -> None:
+        if self._port is not None:
+            self._port.close()
+
+
+_ANSWER_S, _REQUESTS = 0.2, 3
+_AGREE = 1e-6  # of a scale
+
+
+class NetFtSettings(AxisForceSettings):
+    """What the robot file says; what the sensor's active configuration says must agree."""
+
+    counts_per_force: Positive  # counts of one `unit`
+    unit: Annotated[str, AfterValidator(known_unit)] = "N"
+
+
+class NetFt(SerialForceSensor, Examinable):
+    """One axis of the sensor, on a `net_ft_line`."""
+
+    name = "net_ft"
+    Settings = NetFtSettings
+    line_type = NetFtLine
+    end_of_stream = STOP
+    _own: NetFtSettings
+    _bus: NetFtLine
+
+    def configure(self) -> None:
+        """Read the sensor's configuration, and start the records.
+
+        DeviceError: it does not answer, its forces have another scale, or it sends no records.
+        """
+        own, found = self._own, self._bus.read_configuration()
+        newtons_per_count = newtons_per(found.unit) / found.counts_per_force
+        stated = newtons_per(own.unit) / own.counts_per_force
+        if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
+            raise self._error(
+                f"counts {found.counts_per_force:.10g} for 1 {found.unit}, the robot file "
+                f"says {own.counts_per_force:.10g} for 1 {own.unit}: another configuration is active"
+            )
+        if not found.is_streaming:
+            raise self._error("RDT is disabled: enable it on its page 'Communications'")
+        self._start()
+        self._found = f"{found.product}, {found.rate_hz} records/s, {own.axis} axis, {own.capacity_n:.4g} N"
+        stream = NetFtStream(newtons_per_count, own.axis, found.rate_hz)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
+
+    def _start(self) -> None:
+        """Ask for records until one comes; a request may be lost."""
+        for _ in range(_REQUESTS):
+            if self._bus.ask(START, _is_record, _ANSWER_S):
+                return
+        raise self._error("sends no records; check rdt_port, firewall and other programs")
+
+
+def _is_record(datagram: bytes) -> bool | None:
+    try:
+        decode_record(datagram)
+    except ProtocolError:
+        return None
+    return True

@@ -1,0 +1,406 @@
+"""ODrive axes on a CAN bus, in torque mode through CANSimple.
+
+The axes send by themselves; nothing is asked for in a tick. Set up over USB beforehand: node id, bit rate,
+the rates of the cyclic messages (encoder estimates, and motor current with firmware 0.5 or torques with 0.6,
+at the control rate), current limit and watchdog.
+"""
+
+from collections.abc import Mapping
+from math import inf, tau
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from robot_io.driver import DriverContext
+from robot_io.drivers import odrive_protocol as odrive
+from robot_io.drivers.can.line import CanFrame, CanLineSettings
+from robot_io.drivers.can.motors import MotorBus, MotorMounting
+from robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from robot_io.drivers.odrive_protocol import MAX_NODE_ID, AxisState, Firmware, Heartbeat, OdriveCommand
+from robot_io.errors import DeviceError
+from robot_io.examination import Finding, fail, ok, warn
+from robot_io.files.file_model import Positive, TorqueConstant
+from robot_io.guard.limits import Torque
+
+
+class OdriveAxis(MotorMounting):
+    """One axis."""
+
+    node_id: Annotated[int, Field(ge=0, le=MAX_NODE_ID, strict=True)]  # its CAN node id
+    max_torque_nm: Torque  # largest motor torque, from its current limit [N m]
+    # What lets it exert that [A]. If stated, each activation writes it to the axis, with a velocity limit
+    # that leaves room beyond this file's (Set_Limits); else both are as they were set over USB.
+    current_limit_a: Annotated[Positive, Field(le=1000)] | None = None
+    # Motor torque per ampere, needed with firmware 0.5, which reports current [N m/A].
+    torque_constant_nm_a: TorqueConstant | None = None
+
+
+class OdriveBusSettings(CanLineSettings):
+    """What the robot file says."""
+
+    firmware: Firmware  # "0.5" or "0.6"
+    axes: Annotated[tuple[OdriveAxis, ...], Field(min_length=1)]  # one per joint, from base to tip
+    heartbeat_s: Annotated[Positive, Field(le=1)] = 0.1  # period of the heartbeats [s]
+    # After how long without a command an axis disarms itself [s], as set on the axis. Every watchdog is left
+    # to expire once at each activation, to see that it works.
+    watchdog_s: Annotated[Positive, Field(le=1)] = 0.1
+
+    @model_validator(mode="after")
+    def _agree(self) -> "OdriveBusSettings":
+        ids = [axis.node_id for axis in self.axes]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"axes: node ids {ids} are not all different")
+        if self.firmware is Firmware.V0_5 and any(axis.torque_constant_nm_a is None for axis in self.axes):
+            raise ValueError(
+                "axes: firmware 0.5 reports current, so that each needs its torque_constant_nm_a"
+            )
+        return self
+
+
+_OBEYED_SHARE, _CLEAR_SHARE, _SHORT_SAMPLES = 0.8, 0.02, 5  # of what was sent, of the most; in a row
+_SPARE_SPEED = 1.5  # times the robot file's: the guard stops the arm before an axis fails
+_LOST_HEARTBEATS = 3.5  # heartbeat periods without one: it is lost
+_LATENCY_ROUNDS, _LATEST_ANSWER_S = 3, 0.05
+_ENCODER_ERRORS = {"ENCODER_FAILED", "MISSING_ESTIMATE", "SPINOUT_DETECTED", "UNKNOWN_POSITION"}
+
+
+class OdriveBus(MotorBus):
+    """ODrive axes on a CAN bus.
+
+    Heartbeats are watched: an axis that reports an error, leaves closed-loop control by itself, or whose
+    heartbeat is lost has failed. CANSimple cannot read the watchdog's settings, so it is proven by letting
+    it expire.
+    """
+
+    name = "odrive_bus"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(OdriveBusSettings, settings)
+        super().__init__(own, own.axes, context)
+        self._own = own
+        self._axes = own.axes
+        self._joint_by_node = {axis.node_id: joint for joint, axis in enumerate(own.axes)}
+        self._heartbeats: list[Heartbeat | None] = [None] * len(own.axes)
+        self._heartbeat_at_s = [-inf] * len(own.axes)
+        self._supply_v: dict[int, float] = {}
+        self._answered_at_s = [-inf] * len(own.axes)
+        self._latency_s = [0.0] * len(own.axes)
+        self._versions: dict[int, tuple[int, int, int]] = {}
+        self._sent_nm, self._expected_nm = [0.0] * len(own.axes), [0.0] * len(own.axes)  # at the motors
+        self._short_nm, self._short_count = [0.0] * len(own.axes), [0] * len(own.axes)
+
+    def motor_label(self, joint: int) -> str:
+        return f"joint {joint + 1} (node {self._axes[joint].node_id})"
+
+    def configure(self) -> None:
+        """Open the adapter, hear every axis, check the firmware, and set all axes to idle.
+
+        DeviceError: the adapter cannot be opened, or an axis is silent or of another firmware.
+        """
+        self.line.open()
+        self._send_all(self._to_every_axis(AxisState.IDLE))
+        self._send_all([odrive.ask(axis.node_id, OdriveCommand.GET_VERSION) for axis in self._axes])
+        self._wait_for(self._all_heard, self._heartbeat_timeout_s)
+        for joint, axis in enumerate(self._axes):
+            self._check_heard(joint, axis)
+        self._measure_latency()
+        for joint in range(self.joint_count):
+            self._check_rate(joint, self._motion_at_s, self._limits.encoder_age_s, "encoder")
+            self._check_rate(joint, self._torque_at_s, self._limits.torque_age_s, "torque")
+
+    def _measure_latency(self) -> None:
+        """Measure how long each axis takes to answer, by which its samples are dated back.
+
+        CAN frames carry no time: what is always late by the same would pass as fresh. An axis that does not
+        answer is taken to be prompt.
+        """
+        ask = [odrive.ask(axis.node_id, OdriveCommand.BUS_VOLTAGE_CURRENT) for axis in self._axes]
+        latencies_s = []
+        for _ in range(_LATENCY_ROUNDS):
+            self._answered_at_s = [-inf] * self.joint_count
+            asked_s = self._clock.now_s()
+            self._send_all(ask)
+            complete = self._wait_for(lambda: -inf not in self._answered_at_s, _LATEST_ANSWER_S)
+            latencies_s.append([at_s - asked_s for at_s in self._answered_at_s])
+            if not complete:
+                break
+        self._latency_s = [max(0.0, min(of_axis)) for of_axis in zip(*latencies_s, strict=True)]
+
+    def _report(self) -> list[Finding]:
+        self._heartbeats = [None] * self.joint_count
+        self._motion_at_s, self._torque_at_s = [-inf] * self.joint_count, [-inf] * self.joint_count
+        asked = [OdriveCommand.BUS_VOLTAGE_CURRENT, OdriveCommand.GET_VERSION]
+        self._send_all([odrive.ask(axis.node_id, command) for axis in self._axes for command in asked])
+        self._wait_for(
+            lambda: self._all_heard() and len(self._supply_v) == self.joint_count, self._heartbeat_timeout_s
+        )
+        unseen = f"CAN cannot read what each axis must have: {'; '.join(self._setup_commands)}"
+        return [
+            *(self._observe(joint) for joint in range(self.joint_count)),
+            ok("set over USB", unseen),
+        ]
+
+    def _observe(self, joint: int) -> Finding:
+        label, beat, supply_v = self.motor_label(joint), self._heartbeats[joint], self._supply_v.get(joint)
+        if beat is None:
+            remedy = f"check its power, cable, node id and bit rate; {self._rate_commands[0]}"
+            return fail(label, "sends no heartbeat", remedy)
+        try:
+            self._check_heard(joint, self._axes[joint])
+        except DeviceError as error:
+            said = str(error).removeprefix(f"{self.line.label}: {label}: ")
+            return fail(label, said, f"over USB: {'; '.join(self._setup_commands)}")
+        version = self._versions.get(self._axes[joint].node_id)
+        firmware = f"firmware {'.'.join(map(str, version))}" if version else f"firmware {self._own.firmware}"
+        supply = "supply voltage not reported" if supply_v is None else f"{supply_v:.1f} V"
+        value = f"{firmware}, {supply}, {self._describe(beat)}"
+        if supply_v is not None and supply_v < odrive.UNDERVOLTAGE_V:
+            return fail(label, value, "switch its power supply on")
+        if beat.axis_error or beat.component_errors:
+            return warn(label, value, "errors are cleared at activation; see what caused them")
+        return ok(label, value)
+
+    def tick_wire_s(self) -> float | None:
+        """See `Examinable.tick_wire_s`: estimates, torques and command of each axis; heartbeats are rare."""
+        return self.joint_count * (2 * self._frame_s(8) + self._frame_s(4))
+
+    def power_on(self) -> None:
+        """See `JointBus.power_on`; checks the watchdogs first."""
+        self._arm()
+        self._check_watchdogs()
+        self._arm()
+        self._powered = True
+
+    def _switch_off(self) -> None:
+        """See `MotorBus._switch_off`; each axis must confirm by a heartbeat."""
+        told_s = self._clock.now_s()
+        self._send_all(
+            [
+                *(odrive.encode_input_torque(axis.node_id, 0.0) for axis in self._axes),
+                *self._to_every_axis(AxisState.IDLE),
+            ]
+        )
+
+        def still_on() -> list[str]:
+            return [
+                self.motor_label(joint)
+                for joint, beat in enumerate(self._heartbeats)
+                if beat is None or beat.state is not AxisState.IDLE or self._heartbeat_at_s[joint] < told_s
+            ]
+
+        if not self._wait_for(lambda: not still_on(), self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: did not confirm that it is idle: {', '.join(still_on())}")
+
+    @property
+    def _heartbeat_timeout_s(self) -> float:
+        return _LOST_HEARTBEATS * self._own.heartbeat_s
+
+    def _to_every_axis(self, state: AxisState) -> list[CanFrame]:
+        return [odrive.encode_axis_state(axis.node_id, state) for axis in self._axes]
+
+    def _all_heard(self) -> bool:
+        versions = self._own.firmware is Firmware.V0_5 or len(self._versions) == len(self._axes)
+        moved, pulled = -inf not in self._motion_at_s, -inf not in self._torque_at_s
+        return versions and None not in self._heartbeats and moved and pulled
+
+    @property
+    def _rate_commands(self) -> tuple[str, ...]:
+        """What makes an axis send heartbeats, encoder estimates and torques as often as is needed."""
+        heartbeat_ms = round(1e3 * self._own.heartbeat_s)
+        names = odrive.CYCLIC_RATES[self._own.firmware]
+        return tuple(f"{name} = {ms}" for name, ms in zip(names, (heartbeat_ms, 1, 1), strict=True))
+
+    @property
+    def _setup_commands(self) -> tuple[str, ...]:
+        """Everything that an axis must be told over USB, as typed into odrivetool."""
+        limits = (
+            f"{odrive.VELOCITY_LIMIT} = {max(map(self._fastest_rev_s, range(self.joint_count))):.1f} or more",
+            f"{odrive.CURRENT_LIMIT[self._own.firmware]} = what max_torque_nm needs",
+        )
+        are_written = all(axis.current_limit_a for axis in self._axes)
+        return (
+            *self._rate_commands,
+            f"{odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}",
+            f"{odrive.ENABLE_WATCHDOG} = True",
+            f"{odrive.LIMITER} = False",
+            *(() if are_written else limits),
+            "odrv0.save_configuration()",
+        )
+
+    def _fastest_rev_s(self, joint: int) -> float:
+        """How fast a motor turns at the robot file's limit [rev/s]."""
+        return self._limits.velocity_rad_s[joint] * self._axes[joint].gear_ratio / tau
+
+    def _check_rate(self, joint: int, at_s: list[float], oldest_s: float, what: str) -> None:
+        """That something comes before it is too old, once in three times: the machine may be busy."""
+        for _ in range(3):
+            at_s[joint] = -inf
+            self._wait_for(lambda: at_s[joint] > -inf, self._heartbeat_timeout_s)
+            at_s[joint] = -inf
+            if self._wait_for(lambda: at_s[joint] > -inf, oldest_s):
+                return
+        command = self._rate_commands[2 if what == "torque" else 1]
+        raise self._about(joint, f"does not send its {what} every {oldest_s:g} s; set {command}")
+
+    def _check_heard(self, joint: int, axis: OdriveAxis) -> None:
+        if self._heartbeats[joint] is None:
+            raise self._about(joint, f"no heartbeat in {self._heartbeat_timeout_s:.2g} s")
+        version, stated = self._versions.get(axis.node_id), self._own.firmware
+        if version is None and stated is Firmware.V0_6:
+            raise self._about(joint, "does not answer Get_Version, as firmware 0.6 would")
+        if version is not None and f"{version[0]}.{version[1]}" != stated:
+            found = ".".join(map(str, version))
+            raise self._about(joint, f"has firmware {found}, the robot file says {stated}")
+        _, encoder, torque = self._rate_commands
+        if self._motion_at_s[joint] == -inf:
+            raise self._about(joint, f"sends no encoder estimates; set {encoder}")
+        if self._torque_at_s[joint] == -inf:
+            raise self._about(joint, f"sends no torques; set {torque}")
+
+    def _arm(self) -> None:
+        """Clear errors and go to closed-loop torque control at zero torque."""
+        nodes = [axis.node_id for axis in self._axes]
+        armed_s = self._clock.now_s()
+        self._send_all([odrive.encode_clear_errors(node) for node in nodes])
+        self._send_all(
+            [
+                odrive.encode_limits(
+                    axis.node_id, _SPARE_SPEED * self._fastest_rev_s(joint), axis.current_limit_a
+                )
+                for joint, axis in enumerate(self._axes)
+                if axis.current_limit_a is not None
+            ]
+        )
+        zero_torque = [odrive.encode_input_torque(node, 0.0) for node in nodes]
+        self._send_all([odrive.encode_controller_mode(node) for node in nodes])
+        self._send_all(zero_torque)
+        self._send_all(self._to_every_axis(AxisState.CLOSED_LOOP_CONTROL))
+
+        def armed() -> bool:
+            self._send_all(zero_torque)  # so that the watchdogs do not expire meanwhile
+            return all(
+                beat is not None
+                and beat.state is AxisState.CLOSED_LOOP_CONTROL
+                and not beat.axis_error
+                and self._heartbeat_at_s[joint] > armed_s
+                for joint, beat in enumerate(self._heartbeats)
+            )
+
+        if not self._wait_for(armed, self._heartbeat_timeout_s):
+            raise DeviceError(f"{self.line.label}: no closed-loop control: {self._states()}")
+
+    def _check_watchdogs(self) -> None:
+        bit = odrive.WATCHDOG_EXPIRED[self._own.firmware]
+
+        def expired() -> list[bool]:
+            return [beat is not None and bool(beat.axis_error & bit) for beat in self._heartbeats]
+
+        limit_s = self._own.watchdog_s + self._heartbeat_timeout_s
+        if self._wait_for(lambda: all(expired()), limit_s):
+            return
+        alive = ", ".join(self.motor_label(joint) for joint, over in enumerate(expired()) if not over)
+        raise DeviceError(
+            f"{self.line.label}: the watchdog of {alive} did not expire in {limit_s:.2g} s without commands; "
+            f"set {odrive.ENABLE_WATCHDOG} = True; {odrive.WATCHDOG_TIMEOUT} = {self._own.watchdog_s:g}"
+        )
+
+    def _states(self) -> str:
+        return "; ".join(
+            f"{self.motor_label(joint)} is {self._describe(beat) if beat else 'silent'}"
+            for joint, beat in enumerate(self._heartbeats)
+        )
+
+    def _describe(self, beat: Heartbeat) -> str:
+        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
+        parts = tuple(f"{part} error" for part in beat.component_errors)
+        return " ".join((beat.state.name, *names, *parts))
+
+    def _joint_of(self, frame: CanFrame) -> int | None:
+        node, _ = odrive.split_odrive_id(frame.can_id)
+        return None if frame.extended else self._joint_by_node.get(node)
+
+    def _take(self, frame: CanFrame, at_s: float) -> bool:
+        joint = self._joint_of(frame)
+        if joint is None or frame.remote:
+            return False
+        axis = self._axes[joint]
+        node, command = odrive.split_odrive_id(frame.can_id)
+        match command:
+            case OdriveCommand.ENCODER_ESTIMATES:
+                position_rev, velocity_rev_s = odrive.decode_encoder_estimates(frame)
+                self._position_rad[joint] = axis.joint_angle_rad(tau * position_rev)
+                self._velocity_rad_s[joint] = tau * velocity_rev_s / axis.signed_ratio
+                self._motion_at_s[joint] = at_s - self._latency_s[joint]
+            case OdriveCommand.GET_IQ if self._own.firmware is Firmware.V0_5:
+                _, current_a = odrive.decode_iq(frame)
+                self._keep_torque(joint, current_a * (axis.torque_constant_nm_a or 0.0), at_s)
+            case OdriveCommand.TORQUES if self._own.firmware is Firmware.V0_6:
+                _, torque_nm = odrive.decode_torques(frame)
+                self._keep_torque(joint, torque_nm, at_s)
+            case OdriveCommand.HEARTBEAT:
+                self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
+            case OdriveCommand.BUS_VOLTAGE_CURRENT:
+                self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
+                self._answered_at_s[joint] = at_s
+            case OdriveCommand.GET_VERSION:
+                self._versions[node] = odrive.decode_version(frame)
+            case _:
+                return False
+        return True
+
+    def _keep_torque(self, joint: int, motor_torque_nm: float, at_s: float) -> None:
+        least_nm = min(abs(self._sent_nm[joint]), abs(self._expected_nm[joint]))
+        self._expected_nm[joint] = self._sent_nm[joint]
+        clear_nm = _CLEAR_SHARE * self._axes[joint].max_torque_nm
+        is_short = self._powered and abs(motor_torque_nm) < _OBEYED_SHARE * least_nm - clear_nm
+        self._short_count[joint] = self._short_count[joint] + 1 if is_short else 0
+        self._short_nm[joint] = motor_torque_nm
+        self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
+        self._torque_at_s[joint] = at_s - self._latency_s[joint]
+
+    def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
+        self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
+        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
+        self._motion_is_wrong[joint] = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(
+            names
+        )
+
+    def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
+        axis = self._axes[joint]
+        motor_nm = min(max(torque_nm / axis.signed_ratio, -axis.max_torque_nm), axis.max_torque_nm)
+        self._sent_nm[joint] = motor_nm
+        sent_nm = odrive.as_sent(motor_nm) * axis.signed_ratio
+        return odrive.encode_input_torque(axis.node_id, motor_nm), sent_nm
+
+    def _doubt(self, joint: int) -> str:
+        if self._short_count[joint] < _SHORT_SAMPLES:
+            return ""
+        return (
+            f"exerts {abs(self._short_nm[joint]):.2f} of {abs(self._sent_nm[joint]):.2f} N m at the motor; "
+            "does something on it limit torques? As delivered, its velocity limiter does: "
+            f"{odrive.LIMITER} = False"
+        )
+
+    def _fault(self, joint: int, now_s: float) -> str:
+        beat = self._heartbeats[joint]
+        silent_s = now_s - self._heartbeat_at_s[joint]
+        if silent_s > self._heartbeat_timeout_s:
+            return f"heartbeat lost, the last came {silent_s:.2g} s ago"
+        if beat is None or not (beat.axis_error or beat.component_errors):
+            left = self._powered and beat is not None and beat.state is not AxisState.CLOSED_LOOP_CONTROL
+            return f"left closed-loop control, is {beat.state.name}" if left and beat else ""
+        return self._describe(beat) if self._powered else ""
+
+
+class OdriveEncoder(BusEncoder):
+    """Positions and velocities that ODrive axes estimate; the settings are the bus's."""
+
+    name = "odrive_encoder"
+    bus_type = OdriveBus
+
+
+class OdriveTorque(BusTorque):
+    """Torques to and from ODrive axes; the settings are the bus's."""
+
+    name = "odrive_torque"
+    bus_type = OdriveBus

@@ -1,1 +1,0 @@
-"""ODrive axes on a CAN bus, through CANSimple."""

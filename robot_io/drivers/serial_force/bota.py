@@ -1,0 +1,219 @@
+"""Bota Systems' force-torque sensors with a serial interface: protocol and sensor.
+
+Bota Systems' serial protocol as bytes: commands in letters, and frames of 37 bytes.
+
+A frame is AA, 34 bytes of data and their CRC-16 (X.25), all little-endian: status, forces and torques along
+x, y and z as floats, the sensor's time in microseconds, its temperature. Commands are answered with `r,0,`,
+the letter and a code: 0 is done. Source: Bota Systems' own examples and ROS driver for the serial sensors.
+"""
+
+import re
+import struct
+from math import copysign, isfinite
+from typing import Final, Literal, NamedTuple
+
+from robot_io.drivers.serial_force.line import AxisForceSettings, SerialForceSensor, SerialLine
+from robot_io.drivers.serial_force.stream import OwnTime
+from robot_io.drivers.servo.stream import PacketStream, bit_names
+from robot_io.errors import ProtocolError
+from robot_io.examination import Examinable
+
+CONFIGURE, RUN = b"C", b"R"
+BAUD_RATE_CODES: Final = {9_600: 0, 57_600: 1, 115_200: 2, 230_400: 3, 460_800: 4}
+_CONVERSIONS_HZ: Final = 51_200  # of which the filter makes one sample of as many as it is long
+
+_HEADER: Final = 0xAA
+_DATA: Final = struct.Struct("<H6fIf")
+FRAME_SIZE: Final = 1 + _DATA.size + 2
+_SKIPPED, _OVERRANGE = 0x01, 0x02
+_STATUS: Final = {
+    0x01: "skips measurements, lower rate_hz",
+    0x04: "invalid measurements",
+    0x08: "raw measurements",
+}
+_MANY_SKIPPED: Final = 5  # samples in a row: it is not one that was late
+_LONGEST_GAP_US: Final = 1_000_000
+_TIMES: Final = 1 << 32
+
+
+def communication_setup(baud_rate: int) -> bytes:
+    """Calibrated values without temperature compensation, in binary frames at this baud rate."""
+    return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
+
+
+def filter_setup(rate_hz: int) -> bytes:
+    """The filter for so many samples a second; chopping, the fast mode and the FIR filter are off."""
+    return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
+
+
+def code_of(command: bytes, received: bytes | bytearray) -> int | None:
+    """The code of the answer to a command in what was received, or None where there is none; 0 is done."""
+    found = re.search(rb"r,\d,%c,(\d)" % command[0], received)
+    return int(found[1]) if found else None
+
+
+def crc16(data: bytes) -> int:
+    """The CRC-16 of X.25, least significant bit first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
+    return crc ^ 0xFFFF
+
+
+def _remainder(byte: int) -> int:
+    for _ in range(8):
+        byte = byte >> 1 ^ (0x8408 if byte & 1 else 0)
+    return byte
+
+
+_CRC_TABLE: Final = tuple(map(_remainder, range(256)))
+
+
+class Sample(NamedTuple):
+    """What one frame says."""
+
+    status: int  # bits
+    forces_n: tuple[float, ...]  # forces along x, y, z [N], then torques [N m]
+    time_us: int  # the sensor's own time [us]
+    temperature_c: float  # [degrees Celsius]
+
+
+def decode_frame(frame: bytes) -> Sample:
+    """The sample in a frame. ProtocolError: another size or header, a wrong CRC, or a value is no number."""
+    if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
+        raise ProtocolError(f"no frame: {frame[:40]!r}")
+    if crc16(frame[1:-2]) != frame[-2] | frame[-1] << 8:
+        raise ProtocolError("CRC mismatch")
+    status, *forces, time_us, temperature_c = _DATA.unpack(frame[1:-2])
+    if not all(map(isfinite, forces)):
+        raise ProtocolError("a force is not a number")
+    return Sample(status, tuple(forces), time_us, temperature_c)
+
+
+class _Frames(PacketStream[Sample]):
+    header = bytes((_HEADER,))
+    head = 1
+
+    def _size(self, buffer: bytes, start: int) -> int:
+        return FRAME_SIZE
+
+    def _decode(self, packet: bytes) -> Sample:
+        return decode_frame(packet)
+
+
+class BotaStream:
+    """Forces of one axis ("x", "y" or "z") from frames; see `Stream`.
+
+    The sensor's time must go on by no more than a second from sample to sample, for a CRC of 16 bits lets one
+    damaged frame in 65 536 through; another time, such as the first, counts once the next goes on with it.
+    Where the sensor says that its range is exceeded, `capacity_n` [N] is shown at least.
+    """
+
+    def __init__(self, axis: str, capacity_n: float) -> None:
+        self._axis, self._capacity_n = "xyz".index(axis), capacity_n
+        self._frames = _Frames(FRAME_SIZE)
+        self._time_us: int | None = None  # of the last sample, and of one whose time did not go on
+        self._odd_us: int | None = None
+        self._left_out = self._skipped = 0  # the latter in a row
+        self._restarted = ""
+        self.complaint, self.own_time = "", OwnTime()
+
+    @property
+    def rejected(self) -> int:
+        """Frames that were damaged, and samples that were not new or that the sensor had skipped."""
+        return self._frames.rejected + self._left_out
+
+    def feed(self, data: bytes) -> list[float]:
+        return [force for sample in self._frames.feed(data) for force in self._forces(sample)]
+
+    def _forces(self, sample: Sample) -> list[float]:
+        is_new, is_skipped = self._is_new(sample.time_us), sample.status & _SKIPPED
+        self._skipped = self._skipped + 1 if is_skipped else 0
+        if not is_new or (is_skipped and self._skipped < _MANY_SKIPPED):
+            self._left_out += 1
+            return []
+        errors = sample.status & ~_OVERRANGE
+        problem = f"the sensor says '{bit_names(errors, _STATUS)}'" if errors else ""
+        self.complaint = self._restarted or problem
+        force_n = sample.forces_n[self._axis]
+        if sample.status & _OVERRANGE:
+            force_n = copysign(max(abs(force_n), self._capacity_n), force_n)
+        return [] if errors else [force_n]
+
+    def _is_new(self, time_us: int) -> bool:
+        goes_on, odd_goes_on = _follows(time_us, self._time_us), _follows(time_us, self._odd_us)
+        if not (goes_on or odd_goes_on):
+            self._odd_us = time_us
+            return False
+        if self._time_us is not None:
+            by_us = (time_us - self._time_us) % _TIMES
+            if by_us >= _TIMES // 2:
+                self._restarted = "the sensor has restarted, with the settings that it keeps"
+            self.own_time.goes_on(1e-6 * by_us)
+        self._time_us, self._odd_us = time_us, None
+        return True
+
+
+def _follows(time_us: int, before_us: int | None) -> bool:
+    return before_us is not None and 0 < (time_us - before_us) % _TIMES <= _LONGEST_GAP_US
+
+
+_ANSWER_S = 0.5
+_ATTEMPTS, _STARTING = 3, 8  # the latter where opening the port may have restarted it, for some seconds
+_BITS = 10  # of a byte on the line
+
+
+class BotaSettings(AxisForceSettings):
+    """What the robot file says."""
+
+    rate_hz: Literal[100, 200, 400, 800] = 800  # samples a second, by the length of the sensor's filter
+
+
+class Bota(SerialForceSensor, Examinable):
+    """One axis of the sensor, on a `serial_line`; it says which one it is when it starts, and then only."""
+
+    name = "bota"
+    Settings = BotaSettings
+    _own: BotaSettings
+    _bus: SerialLine
+
+    def configure(self) -> None:
+        """Set the sensor up, and let it run.
+
+        DeviceError: it does not answer, or refuses; or the line is too slow.
+        """
+        own, baud_rate = self._own, self._bus.baud_rate
+        if baud_rate not in BAUD_RATE_CODES or own.rate_hz * FRAME_SIZE * _BITS > baud_rate:
+            needed = own.rate_hz * FRAME_SIZE * _BITS
+            valid = ", ".join(str(rate) for rate in BAUD_RATE_CODES if rate >= needed)
+            raise self._error(
+                f"{own.rate_hz} samples/s do not go over a line of {baud_rate} bit/s. Valid: {valid}"
+            )
+        for command in (
+            CONFIGURE,
+            communication_setup(baud_rate),
+            filter_setup(own.rate_hz),
+            RUN,
+        ):
+            self._command(command)
+        self._found = (
+            f"Bota, {own.rate_hz} samples/s, {own.axis} axis, {own.capacity_n:.4g} N by the robot file"
+        )
+        stream = BotaStream(own.axis, own.capacity_n)
+        self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
+
+    def _command(self, command: bytes) -> None:
+        """Have a command done; the sensor may still have been starting, or have lost a letter."""
+        received = bytearray()
+
+        def understand(data: bytes) -> int | None:
+            received.extend(data)
+            return code_of(command, received)
+
+        for _ in range(_STARTING if command == CONFIGURE else _ATTEMPTS):
+            code = self._bus.ask(command, understand, _ANSWER_S)
+            if code:
+                raise self._error(f"the sensor refuses '{command.decode()}', code {code}")
+            if code == 0:
+                return
+        raise self._error(f"no answer to '{command.decode()}'; check port, baud rate and supply")

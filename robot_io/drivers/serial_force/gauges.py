@@ -1,0 +1,307 @@
+"""Force gauges that send text: any that writes one line a sample, Loadstar DI-100/1000, and Mark-10.
+
+Loadstar: Loadstar Sensors, "DI-100U / DI-1000U Command Set" and "DI-1000HS-1K Output Formats"
+(loadstarsensors.com): a command ends with CR, an answer with CR LF; CR alone is answered with A and ends a
+stream; readings come as decimal numbers in the unit that UNITS answers.
+
+Mark-10 (Series 5 and 7, indicators 7i) is asked for each reading: Mark-10, "Series 7 Digital Force Gauges
+User's Guide" and "Model 7i User's Guide", 14.6, Gauge Control Language 2: commands end with CR, answers with
+CR LF; settings are not answered, errors are a star and a number. Compression is positive. Example of a
+reading: "-18.78 lbF".
+"""
+
+import re
+from contextlib import suppress
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, StrictBool, field_validator
+
+from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from robot_io.drivers.serial_force.stream import LineStream, Poll, known_unit, newtons_per, text_of
+from robot_io.errors import InputError, ProtocolError
+from robot_io.examination import Examinable
+from robot_io.files.file_model import Capacity, Positive
+
+MAX_PATTERN = 200
+_REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever on a short line
+
+
+def compile_pattern(pattern: str) -> re.Pattern[str]:
+    """A pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
+
+    InputError: not a regular expression, without `value`, or with a repeated group, which can take for ever.
+    """
+    if len(pattern) > MAX_PATTERN:
+        raise InputError(f"pattern: longer than {MAX_PATTERN} characters")
+    try:
+        compiled = re.compile(pattern)
+    except re.error as error:
+        raise InputError(f"pattern '{pattern}': {error}") from error
+    if "value" not in compiled.groupindex:
+        raise InputError(f"pattern '{pattern}': has no group (?P<value>...)")
+    if _REPEATED_GROUP.search(pattern):
+        raise InputError(f"pattern '{pattern}': a repeated group can take for ever")
+    return compiled
+
+
+def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: float) -> LineStream:
+    """Readings from lines that match `pattern`, see `compile_pattern`; a value is multiplied with `scale`.
+
+    Lines that name no unit are in `unit`; where that is None, they are rejected.
+    """
+    compiled = compile_pattern(pattern)
+    stated = None if unit is None else newtons_per(unit)
+
+    def parse(line: str) -> tuple[str, float]:
+        match = compiled.fullmatch(line)
+        if match is None:
+            raise ProtocolError(f"does not match the pattern: '{line[:60]}'")
+        found = match.groupdict()
+        newtons = newtons_per(found["unit"]) if found.get("unit") else stated
+        if newtons is None:
+            raise ProtocolError(f"names no unit, and none is stated: '{line[:60]}'")
+        return found["value"] or "", newtons * scale
+
+    return LineStream(parse, largest_n)
+
+
+class ForceLinesSettings(SerialForceSettings):
+    """What the robot file says."""
+
+    # Regular expression for a whole line, with a group (?P<value>...) and perhaps (?P<unit>...).
+    pattern: Annotated[str, Field(min_length=1, max_length=MAX_PATTERN)]
+    unit: Annotated[str | None, AfterValidator(known_unit)] = None  # unit of lines that name none
+    scale: Positive = 1.0  # what a value is multiplied with before its unit; for its sign there is `reversed`
+    capacity_n: Capacity  # from this force on the sensor is saturated [N]
+    # What to send to make it stream, such as a carriage return.
+    start: Annotated[str, Field(max_length=100)] = ""
+
+    @field_validator("pattern")
+    @classmethod
+    def _compiles(cls, pattern: str) -> str:
+        compile_pattern(pattern)
+        return pattern
+
+
+class ForceLines(SerialForceSensor):
+    """A force sensor that writes lines, on a `serial_line`."""
+
+    name = "force_lines"
+    Settings = ForceLinesSettings
+    _own: ForceLinesSettings
+
+    def configure(self) -> None:
+        """Start to listen. DeviceError: the port failed."""
+        own = self._own
+        stream = pattern_stream(own.pattern, own.unit, own.scale, 1e9)
+        self._bus.listen(stream, own.capacity_n)
+        if own.start:
+            self._bus.write(own.start.encode("ascii", "replace"))
+
+
+PING, YES, NO = b"\r", "A", "?"
+ASK_MODEL, ASK_UNITS, ASK_CAPACITY = b"MODEL\r", b"UNITS\r", b"LC\r"
+TARE, STREAM, STOP = b"CT0\r", b"WC\r", b"\r"
+MODELS = ("DI-1000", "DI-100")
+
+_NUMBER = re.compile(r"[+-]?([0-9]{1,9}(\.[0-9]{0,9})?|\.[0-9]{1,9})")
+_ANSWER_S = 0.3
+_PINGS = 4
+
+
+def model_of(answer: str) -> str:
+    """Which interface answered MODEL. ProtocolError: an unknown one."""
+    for model in MODELS:
+        if model in answer.upper():
+            return model
+    raise ProtocolError(f"model '{answer[:40]}' is not a {' or '.join(MODELS)}")
+
+
+def unit_of(answer: str) -> float:
+    """Newtons in one unit of the readings, from the answer to UNITS. ProtocolError: not a unit of force."""
+    words = answer.split()
+    return newtons_per(words[-1] if words else "")
+
+
+def number_of(text: str) -> float:
+    """A decimal number as the interface writes it. ProtocolError: it is not one."""
+    if not _NUMBER.fullmatch(text.strip()):
+        raise ProtocolError(f"not a number: '{text[:40]}'")
+    return float(text)
+
+
+def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
+    """Readings of the continuous mode; twice the capacity [N] is not accepted as a reading."""
+
+    def parse(line: str) -> tuple[str, float]:
+        number_of(line)
+        return line, newtons_per_unit
+
+    return LineStream(parse, 2.0 * capacity_n)
+
+
+class LoadstarSettings(SerialForceSettings):
+    """What the robot file says."""
+
+    capacity_n: Capacity  # capacity of the load cell [N]; the interface must say the same within 1 %
+    tare: StrictBool = False  # whether to zero it when the robot is configured; nothing must touch it then
+
+
+class Loadstar(SerialForceSensor, Examinable):
+    """A load cell in continuous mode, on a `serial_line`. Unit and capacity are read from the interface."""
+
+    name = "loadstar"
+    Settings = LoadstarSettings
+    end_of_stream = STOP
+    _own: LoadstarSettings
+
+    def configure(self) -> None:
+        """Check model, unit and capacity, and start the stream. DeviceError: no answer, or another device."""
+        self._wake()
+        try:
+            model = model_of(self._ask(ASK_MODEL))
+            unit = self._ask(ASK_UNITS)
+            newtons_per_unit = unit_of(unit)
+            capacity_n = number_of(self._ask(ASK_CAPACITY).split()[0]) * newtons_per_unit
+        except ProtocolError as error:
+            raise self._error(str(error)) from error
+        if abs(capacity_n - self._own.capacity_n) > 0.01 * self._own.capacity_n:
+            raise self._error(
+                f"the interface is set for a load cell of {capacity_n:.4g} N, "
+                f"the robot file says {self._own.capacity_n:.4g} N"
+            )
+        self._found = f"{model}, counts in {unit.split()[-1]}, load cell of {capacity_n:.4g} N"
+        if self._own.tare:
+            self._ask(TARE, may_be_yes=True)
+        self._bus.listen(loadstar_stream(newtons_per_unit, capacity_n), self._own.capacity_n)
+        self._bus.write(STREAM)
+
+    def _wake(self) -> None:
+        """End a stream that may still run; then it answers to a ping."""
+        for _ in range(_PINGS):
+            if self._ask_line(PING, lambda line: line.strip() == YES.encode() or None, _ANSWER_S):
+                return
+        raise self._error("no DI-100 or DI-1000 answers; check port and baud rate")
+
+    def _ask(self, question: bytes, *, may_be_yes: bool = False) -> str:
+        """The answer; a yes that nobody asked for is a late one to the ping. DeviceError: none, or a no."""
+
+        def take(line: bytes) -> str | None:
+            text = text_of(line)
+            return text if text and (may_be_yes or text != YES) else None
+
+        answer = self._ask_line(question, take, _ANSWER_S)
+        if answer is None:
+            raise self._error(f"no answer to {question.decode().strip()}")
+        if answer == NO:
+            raise self._error(f"the interface does not know {question.decode().strip()}")
+        return answer
+
+
+ASK = b"?C\r"  # the current reading, whatever is displayed
+# No readings unasked, units with readings, no peak on the display, and no switching off by itself.
+SET_UP = b"AOUT0\rFULL\rCUR\rAOFF0\r"
+SIGNS = b"\rIPOL0\rOPOL0\r"  # signs neither inverted nor left out; firmware that knows none does neither
+ASK_GAUGE_MODEL = b"RM\r"
+ERRORS = {10: "illegal command", 11: "not applicable", 12: "invalid specifier", 22: "value too large"}
+
+_READING = re.compile(r"([+-]?[0-9]{0,7}\.?[0-9]{1,6}) ([A-Za-z]{1,8})")
+_ERROR = re.compile(r"\*([0-9]{2})")
+_GAUGE_ANSWER_S, _TWICE = 0.3, 2
+
+
+def reading_of(line: str) -> tuple[str, str]:
+    """The number as it is written, and its unit. ProtocolError: it is no reading."""
+    found = _READING.fullmatch(line)
+    if found is None:
+        raise ProtocolError(f"no reading: '{line[:40]}'")
+    return found[1], found[2]
+
+
+class Mark10Stream(LineStream):
+    """Readings in one unit, as the gauge writes it; a gauge that has gone over to another one complains.
+
+    Twice the gauge's capacity [N] is not accepted as a reading. Its model is the answer to the marker of the
+    poll, and readings before it are left out. ProtocolError: the unit is none of force.
+    """
+
+    def __init__(self, unit: str, capacity_n: float, model: str, poll: Poll) -> None:
+        super().__init__(self._in_unit, 2.0 * capacity_n, from_beginning=True)
+        self._model, self._poll = model.encode("ascii"), poll
+        self._unit, self._newtons = unit, newtons_per(unit)
+        self._other, self._others = "", 0  # so many readings in another unit in a row
+        self.complaint = ""
+
+    def _take(self, line: bytes, samples: list[float]) -> None:
+        if line.rstrip().endswith(self._model):  # perhaps behind a reading that has lost its end
+            self._poll.marked()
+            samples.clear()
+        else:
+            super()._take(line, samples)
+
+    def _in_unit(self, line: str) -> tuple[str, float]:
+        if found := _ERROR.fullmatch(line):
+            self.complaint = f"the gauge says '{error_name(int(found[1]))}'"
+        number, unit = reading_of(line)
+        if unit != self._unit:
+            self._others = self._others + 1 if unit == self._other else 1
+            self._other = unit
+            if self._others >= _TWICE:  # no damaged letter
+                self.complaint = f"the gauge reads in {unit}, and read in {self._unit} when it was configured"
+            raise ProtocolError(f"in {unit} in place of {self._unit}")
+        self._others, self.complaint = 0, ""
+        return number, self._newtons
+
+
+def error_name(code: int) -> str:
+    """What an error code means."""
+    return f"*{code} {ERRORS.get(code, 'unknown error')}"
+
+
+class Mark10Settings(SerialForceSettings):
+    """What the robot file says."""
+
+    capacity_n: Capacity  # capacity of the gauge [N]
+
+
+class Mark10(SerialForceSensor, Examinable):
+    """A gauge on a `serial_line`."""
+
+    name = "mark10"
+    Settings = Mark10Settings
+    _own: Mark10Settings
+
+    def configure(self) -> None:
+        """Set the gauge up, and ask it. DeviceError: no answer, an error, or a unit that is none of force."""
+        self._ask(SIGNS + ASK, "an answer", but=_ERROR)
+        model = self._ask(SET_UP + ASK_GAUGE_MODEL, "its model", but=_READING)
+        line = self._ask(ASK, "a reading")
+        try:
+            _, unit = reading_of(line)
+            poll = Poll(ASK, ASK_GAUGE_MODEL)
+            stream = Mark10Stream(unit, self._own.capacity_n, model, poll)
+        except ProtocolError as error:
+            raise self._error(str(error)) from error
+        self._found = f"{model}, reads in {unit}, {self._own.capacity_n:.4g} N by the robot file"
+        self._bus.listen(stream, self._own.capacity_n, poll=poll)
+
+    def _ask(self, commands: bytes, what: str, but: re.Pattern[str] | None = None) -> str:
+        """The first line of an answer that is none of `but`. DeviceError: none came, or an error."""
+
+        def take(line: bytes) -> str | None:
+            text = _text(line)
+            return text if text and not (but and but.fullmatch(text)) else None
+
+        answer = self._ask_line(commands, take, _GAUGE_ANSWER_S)
+        if answer is None:
+            raise self._error(f"no gauge says {what}; check port and baud rate")
+        if found := _ERROR.fullmatch(answer):
+            said = error_name(int(found[1]))
+            raise self._error(f"the gauge says '{said}' when asked for {what}")
+        return answer
+
+
+def _text(line: bytes) -> str:
+    with suppress(ProtocolError):
+        return text_of(line)
+    return ""

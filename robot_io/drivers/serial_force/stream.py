@@ -1,0 +1,277 @@
+"""Readings out of a stream: a sensor's own time, questions to one that speaks when asked, lines and units."""
+
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+from math import inf
+from typing import Protocol
+
+from robot_io.errors import ProtocolError
+
+_CLOCKS_DIFFER = 1e-3  # by so much of the time: two crystals, and a rate that is stated in whole hertz
+_WINDOW_S, _WINDOWS = 0.25, 4  # in whose shortest delays an error of the rate shows
+_STEADY = 0.5  # share of the largest change between two windows by which changes may differ
+
+
+class OwnTime:
+    """Dates readings: none is younger than the shortest delay so far, from sampling to arrival, makes it.
+
+    What always delays a reading shows nowhere; what has begun to, does. A sensor whose clock is off by more
+    than 0.1 % seems to fall behind; one whose rate may be off by more is followed once its shortest delays
+    have changed steadily for a second, where a reading that is late changes them once.
+
+    Args:
+        rate_error: Share by which the sensor's time may be off.
+        longest_gap_s: After a longer silence nobody knows how far the sensor's time has gone on [s].
+    """
+
+    def __init__(self, rate_error: float = 0.0, longest_gap_s: float = inf) -> None:
+        self._rate_error, self._longest_gap_s = rate_error, longest_gap_s
+        self._rate = 1.0  # seconds of the host in one of the sensor's
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew: the sensor has restarted, and its time says nothing of earlier readings."""
+        self._now_s = self._looked_s = 0.0  # on the sensor's clock
+        self._arrived_s = inf
+        self._delay_s = self._window_delay_s = inf  # the shortest; it holds how far the clocks are apart
+        self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
+
+    def goes_on(self, by_s: float) -> None:
+        """The sensor's time of the newest reading is `by_s` after that of the one before [s]."""
+        self._now_s += by_s * self._rate
+
+    def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
+        """When the newest reading was sampled at the latest, on the host's clock [s].
+
+        It arrived at `arrived_at_s`; `prompt` is whether it was just then, and not perhaps later.
+        """
+        if arrived_at_s - self._arrived_s > self._longest_gap_s:
+            self.restart()
+        self._arrived_s = arrived_at_s
+        if prompt:
+            delay_s = arrived_at_s - self._now_s
+            grown_s = self._delay_s + _CLOCKS_DIFFER * (self._now_s - self._looked_s)
+            self._delay_s, self._looked_s = min(delay_s, grown_s), self._now_s
+            self._follow_rate(delay_s)
+        return min(arrived_at_s, self._now_s + self._delay_s)
+
+    def _follow_rate(self, delay_s: float) -> None:
+        """Correct the sensor's rate where its delays have changed steadily."""
+        self._window_delay_s = min(self._window_delay_s, delay_s)
+        if self._now_s < self._window_end_s:
+            return
+        self._delays_s.append(self._window_delay_s)
+        self._window_delay_s, self._window_end_s = inf, self._now_s + _WINDOW_S
+        changes = [after_s - before_s for before_s, after_s in pairwise(self._delays_s)]
+        if len(changes) < _WINDOWS - 1:
+            return
+        largest_s = max(map(abs, changes))
+        is_steady = max(changes) - min(changes) < _STEADY * largest_s
+        if is_steady and _CLOCKS_DIFFER * _WINDOW_S < largest_s <= self._rate_error * _WINDOW_S:
+            self._rate *= 1.0 + sum(changes) / len(changes) / _WINDOW_S
+            self._delay_s = self._delays_s[-1] + max(changes[-1], 0.0)
+            self._delays_s.clear()
+
+
+_MARGIN_S = 1e-3  # by which answering times vary; a marker that was not needed does no harm
+_FORGETTING = 0.01  # how far the usual answering time follows a shorter one
+_PATIENCE_S = 0.1  # for an answer, and for that to a marker
+_DEAF_S = 0.25  # after one that did not come: until nothing late can be taken for the next one
+
+
+class Poll:
+    """One question, asked again once it is answered; an answer is as old as its question can make it.
+
+    Where an answer is missing, the question is asked again behind a marker: a question whose answer is no
+    reading. Sensors answer in the order of the questions, so what comes after the marker's answer belongs to
+    the question behind it. Where nothing answers, nothing is asked or believed for a while, so that no late
+    answer belongs to a younger question.
+
+    Args:
+        question: What asks for a reading.
+        marker: What asks for something else.
+    """
+
+    def __init__(self, question: bytes, marker: bytes) -> None:
+        self._question, self._marker = question, marker
+        self._asked_s: float | None = None  # while the answer is out
+        self._silent_since_s = 0.0  # when the first question was asked that has no answer
+        self._usual_s: float | None = None  # answering time, the longest of late
+        self._awaits_marker = False
+        self._deaf_until_s = -float("inf")
+
+    def to_send(self, now_s: float) -> bytes:
+        """What to send now [s], which may be nothing."""
+        if now_s < self._deaf_until_s:
+            return b""
+        if self._asked_s is None:
+            self._asked_s = self._silent_since_s = now_s
+            return self._question
+        if now_s - self._silent_since_s > _PATIENCE_S:
+            self._asked_s, self._awaits_marker, self._deaf_until_s = None, False, now_s + _DEAF_S
+            return b""
+        if self._awaits_marker or self._usual_s is None or now_s - self._asked_s <= self._usual_s + _MARGIN_S:
+            return b""
+        self._asked_s, self._awaits_marker = now_s, True
+        return self._marker + self._question
+
+    def marked(self) -> None:
+        """Note that the answer to the marker has come."""
+        self._awaits_marker = False
+
+    def answered(self, arrived_s: float) -> float | None:
+        """When what arrived at `arrived_s` [s] was asked for [s]; None if it was not, or nobody knows."""
+        if self._awaits_marker:
+            return None
+        asked_s, self._asked_s = self._asked_s, None
+        if asked_s is not None:
+            delay_s = arrived_s - asked_s
+            usual_s = delay_s if self._usual_s is None else self._usual_s
+            self._usual_s = max(delay_s, usual_s + _FORGETTING * (delay_s - usual_s))
+        return asked_s
+
+
+MAX_LINE = 200  # bytes; a longer one is noise
+_FIXED_FORMAT = 200  # lines of equal decimals in a row; by chance, trailing zeros left out, 1 in 10^9
+_GRAVITY_M_S2 = 9.80665
+_POUND_N = 0.45359237 * _GRAVITY_M_S2
+
+# In one unit; exact factors of NIST SP 811, appendix B.
+NEWTONS = {
+    **{"n": 1.0, "mn": 1e-3, "kn": 1e3},
+    **dict.fromkeys(("kgf", "kg"), _GRAVITY_M_S2),
+    **dict.fromkeys(("gf", "g"), 1e-3 * _GRAVITY_M_S2),
+    **dict.fromkeys(("lbf", "lb", "lbs"), _POUND_N),
+    **dict.fromkeys(("ozf", "oz"), _POUND_N / 16),
+    "klbf": 1e3 * _POUND_N,
+}
+
+
+def newtons_per(unit: str) -> float:
+    """Newtons in one `unit`; case does not matter, except that MN is not mN. ProtocolError: unknown unit."""
+    text = unit.strip()
+    factor = None if text.startswith("M") and text[1:] in ("N", "n") else NEWTONS.get(text.lower())
+    if factor is None:
+        raise ProtocolError(f"unit '{text[:20]}' is not a known unit of force. Valid: {', '.join(NEWTONS)}")
+    return factor
+
+
+def known_unit(unit: str | None) -> str | None:
+    """A unit from a robot file, for pydantic. ValueError: it is unknown."""
+    if unit is not None:
+        try:
+            newtons_per(unit)
+        except ProtocolError as error:
+            raise ValueError(str(error)) from error
+    return unit
+
+
+def text_of(line: bytes) -> str:
+    """A line as text, stripped. ProtocolError: it holds something that is not printable ASCII."""
+    if not all(32 <= byte < 127 or byte == 9 for byte in line):
+        raise ProtocolError(f"not a line of text: {line[:40]!r}")
+    return line.decode("ascii").strip()
+
+
+class Stream(Protocol):
+    """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
+
+    complaint: str  # what the device itself says is wrong with it since its last sample, or nothing
+
+    @property
+    def rejected(self) -> int:
+        """How much was not a sample."""
+
+    def feed(self, data: bytes) -> list[float]:
+        """Samples that are complete now, oldest first [N], in the sensor's own sign."""
+
+
+class LineSplitter:
+    """Cuts at CR and LF, whichever come; empty lines are dropped.
+
+    Attributes:
+        dropped: lines that were too long.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._skipping = False  # until the end of a line whose beginning was not seen or was too long
+        self.dropped = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Lines that are complete now, without their ends."""
+        *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        if lines and self._skipping:
+            lines, self._skipping = lines[1:], False
+        if len(self._rest) > MAX_LINE:
+            self._rest, self._skipping = b"", True
+            self.dropped += 1
+        self.dropped += sum(len(line) > MAX_LINE for line in lines)
+        return [line for line in lines if line and len(line) <= MAX_LINE]
+
+    def resynchronise(self) -> None:
+        """Forget what is incomplete, and the rest of it that is still to come."""
+        self._rest, self._skipping = b"", True
+
+
+class LineStream:
+    """Readings from lines of text, none beyond `largest_n` [N].
+
+    Where all lines have had the same number of decimals, one with another number is rejected: a byte is
+    missing ("0.65" without its point is 65). A first line may have lost its beginning, and is left out unless
+    `from_beginning`.
+
+    `parse` makes of a line the number as it is written, and newtons per unit.
+    ProtocolError: it is no reading.
+    """
+
+    complaint = ""  # such devices do not complain
+
+    def __init__(
+        self, parse: Callable[[str], tuple[str, float]], largest_n: float, *, from_beginning: bool = False
+    ) -> None:
+        self._parse, self._largest_n = parse, largest_n
+        self._lines = LineSplitter()
+        if not from_beginning:
+            self._lines.resynchronise()
+        self._decimals, self._same = 0, 0  # in so many lines in a row
+        self._bad = 0
+
+    @property
+    def rejected(self) -> int:
+        """Lines that were not readings."""
+        return self._bad + self._lines.dropped
+
+    def feed(self, data: bytes) -> list[float]:
+        samples: list[float] = []
+        for line in self._lines.feed(data):
+            self._take(line, samples)
+        return samples
+
+    def _take(self, line: bytes, samples: list[float]) -> None:
+        """Add what a line says to the samples."""
+        try:
+            samples.append(self._force_n(text_of(line)))
+        except ProtocolError:
+            self._bad += 1
+
+    def _force_n(self, line: str) -> float:
+        text, newtons = self._parse(line)
+        try:
+            force_n = float(text) * newtons
+        except ValueError as error:
+            raise ProtocolError(f"not a number: '{text[:40]}'") from error
+        self._check_decimals(len(text.lower().partition("e")[0].partition(".")[2]))
+        if not abs(force_n) <= self._largest_n:  # nor NaN
+            raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")
+        return force_n
+
+    def _check_decimals(self, decimals: int) -> None:
+        if decimals == self._decimals:
+            self._same += 1
+        elif self._same < _FIXED_FORMAT:
+            self._decimals, self._same = decimals, 0
+        else:
+            self._same //= 2  # a format that really has changed is learnt anew
+            raise ProtocolError(f"{decimals} decimals, where all lines had {self._decimals}")

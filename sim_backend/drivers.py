@@ -1,0 +1,190 @@
+"""Drivers of the simulated robot; the robot file names them like any others."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robot_io.clip import clip
+from robot_io.clock import SimulatedClock
+from robot_io.driver import DriverContext
+from robot_io.drivers.joint_bus import BusEncoder, BusTorque, JointBus
+from robot_io.errors import LifecycleError
+from robot_io.files.file_model import FileModel, input_error
+from robot_io.interfaces import ForceSensor
+from robot_io.types import FloatArray, Reading, Status
+from sim_backend.scenario import Scenario, load_scenario
+from sim_backend.sensors import SensorSample, quantise
+from sim_backend.world import World, world_of
+
+_REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
+
+
+class SimulatedBusSettings(FileModel):
+    """Settings of the simulated world in a robot file."""
+
+    # Name of a shipped scenario, path of a scenario file, or the scenario itself.
+    scenario: str | dict[str, object] = "default"
+
+
+class SimulatedBus(JointBus):
+    """A simulated world in place of a wire.
+
+    On a simulated clock the world moves whenever the clock does; on any other it catches up at each poll and
+    flush. Until it is activated for the first time the arm stands on its rest instead of falling, and again
+    when it is deactivated there.
+
+    Attributes:
+        scenario: of the world; `use_scenario` changes it until the robot is configured.
+        force: newest force, shape (1,) [N].
+    """
+
+    name = "pybullet"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        own = context.settings_as(SimulatedBusSettings, settings)
+        if isinstance(own.scenario, Mapping) and own.scenario.get("hidden"):
+            problem = "belongs in a scenario file: a session keeps the robot file, for everybody to read"
+            raise input_error(context.robot_file.document, (*context.section, "scenario", "hidden"), problem)
+        self._clock = context.clock
+        self._robot_file = context.robot_file
+        self._world: World | None = None
+        self._staged_torque_nm: FloatArray | None = None
+        self._rest_rad: FloatArray | None = None
+        self._powered = False
+        self.position = self.velocity = self.torque = _reading(None, self.joint_count)
+        self.force = _reading(None, 1)
+        self.scenario = load_scenario(own.scenario, context.robot_file.path.parent)
+        if isinstance(self._clock, SimulatedClock):
+            self._clock.subscribe(self._advance_to)
+
+    @property
+    def joint_count(self) -> int:
+        return self._robot_file.joint_count
+
+    def use_scenario(self, scenario: Scenario) -> None:
+        """Replace the robot file's scenario.
+
+        Args:
+            scenario: the new one.
+
+        Raises:
+            LifecycleError: the world exists already.
+        """
+        if self._world is not None:
+            raise LifecycleError("a scenario can only be chosen before the robot is configured")
+        self.scenario = scenario
+
+    @property
+    def world(self) -> World:
+        """The world, for its object and its truth.
+
+        Raises:
+            LifecycleError: the robot is not configured, or closed.
+        """
+        if self._world is None:
+            raise LifecycleError("the simulated world exists from configure to close")
+        return self._world
+
+    def configure(self) -> None:
+        """Build the world, with the arm at home and at rest.
+
+        InputError: the physics engine cannot load the URDF, or it does not fit the robot file.
+        """
+        self._world = world_of(self._robot_file, self.scenario, start_s=self._clock.now_s())
+        self._world.held = True
+
+    def activate(self) -> None:
+        """Let the arm off its rest."""
+        if self.world.held:
+            self._rest_rad = self.world.truth().joint_position_rad
+        self.world.held = False
+
+    def deactivate(self) -> None:
+        """Torque off; where its rest is, the arm stands on it again."""
+        self.power_off()
+        if self._world is not None and self._rest_rad is not None:
+            truth = self._world.truth()
+            is_there = np.abs(truth.joint_position_rad - self._rest_rad).max() < _REST_RAD
+            is_still = np.abs(truth.joint_velocity_rad_s).max() < _REST_RAD_S
+            self._world.held = self._world.held or bool(is_there and is_still)
+
+    def close(self) -> None:
+        """End the world."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+
+    def poll(self, deadline_s: float) -> None:
+        """See `Bus.poll`; a simulated world is never late."""
+        world, now_s = self.world, self._clock.now_s()
+        world.advance_to(now_s)
+        n, motion = self.joint_count, world.encoder.read(now_s)
+        self.position, self.velocity = _reading(motion, n), _reading(motion, n, first=n)
+        self.torque = _reading(world.torque_sensor.read(now_s), n)
+        self.force = _reading(world.force_sensor.read(now_s), 1)
+
+    def stage(self, torque_nm: FloatArray) -> FloatArray:
+        if not self._powered:
+            raise LifecycleError("the drives are off: activate them before the first command")
+        step_nm, limits_nm = self.scenario.sensors.torque.command_resolution_nm, self.world.torque_limit_nm
+        pairs = zip(quantise(torque_nm.tolist(), step_nm), limits_nm, strict=True)
+        self._staged_torque_nm = np.array([clip(torque, -limit, limit) for torque, limit in pairs])
+        return self._staged_torque_nm
+
+    def power_on(self) -> None:
+        self._powered = True
+
+    def power_off(self) -> None:
+        self._powered = False
+        self._staged_torque_nm = None
+        if self._world is not None:
+            self._world.advance_to(self._clock.now_s())
+            self._world.set_torque(np.zeros(self._world.joint_count))
+
+    def flush(self, deadline_s: float) -> None:
+        if self._staged_torque_nm is not None:
+            self.world.advance_to(self._clock.now_s())
+            self.world.set_torque(self._staged_torque_nm)
+            self._staged_torque_nm = None
+
+    def _advance_to(self, time_s: float) -> None:
+        if self._world is not None:
+            self._world.advance_to(time_s)
+
+
+def _reading(sample: SensorSample | None, size: int, first: int = 0) -> Reading:
+    """Take `size` values of a sample from index `first` on, or NaN if none has arrived."""
+    if sample is None:
+        return Reading(np.full(size, np.nan), -np.inf, Status.STALE)
+    return Reading(np.array(sample.value[first : first + size]), sample.sampled_at_s, sample.status)
+
+
+class SimEncoder(BusEncoder):
+    """Joint positions and velocities of the world, with the scenario's errors."""
+
+    name = "sim_encoder"
+    bus_type = SimulatedBus
+
+
+class SimTorque(BusTorque):
+    """Torque-controlled drives in the world.
+
+    Their range is the URDF's effort limit; their resolution and the quality of what they measure are the
+    scenario's.
+    """
+
+    name = "sim_torque"
+    bus_type = SimulatedBus
+
+
+class SimForce(ForceSensor):
+    """Contact force of the world, with the scenario's errors."""
+
+    name = "sim_force"
+
+    def __init__(self, settings: Mapping[str, object], context: DriverContext) -> None:
+        context.settings_as(FileModel, settings)
+        self._bus = context.bus_as(SimulatedBus)
+
+    def read_force(self) -> Reading:
+        return self._bus.force

@@ -1,1 +1,0 @@
-"""Drivers of the simulated robot; the robot file names them like any others."""

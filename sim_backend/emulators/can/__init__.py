@@ -1,1 +1,0 @@
-"""Emulated motors on a CAN bus."""

@@ -1,0 +1,214 @@
+"""A CAN bus with emulated motors on it, what they share, and what can go wrong with their frames."""
+
+import math
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from itertools import count
+from typing import Any
+
+import can
+from can.interfaces.virtual import VirtualBus
+
+from robot_io.files.file_model import FileModel, Number, Positive
+from sim_backend.emulators.bench import EmulatedWire, JointState, Plant
+from sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
+from sim_backend.emulators.wiring import WireRequest
+
+_BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
+_STRANGER = 0x7E5  # an id that none of the nodes has
+
+
+class CanNode(ABC):
+    """One device on the bus."""
+
+    number: int  # its node or motor id, which faults name it by
+
+    @abstractmethod
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        """Act on a frame; returns the answers."""
+
+    @abstractmethod
+    def tell(self, now_s: float) -> list[can.Message]:
+        """What the node sends by itself at this time."""
+
+    @abstractmethod
+    def strike(self, fault: Fault, now_s: float) -> None:
+        """Suffer a fault of the device itself: alert, reboot, or an encoder that is stuck from now on."""
+
+
+class CanWire(FrameWire[can.Message]):
+    """Nodes on a python-can bus, which is opened by the caller and closed by the wire.
+
+    Faults: a node's frames are dropped, delayed, corrupted, duplicated, reordered or sent under a foreign id;
+    unplug takes the whole bus off (an error frame says bus-off, then nothing more). Where the bus preserves
+    stamps, its frames carry the bench's time.
+    """
+
+    def __init__(self, bus: can.BusABC, nodes: Sequence[CanNode], faults: Faults | None = None) -> None:
+        super().__init__(faults)
+        self._bus = bus
+        self._nodes = tuple(nodes)
+        self._unplugged = False
+
+    def receive(self, now_s: float) -> None:
+        while (message := self._bus.recv(timeout=0.0)) is not None:
+            if self._unplugged or message.is_error_frame:
+                continue
+            for node in self._nodes:
+                self._deliver_all(node, node.hear(message, now_s), now_s)
+
+    def send(self, now_s: float) -> None:
+        if self._is_unplugged(now_s):
+            for node in self._nodes:
+                node.tell(now_s)  # to nobody; its watchdog runs all the same
+            return
+        self._deliver_late(now_s)
+        for node in self._nodes:
+            self._strike(node, now_s)
+            self._deliver_all(node, node.tell(now_s), now_s)
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+    def _is_unplugged(self, now_s: float) -> bool:
+        unplugged = self.faults.strikes(FaultKind.UNPLUG, "bus", now_s) is not None
+        if unplugged and not self._unplugged:
+            self._put(
+                can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8)), now_s
+            )
+        self._unplugged = unplugged
+        return unplugged
+
+    def _strike(self, node: CanNode, now_s: float) -> None:
+        for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):
+            fault = self.faults.strikes(kind, node.number, now_s)
+            if fault is not None:
+                node.strike(fault, now_s)
+
+    def _deliver_all(self, node: CanNode, messages: Sequence[can.Message], now_s: float) -> None:
+        for message in messages:
+            self._deliver(node.number, message, now_s)
+
+    def _damaged(self, device: Device, frame: can.Message, now_s: float) -> can.Message:
+        """See `FrameWire._damaged`; CAN's own CRC catches flipped bits: what gets through is short."""
+        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+            frame.data = frame.data[:3]
+            frame.dlc = 3
+        if self.faults.strikes(FaultKind.WRONG_ID, device, now_s):
+            if frame.is_extended_id:  # the sender stands in the id
+                frame.arbitration_id = frame.arbitration_id & ~0xFF00 | 0xFE00
+            else:
+                frame.arbitration_id = _STRANGER
+                frame.data = bytearray([0xFE, *frame.data[1:]])
+        return frame
+
+    def _put(self, frame: can.Message, now_s: float) -> None:
+        frame.timestamp = now_s
+        self._bus.send(frame)
+
+
+class _DevicesEnd(VirtualBus):
+    """The devices' end of a virtual bus in lock-step: a frame is made to be sent, and needs no copy."""
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        for end in self.channel:
+            if end is not self.queue:
+                end.put(msg, timeout=timeout)
+
+
+_numbers = count()
+
+
+def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]:
+    """The devices' end, opened, and the driver's settings for the other.
+
+    In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
+    """
+    channel = f"palpate-{os.getpid()}-{next(_numbers)}"
+    options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
+    bus = (_DevicesEnd if in_lock_step else VirtualBus)(channel=channel, **options)
+    timestamps = "robot" if in_lock_step else "wall"
+    return bus, {"interface": "virtual", "channel": channel, "options": options, "timestamps": timestamps}
+
+
+class MotorPlace(FileModel, extra="ignore"):
+    """What a robot file says of how any motor moves its joint."""
+
+    gear_ratio: Positive = 1.0
+    reversed: bool = False
+    zero_rad: Number = 0.0
+
+    @property
+    def mounting(self) -> dict[str, float]:
+        """For an emulated motor."""
+        return {
+            "gear_ratio": -self.gear_ratio if self.reversed else self.gear_ratio,
+            "zero_rad": self.zero_rad,
+        }
+
+
+class EmulatedMotor(CanNode):
+    """One motor, by its id; it moves a joint of the plant, from 0.
+
+    Its shaft turns `gear_ratio` times for one turn of the joint, negative if it is reversed, and is at zero
+    where the joint is at `zero_rad` [rad].
+    """
+
+    def __init__(
+        self, number: int, joint: int, plant: Plant, *, gear_ratio: float = 1.0, zero_rad: float = 0.0
+    ) -> None:
+        self.number = number
+        self._joint, self._plant, self._gear_ratio, self._zero_rad = joint, plant, gear_ratio, zero_rad
+        self._heard_s = self._silent_until_s = -math.inf
+        self._stuck: JointState | None = None
+
+    @property
+    def shaft(self) -> JointState:
+        """Angle, speed and torque of its shaft as they are."""
+        return self._at_shaft(self._plant.joint(self._joint))
+
+    @property
+    def shown(self) -> JointState:
+        """The same, as its encoder shows them."""
+        return self._at_shaft(self._stuck or self._plant.joint(self._joint))
+
+    def _at_shaft(self, motion: JointState) -> JointState:
+        torque_nm = self._plant.joint(self._joint).torque_nm  # which no encoder measures
+        ratio = self._gear_ratio
+        angle_rad = (motion.position_rad - self._zero_rad) * ratio
+        return JointState(angle_rad, motion.velocity_rad_s * ratio, torque_nm / ratio)
+
+    def _exert(self, shaft_nm: float) -> None:
+        self._plant.set_torque(self._joint, shaft_nm * self._gear_ratio)
+
+    def strike(self, fault: Fault, now_s: float) -> None:
+        if fault.kind is FaultKind.ALERT:
+            self._fail()
+        elif fault.kind is FaultKind.STUCK:
+            self._stuck = self._stuck or self._plant.joint(self._joint)
+        elif fault.kind is FaultKind.REBOOT:
+            self._start_up()
+            self._silent_until_s = now_s + fault.delay_s
+        self._drive()
+
+    @abstractmethod
+    def _fail(self) -> None:
+        """Have an error of its own."""
+
+    @abstractmethod
+    def _start_up(self) -> None:
+        """Be as after power-up."""
+
+    @abstractmethod
+    def _drive(self) -> None:
+        """Exert what it has been told, if it does."""
+
+
+def wire_of(
+    request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], CanNode]
+) -> tuple[EmulatedWire, dict[str, Any]]:
+    """A bus with a node for each of `motors`, made from its joint and its settings; see `WireMaker.make`."""
+    nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
+    bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
+    return CanWire(bus, nodes, request.faults), reach

@@ -1,0 +1,257 @@
+"""Dynamixel servos of the X series on a pseudo terminal, with the simulated arm behind them.
+
+Written from the ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0" (packet structure, processing order of reception
+and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with the driver.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from robot_io.files.file_model import FileModel, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant
+from sim_backend.emulators.dynamixel_servo import GOALS, EmulatedServo, Error, Mounting
+from sim_backend.emulators.faults import FaultKind, Faults
+from sim_backend.emulators.servo_wire import REBOOT_S, Answer, LineServo, ServoWire, on_shafts
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+STATUS_INSTRUCTION = 0x55
+BROADCAST = 0xFE
+_START = bytes((0xFF, 0xFF, 0xFD))
+_STUFFING = 0xFD
+_STUFFED = bytes((*_START, _STUFFING))
+_TOO_LONG = 0x3FF  # no servo takes more
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """An instruction packet as a servo has understood it."""
+
+    target: int  # id of the servo, or `BROADCAST`
+    code: int  # what to do
+    parameters: bytes  # with what, stuffing removed
+    intact: bool  # whether the checksum was right
+    wire_bytes: int  # bytes that it took on the wire
+
+
+def checksum(data: bytes) -> int:
+    """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start."""
+    remainder = 0
+    for byte in data:
+        remainder = (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
+    return remainder
+
+
+def _divide(byte: int) -> int:
+    remainder = byte << 8
+    for _ in range(8):
+        carry = remainder >> 15
+        remainder = (remainder << 1) & 0xFFFF
+        if carry:
+            remainder ^= 0x8005
+    return remainder
+
+
+_QUOTIENTS = [_divide(byte) for byte in range(256)]
+
+
+class Receiver:
+    """Picks instructions out of what comes over the wire."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def take(self, data: bytes) -> Iterator[Instruction]:
+        """The instructions that are complete with `data`."""
+        self._pending += data
+        while (instruction := self._next()) is not None:
+            yield instruction
+
+    def _next(self) -> Instruction | None:
+        pending = self._pending
+        while True:
+            begin = pending.find(_START)
+            if begin < 0:
+                del pending[: max(0, len(pending) - 2)]
+                return None
+            del pending[:begin]
+            if len(pending) < 7:
+                return None
+            length = pending[5] + 256 * pending[6]
+            if pending[3] == _STUFFING or not 3 <= length <= _TOO_LONG:
+                del pending[:3]  # stuffed data, or noise that looked like a start
+                continue
+            if len(pending) < 7 + length:
+                return None
+            packet = bytes(pending[: 7 + length])
+            del pending[: 7 + length]
+            return _understand(packet)
+
+
+def _understand(packet: bytes) -> Instruction:
+    sent = packet[-2] + 256 * packet[-1]
+    body = packet[7:-2].replace(_STUFFED, _START)
+    intact = checksum(packet[:-2]) == sent
+    return Instruction(packet[4], body[0], body[1:], intact, len(packet))
+
+
+def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+    """A status packet."""
+    body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
+    length = len(body) + 2
+    packet = _START + bytes((0, servo_id, length % 256, length // 256)) + body
+    return packet + _little(checksum(packet))
+
+
+def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
+    """What servos make together of a fast sync read.
+
+    The parts are id, error and data of those that answer; the chain ends where one is silent, but the head
+    promises the answer of all that were asked.
+    """
+    each = len(parts[0][2]) + 4
+    length = 1 + asked * each
+    packet = _START + bytes((0, BROADCAST, length % 256, length // 256, STATUS_INSTRUCTION))
+    for servo_id, error, data in parts:
+        packet += bytes((error, servo_id)) + data
+        packet += _little(checksum(packet))
+    return packet
+
+
+def _little(value: int) -> bytes:
+    return bytes((value % 256, value // 256))
+
+
+_PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
+_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+
+
+class DynamixelLine(ServoWire):
+    """Servos of one line, see `ServoWire`.
+
+    Each turns the joint at its place in the list, with its second one.
+    """
+
+    _status = staticmethod(status)
+
+    def __init__(
+        self,
+        mountings: Sequence[Mounting],
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        baud_rate: int | None = 4_000_000,
+        start_s: float = 0.0,
+    ) -> None:
+        self.servos = {
+            mounting.id: EmulatedServo(mounting, shaft, start_s)
+            for mounting, shaft in on_shafts(mountings, plant)
+        }
+        super().__init__(self.servos, faults, baud_rate, start_s)
+        self._receiver = Receiver()
+
+    def _hear(self, data: bytes, now_s: float) -> None:
+        for instruction in self._receiver.take(data):
+            self._obey(instruction, now_s)
+
+    def _obey(self, instruction: Instruction, now_s: float) -> None:
+        awake = {servo_id: servo for servo_id, servo in self.servos.items() if servo.is_awake(now_s)}
+        for servo in awake.values():
+            servo.hear(now_s)
+        self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
+        if not instruction.intact:
+            target = awake.get(instruction.target)
+            if target is not None:
+                self._answer([Answer(target, error=Error.CRC)], now_s)
+            return
+        if instruction.target == BROADCAST:
+            self._obey_all(instruction, awake, now_s)
+        elif instruction.target in awake:
+            servo = awake[instruction.target]
+            answer = self._obey_one(instruction, servo, now_s)
+            if answer:
+                self._answer([answer], now_s)
+
+    def _obey_one(self, instruction: Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
+        code, parameters = instruction.code, instruction.parameters
+        if code == _PING:
+            return Answer(servo, servo.ping())
+        if code == _READ and len(parameters) == 4:
+            return self._read(servo, parameters) if servo.return_level else None
+        error = Error.INSTRUCTION
+        if code == _WRITE and len(parameters) > 2:
+            error = servo.write(_word(parameters), parameters[2:])
+        elif code == _REBOOT:
+            error = Error.NONE
+        answer = Answer(servo, error=error) if servo.return_level == 2 else None
+        if code == _REBOOT:
+            servo.reboot(now_s, REBOOT_S)
+        return answer
+
+    @staticmethod
+    def _read(servo: EmulatedServo, parameters: bytes) -> Answer:
+        found = servo.read(_word(parameters), _word(parameters[2:]))
+        return Answer(servo, error=found) if isinstance(found, Error) else Answer(servo, found)
+
+    def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedServo], now_s: float) -> None:
+        code, parameters = instruction.code, instruction.parameters
+        if code == _PING:
+            self._answer((Answer(servo, servo.ping()) for servo in awake.values()), now_s)
+        elif code == _SYNC_WRITE and len(parameters) > 4:
+            step = 1 + _word(parameters[2:])
+            for start in range(4, len(parameters) - step + 1, step):
+                servo = awake.get(parameters[start])
+                if servo is not None and not (servo.deaf and _word(parameters) in GOALS):
+                    servo.write(_word(parameters), parameters[start + 1 : start + step])
+        elif code in (_SYNC_READ, _FAST_SYNC_READ) and len(parameters) > 4:
+            asked = parameters[4:]
+            answers = [self._read(awake[i], parameters) if i in awake else None for i in asked]
+            if code == _SYNC_READ:
+                self._answer([answer for answer in answers if answer], now_s)
+            else:
+                self._answer_fast(answers, _word(parameters[2:]), now_s)
+        elif code == _REBOOT:
+            for servo in awake.values():
+                servo.reboot(now_s, REBOOT_S)
+
+    def _answer_fast(self, answers: Sequence[Answer | None], size: int, now_s: float) -> None:
+        """All in one packet; it ends before the first servo that is silent."""
+        parts: list[tuple[int, int, bytes]] = []
+        speaking: list[LineServo] = []
+        for answer in answers:
+            if answer is None or self.faults.strikes(FaultKind.DROP, answer.servo.id, now_s):
+                break
+            data = answer.data.ljust(size, b"\0")
+            parts.append((self._said_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
+            speaking.append(answer.servo)
+        if parts:
+            packet = fast_status(self._swapped(parts, now_s), len(answers))
+            self._outgoing.append(self._transmit(speaking, packet, now_s))
+
+    def _swapped(self, parts: list[tuple[int, int, bytes]], now_s: float) -> list[tuple[int, int, bytes]]:
+        for k in range(len(parts) - 1):
+            if self.faults.strikes(FaultKind.REORDER, parts[k][0], now_s):
+                parts[k], parts[k + 1] = parts[k + 1], parts[k]
+        return parts
+
+
+def _word(data: bytes) -> int:
+    return data[0] + 256 * data[1]
+
+
+class _Settings(FileModel, extra="ignore"):
+    servos: tuple[Mounting, ...]
+    baud_rate: int = 4_000_000
+
+
+class DynamixelWires(WireMaker):
+    """Servos that are set up as the robot file says, on a pseudo terminal."""
+
+    name = "dynamixel_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        line = DynamixelLine(
+            own.servos, request.plant, request.faults, baud_rate=own.baud_rate, start_s=request.start_s
+        )
+        return line, {"port": line.path}

@@ -1,0 +1,333 @@
+"""The control table of an X-series servo: which bytes mean what, what may be written, and its memory.
+
+From the ROBOTIS e-manual, "Control Table" of the models below.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from enum import IntEnum
+from math import floor, pi
+from typing import ClassVar
+
+from robot_io.files.file_model import Positive
+from sim_backend.emulators.bench import Shaft
+from sim_backend.emulators.servo_wire import LineServo, ServoMounting
+
+EEPROM_END = 64  # below, values outlive a reboot
+
+
+class Error(IntEnum):
+    """Error numbers of a status packet (e-manual, "DYNAMIXEL Protocol 2.0", Status Packet)."""
+
+    NONE = 0
+    RESULT_FAIL = 1
+    INSTRUCTION = 2
+    CRC = 3
+    DATA_RANGE = 4
+    DATA_LENGTH = 5
+    DATA_LIMIT = 6
+    ACCESS = 7
+
+
+@dataclass(frozen=True)
+class Item:
+    """One row of the table."""
+
+    address: int  # of the first byte
+    size: int  # bytes
+    writable: bool  # RW, or else R
+    initial: int = 0  # value after a factory reset or, in RAM, after power-up
+    low: int | None = None  # smallest value that may be written
+    high: int | None = None  # largest value that may be written
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is particular to a model."""
+
+    number: int  # model number
+    current_unit_a: float  # [A]
+    current_limit: int  # initial and largest current limit
+    torque_per_ampere_nm: float  # stall torque over stall current at the recommended voltage [N m/A]
+    indirect_data: int  # address of Indirect Data 1
+    indirect_count: int  # how many of them are in a row
+    shutdown: int  # initial value of Shutdown
+    voltage: int  # present input voltage [0.1 V]
+    voltage_limits: tuple[int, int]  # initial min and max voltage limit [0.1 V]
+
+
+MODELS = {
+    "XM430-W350": Model(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM430-W210": Model(1030, 0.00269, 1193, 3.0 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM540-W150": Model(1130, 0.00269, 2047, 7.3 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XM540-W270": Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XH540-W150": Model(1110, 0.00269, 2047, 7.1 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XH540-W270": Model(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XL330-M077": Model(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XL330-M288": Model(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XC330-T181": Model(1210, 0.001, 910, 0.76 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-T288": Model(1220, 0.001, 910, 0.92 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-M181": Model(1230, 0.001, 2352, 0.60 / 1.80, 208, 20, 52, 50, (35, 70)),
+    "XC330-M288": Model(1240, 0.001, 2352, 0.93 / 1.80, 208, 20, 52, 50, (35, 70)),
+}
+
+INDIRECT_ADDRESS = 168
+BUS_WATCHDOG, GOAL_CURRENT, CURRENT_LIMIT = 98, 102, 38
+OPERATING_MODE, DRIVE_MODE, SECONDARY_ID, SHUTDOWN, RETURN_DELAY, HOMING_OFFSET = 11, 10, 12, 63, 9, 20
+TORQUE_ENABLE, STATUS_RETURN_LEVEL, HARDWARE_ERROR = 64, 68, 70
+PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
+GOALS = range(100, 120)
+
+
+def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
+    """The rows of a model's table by address; rows that nothing here depends on are left out."""
+    rows = [
+        Item(0, 2, False, model.number),
+        Item(2, 4, False),
+        Item(6, 1, False, firmware),
+        Item(7, 1, True, servo_id, 0, 252),
+        Item(8, 1, True, 1, 0, 7),
+        Item(RETURN_DELAY, 1, True, 250, 0, 254),
+        Item(DRIVE_MODE, 1, True, 0, 0, 13),
+        Item(OPERATING_MODE, 1, True, 3, 0, 16),
+        Item(SECONDARY_ID, 1, True, 255, 0, 255),
+        Item(13, 1, True, 2, 1, 22),
+        Item(HOMING_OFFSET, 4, True, 0, -1044479, 1044479),
+        Item(31, 1, True, 80 if model.voltage_limits[1] > 150 else 70, 0, 100),
+        Item(32, 2, True, model.voltage_limits[1], *model.voltage_limits),
+        Item(34, 2, True, model.voltage_limits[0], *model.voltage_limits),
+        Item(CURRENT_LIMIT, 2, True, model.current_limit, 0, model.current_limit),
+        Item(SHUTDOWN, 1, True, model.shutdown, 0, 255),
+        Item(TORQUE_ENABLE, 1, True, 0, 0, 1),
+        Item(65, 1, True, 0, 0, 1),
+        Item(STATUS_RETURN_LEVEL, 1, True, 2, 0, 2),
+        Item(69, 1, False),
+        Item(HARDWARE_ERROR, 1, False),
+        Item(BUS_WATCHDOG, 1, True, 0, -1, 127),
+        Item(100, 2, True, 885, -885, 885),
+        Item(GOAL_CURRENT, 2, True, 0, -32768, 32767),
+        Item(104, 4, True, 0, -2047, 2047),
+        Item(116, 4, True, 0),
+        Item(120, 2, False),
+        Item(122, 1, False),
+        Item(123, 1, False),
+        Item(124, 2, False),
+        Item(PRESENT_CURRENT, 2, False),
+        Item(PRESENT_VELOCITY, 4, False),
+        Item(PRESENT_POSITION, 4, False),
+        Item(136, 4, False),
+        Item(140, 4, False),
+        Item(144, 2, False, model.voltage),
+        Item(146, 1, False, 32),
+    ]
+    end = model.indirect_data + model.indirect_count
+    for k in range(model.indirect_count):
+        default = model.indirect_data + k
+        rows.append(Item(INDIRECT_ADDRESS + 2 * k, 2, True, default, EEPROM_END, end - 1))
+        rows.append(Item(default, 1, True, 0, 0, 255))
+    return {row.address: row for row in rows}
+
+
+class Memory:
+    """One servo's memory, from the rows of its control table by address."""
+
+    def __init__(self, items: dict[int, Item], model: Model) -> None:
+        self._items = items
+        self._indirect = range(model.indirect_data, model.indirect_data + model.indirect_count)
+        self._bytes = bytearray(self._indirect.stop)
+        for item in items.values():
+            self.put(item.address, item.initial)
+
+    def lose_power(self) -> None:
+        """Everything above the EEPROM is as at the start."""
+        for item in self._items.values():
+            if item.address >= EEPROM_END:
+                self.put(item.address, item.initial)
+
+    def get(self, address: int) -> int:
+        """The value of an item; negative ones by its range."""
+        item = self._items[address]
+        signed = item.low is not None and item.low < 0
+        data = self._bytes[address : address + item.size]
+        return int.from_bytes(data, "little", signed=signed)
+
+    def put(self, address: int, value: int) -> None:
+        """Set an item from inside the servo; nothing is checked."""
+        item = self._items[address]
+        data = (value % (1 << 8 * item.size)).to_bytes(item.size, "little")
+        self._bytes[address : address + item.size] = data
+
+    def read(self, address: int, size: int) -> bytes | Error:
+        """What an instruction reads, or why it cannot."""
+        if size < 1 or address + size > len(self._bytes):
+            return Error.ACCESS
+        return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
+
+    def write(self, address: int, data: bytes, allowed: Callable[[Item, int], Error]) -> Error:
+        """What an instruction writes at an address: whole items in a row.
+
+        `allowed` says for an item and its new value whether the servo takes it now.
+        """
+        place, end = address, address + len(data)
+        while place < end:
+            item = self._items.get(self._meant(place))
+            if item is None or not item.writable:
+                return Error.ACCESS
+            raw = data[place - address : place - address + item.size]
+            if len(raw) < item.size:
+                return Error.DATA_LENGTH
+            value = int.from_bytes(raw, "little", signed=item.low is not None and item.low < 0)
+            error = _outside(item, value) or allowed(item, value)
+            if error:
+                return error
+            place += item.size
+        for offset, byte in enumerate(data):
+            self._bytes[self._meant(address + offset)] = byte
+        return Error.NONE
+
+    def _meant(self, place: int) -> int:
+        """The byte that indirect data stands for; others stand for themselves."""
+        if place not in self._indirect:
+            return place
+        at = INDIRECT_ADDRESS + 2 * (place - self._indirect.start)
+        return self._bytes[at] + 256 * self._bytes[at + 1]
+
+
+def _outside(item: Item, value: int) -> Error:
+    if item.low is not None and value < item.low:
+        return Error.DATA_RANGE
+    if item.high is not None and value > item.high:
+        return Error.DATA_RANGE
+    return Error.NONE
+
+
+class Mounting(ServoMounting):
+    """One servo as it is bolted to the arm."""
+
+    emulated: ClassVar[Collection[str]] = MODELS
+
+    homing_offset: int | None = None  # what a calibration has written into it
+    # Of this very servo; None is as its model's data sheet says [N m/A].
+    torque_constant_nm_a: Positive | None = None
+    firmware: int = 46  # version
+
+
+COUNTS = 4096
+VELOCITY_UNIT_RAD_S = 0.229 * 2 * pi / 60
+WATCHDOG_UNIT_S = 0.020
+ALERT = 0x80
+OVERLOAD = 0x20
+CURRENT_CONTROL = 0
+
+
+class EmulatedServo(LineServo):
+    """A servo that turns one joint of a plant; `memory` is its control table."""
+
+    shaft: Shaft
+
+    def __init__(self, mounting: Mounting, shaft: Shaft, now_s: float) -> None:
+        super().__init__(mounting, shaft, now_s)
+        self._model = MODELS[mounting.model]
+        self.memory = Memory(items_of(self._model, mounting.id, mounting.firmware), self._model)
+        self.memory.put(HOMING_OFFSET, mounting.homing_offset or 0)
+        per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
+        self._count_nm = self._direction * per_ampere * self._model.current_unit_a
+        self._heard_s = now_s
+        self._turn_counts: int | None = None
+
+    def hear(self, now_s: float) -> None:
+        """Any instruction on the line, for whomever, shows that the controller lives."""
+        self._heard_s = now_s
+
+    @property
+    def alert(self) -> int:
+        return ALERT if self.memory.get(HARDWARE_ERROR) else 0
+
+    @property
+    def return_level(self) -> int:
+        """To what it answers beside a ping: 0 nothing, 1 reading, 2 everything."""
+        return self.memory.get(STATUS_RETURN_LEVEL)
+
+    @property
+    def return_delay_s(self) -> float:
+        return 2e-6 * self.memory.get(RETURN_DELAY)
+
+    def ping(self) -> bytes:
+        """Model number and firmware version."""
+        firmware = self.memory.get(6)
+        return self._model.number.to_bytes(2, "little") + bytes((firmware,))
+
+    def read(self, address: int, size: int) -> bytes | Error:
+        """What it answers to a read."""
+        self._look()
+        return self.memory.read(address, size)
+
+    def write(self, address: int, data: bytes) -> Error:
+        """Take a write, and do what it says."""
+        mode = self.memory.get(OPERATING_MODE)
+        error = self.memory.write(address, data, self._allowed)
+        if self.memory.get(OPERATING_MODE) != mode:
+            self.memory.put(GOAL_CURRENT, 0)
+        self._exert()
+        return error
+
+    def _allowed(self, item: Item, value: int) -> Error:
+        memory = self.memory
+        if item.address < EEPROM_END and memory.get(TORQUE_ENABLE):
+            return Error.ACCESS
+        if item.address in GOALS and memory.get(BUS_WATCHDOG) == -1:
+            return Error.DATA_RANGE
+        if item.address == BUS_WATCHDOG and (value < 0 or (value and memory.get(item.address) == -1)):
+            return Error.DATA_RANGE  # once it has fired, 0 clears it
+        if item.address == GOAL_CURRENT and abs(value) > memory.get(CURRENT_LIMIT):
+            return Error.DATA_LIMIT
+        if item.address == TORQUE_ENABLE and value and self._shut_down:
+            return Error.RESULT_FAIL  # only a reboot helps
+        return Error.NONE
+
+    @property
+    def _shut_down(self) -> bool:
+        return bool(self.memory.get(HARDWARE_ERROR) & self.memory.get(SHUTDOWN))
+
+    def watch(self, now_s: float) -> None:
+        """See `LineServo.watch`: its bus watchdog looks at the time."""
+        limit = self.memory.get(BUS_WATCHDOG)
+        on = self.memory.get(TORQUE_ENABLE)
+        if on and limit > 0 and now_s - self._heard_s > limit * WATCHDOG_UNIT_S:
+            self.memory.put(BUS_WATCHDOG, -1)
+            self.memory.put(GOAL_CURRENT, 0)
+            self._exert()
+
+    def fail(self) -> None:
+        """See `LineServo.fail`; it lets go if Shutdown names the error."""
+        self.memory.put(HARDWARE_ERROR, self.memory.get(HARDWARE_ERROR) | OVERLOAD)
+        if self._shut_down:
+            self.memory.put(TORQUE_ENABLE, 0)
+            self._exert()
+
+    def reboot(self, now_s: float, away_s: float) -> None:
+        """See `LineServo.reboot`: RAM, turns and errors are forgotten."""
+        self.memory.lose_power()
+        self._turn_counts = None
+        self._awake_s = now_s + away_s
+        self._exert()
+
+    def _exert(self) -> None:
+        memory = self.memory
+        drives = memory.get(TORQUE_ENABLE) and memory.get(OPERATING_MODE) == CURRENT_CONTROL
+        goal = memory.get(GOAL_CURRENT) if drives else 0
+        self.shaft.exert(goal * self._count_nm)
+
+    def _look(self) -> None:
+        """Bring the present values up to date."""
+        shown = self._shown()
+        if shown is None:
+            return  # it still shows what it had
+        counts = round(shown.position_rad * COUNTS / (2 * pi))
+        if self._turn_counts is None:
+            self._turn_counts = floor(counts / COUNTS) * COUNTS
+        memory = self.memory
+        memory.put(PRESENT_POSITION, counts - self._turn_counts)
+        memory.put(PRESENT_VELOCITY, round(shown.velocity_rad_s / VELOCITY_UNIT_RAD_S))
+        current = round(shown.torque_nm / self._count_nm) if memory.get(TORQUE_ENABLE) else 0
+        memory.put(PRESENT_CURRENT, current)

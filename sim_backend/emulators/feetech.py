@@ -1,0 +1,324 @@
+"""Feetech servos of the STS series on a pseudo terminal, with the simulated arm behind them.
+
+Written from Feetech's protocol manual and memory table of the SMS/STS series and the data sheet of STS3215;
+it shares no code with the driver. How the duty cycle follows from the position error is Rhoban's measurement
+(BAM). Goal speeds are understood as "any" or "stop" only. What its D coefficient does is not known, and left
+out. Values below address 40 outlive a restart if they were written while the lock was 0.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from math import isfinite, pi
+from typing import Any, ClassVar
+
+from robot_io.files.file_model import FileModel, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant, Shaft
+from sim_backend.emulators.faults import Faults
+from sim_backend.emulators.servo_wire import Answer, Frame, LineServo, ServoMounting, ServoWire, on_shafts
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+BROADCAST = 0xFE
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """An instruction packet as a servo has understood it."""
+
+    target: int  # id of the servo, or `BROADCAST`
+    code: int  # what to do
+    parameters: bytes  # with what
+    wire_bytes: int  # bytes that it took on the wire
+
+
+class Receiver:
+    """Picks instructions out of what comes over the wire; servos say nothing to damaged ones."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def take(self, data: bytes) -> Iterator[Instruction]:
+        """The instructions that are complete with `data`."""
+        pending = self._pending
+        pending += data
+        while len(pending) >= 6:
+            if pending[0] != 0xFF or pending[1] != 0xFF or pending[3] < 2:
+                del pending[0]
+                continue
+            total = pending[3] + 4
+            if len(pending) < total:
+                return
+            if inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
+                del pending[0]
+                continue
+            packet = bytes(pending[:total])
+            del pending[:total]
+            yield Instruction(packet[2], packet[4], packet[5:-1], total)
+
+
+def inverted_sum(content: bytes | bytearray) -> int:
+    """The checksum of what is between header and itself."""
+    total = 0
+    for byte in content:
+        total = (total + byte) % 256
+    return 255 - total
+
+
+def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+    """A status packet."""
+    content = bytes((servo_id, len(data) + 2, error)) + data
+    return b"\xff\xff" + content + bytes((inverted_sum(content),))
+
+
+_KG_CM = 0.0980665
+MODELS = {  # supply [V], stall torque [N m], no-load speed [rad/s]
+    "STS3215-7.4V": (7.4, 19.5 * _KG_CM, 60 / 0.222 * pi / 180),
+    "STS3215-12V": (12.0, 30.0 * _KG_CM, 60 / 0.222 * pi / 180),
+}
+COUNTS = 4096
+EPROM_END = 40
+OVERLOAD = 0x20
+FINE_SPEEDS, ZERO_IS_ANY_SPEED = 0x04, 0x08  # bits of the phase
+_PROTECTED = 0.2  # of the duty cycle, once it is overloaded
+
+# Address, size, value as delivered.
+_TABLE = (
+    *(
+        (0, 1, 3),
+        (1, 1, 9),
+        (3, 2, 777),
+        (5, 1, 1),
+        (6, 1, 0),
+        (7, 1, 0),
+        (8, 1, 1),
+        (9, 2, 0),
+        (11, 2, 4095),
+    ),
+    *((13, 1, 70), (14, 1, 140), (15, 1, 40), (16, 2, 1000), (18, 1, 12), (19, 1, 44), (20, 1, 47)),
+    *((21, 1, 32), (22, 1, 32), (23, 1, 0), (24, 2, 16), (26, 1, 1), (27, 1, 1), (28, 2, 500), (30, 1, 1)),
+    *((31, 2, 0), (33, 1, 0), (34, 1, 20), (35, 1, 200), (36, 1, 80), (37, 1, 10), (38, 1, 200), (39, 1, 10)),
+    *((40, 1, 0), (41, 1, 0), (42, 2, 2048), (44, 2, 0), (46, 2, 0), (48, 2, 1000), (55, 1, 1)),
+    *((56, 2, 2048), (58, 2, 0), (60, 2, 0), (62, 1, 0), (63, 1, 30), (65, 1, 0), (66, 1, 0), (69, 2, 0)),
+)
+_READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
+
+
+class Mounting(ServoMounting):
+    """One servo as it is bolted to the arm."""
+
+    emulated: ClassVar[Collection[str]] = MODELS
+
+    homing_offset: int | None = None  # what its calibration has written into it
+
+
+class EmulatedSts(LineServo):
+    """A servo that turns one joint of a plant, or one that just holds.
+
+    Attributes:
+        error: its error bits.
+        stall_nm: torque of its motor at full duty [N m]; no two are alike.
+        no_load_rad_s: speed without a load [rad/s].
+        duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
+    """
+
+    def __init__(self, mounting: Mounting, shaft: Shaft | None, now_s: float) -> None:
+        super().__init__(mounting, shaft, now_s)
+        self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
+        self.duty_per_rad = 0.166
+        self._memory = bytearray(90)
+        for address, size, value in _TABLE:
+            self.put(address, value, size)
+        self.put(5, mounting.id, 1)
+        offset = mounting.homing_offset or 0
+        self.put(31, abs(offset) | (0x800 if offset < 0 else 0))
+        self._saved = bytes(self._memory[:EPROM_END])
+        self.error = 0
+        self.supply_v = self._voltage_v
+        self._watched: tuple[object, ...] = ()  # what it has seen and done with this memory
+        self._look()
+
+    def get(self, address: int, size: int = 2) -> int:
+        """A value of its memory, without a sign."""
+        return int.from_bytes(self._memory[address : address + size], "little")
+
+    def put(self, address: int, value: int, size: int = 2) -> None:
+        """Set a value from inside."""
+        self._memory[address : address + size] = value.to_bytes(size, "little")
+
+    @property
+    def alert(self) -> int:
+        return self.error
+
+    @property
+    def return_delay_s(self) -> float:
+        return 2e-6 * self.get(7, 1)
+
+    def read(self, address: int, size: int) -> bytes:
+        """What it answers to a read."""
+        return bytes(self._memory[address : address + size])
+
+    def write(self, address: int, data: bytes) -> None:
+        """Take a write; what cannot be written stays as it is."""
+        was_on = self.get(40, 1)
+        for place, byte in enumerate(data, address):
+            if place < len(self._memory) and place not in _READ_ONLY:
+                self._memory[place] = byte
+        if address < EPROM_END and not self.get(55, 1):
+            self._saved = bytes(self._memory[:EPROM_END])
+        if self.get(40, 1) and not was_on:
+            self.error &= ~OVERLOAD
+        self._drive()
+
+    def watch(self, now_s: float) -> None:
+        """Look at its position sensor, and control it; steps are shorter than samples of the joint."""
+        shaft = self.shaft
+        joint = (shaft.state(), shaft.limp, shaft.backwards) if shaft else None
+        if (joint, self.stuck, self.error, self.supply_v, self._memory) == self._watched:
+            return
+        self._look()
+        self._drive()
+        self._watched = (joint, self.stuck, self.error, self.supply_v, bytes(self._memory))
+
+    def fail(self) -> None:
+        self.error |= OVERLOAD
+
+    def reboot(self, now_s: float, away_s: float) -> None:
+        delivered = {address: (size, value) for address, size, value in _TABLE if address >= EPROM_END}
+        self._memory[:EPROM_END] = self._saved
+        for address, (size, value) in delivered.items():
+            self.put(address, value, size)
+        self.put(48, self.get(16))
+        self.error = 0
+        self._awake_s = now_s + away_s
+        self._look()
+        self._drive()
+
+    def _look(self) -> None:
+        shown = self._shown()
+        if shown is None:
+            return
+        self.put(56, round(shown.position_rad * COUNTS / (2 * pi)) % COUNTS)
+        step = 1 if self.get(18, 1) & FINE_SPEEDS else 50  # counts/s
+        self.put(58, _signed(round(shown.velocity_rad_s * COUNTS / (2 * pi) / step), 15))
+        self.put(62, round(10 * self.supply_v), 1)
+        self.put(65, self.error, 1)
+
+    def _drive(self) -> None:
+        duty = self._duty() if self.get(40, 1) else 0.0
+        self.put(60, _signed(round(1000 * duty), 10))
+        if self.shaft:
+            drag = self._direction * self.shaft.state().velocity_rad_s / self.no_load_rad_s
+            effort = duty - drag if self.get(40, 1) and isfinite(drag) else 0.0
+            self.shaft.exert(self._direction * effort * self.stall_nm)
+
+    def _duty(self) -> float:
+        if not (self.get(46) or self.get(18, 1) & ZERO_IS_ANY_SPEED):
+            return 0.0  # the goal speed is a stop
+        goal = self.get(42)
+        wanted = -(goal & 0x7FFF) if goal & 0x8000 else goal
+        wanted = min(max(wanted, self.get(9)), self.get(11))
+        error = wanted - self.get(56)
+        if -self.get(27, 1) < error < self.get(26, 1):
+            return 0.0
+        duty = self.duty_per_rad * self.get(21, 1) * error * 2 * pi / COUNTS
+        most = min(self.get(48), 1000) / 1000
+        most = min(most, _PROTECTED) if self.error & OVERLOAD else most
+        return min(max(duty, -most), most)
+
+
+def _signed(value: int, bit: int) -> int:
+    """Sign and magnitude; one that does not fit is the largest."""
+    return min(abs(value), (1 << bit) - 1) | (1 << bit if value < 0 else 0)
+
+
+_GOAL = 42
+_PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+
+
+class FeetechLine(ServoWire):
+    """Servos of one line, see `ServoWire`.
+
+    Each turns the joint at its place in the list, with its second one; those of the ids `hold` turn nothing.
+    `echoes` is whether the adapter hears what it says, as some do.
+    """
+
+    _status = staticmethod(status)
+
+    def __init__(
+        self,
+        mountings: Sequence[Mounting],
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        hold: Sequence[int] = (),
+        baud_rate: int | None = 1_000_000,
+        start_s: float = 0.0,
+    ) -> None:
+        holding = [(Mounting(id=one, model=mountings[0].model), None) for one in hold]
+        self.servos = {
+            mounting.id: EmulatedSts(mounting, shaft, start_s)
+            for mounting, shaft in (*on_shafts(mountings, plant), *holding)
+        }
+        super().__init__(self.servos, faults, baud_rate, start_s)
+        self._receiver = Receiver()
+        self.echoes = False
+
+    def _hear(self, data: bytes, now_s: float) -> None:
+        if self.echoes and data:
+            self._outgoing.append(Frame(0, data, now_s))
+        for instruction in self._receiver.take(data):
+            self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
+            awake = {number: servo for number, servo in self.servos.items() if servo.is_awake(now_s)}
+            if instruction.target == BROADCAST:
+                self._obey_all(instruction, awake, now_s)
+            elif instruction.target in awake:
+                self._obey(instruction, awake[instruction.target], now_s)
+
+    def _obey(self, instruction: Instruction, servo: EmulatedSts, now_s: float) -> None:
+        code, parameters = instruction.code, instruction.parameters
+        if code == _READ and len(parameters) == 2:
+            self._answer([Answer(servo, servo.read(*parameters))], now_s)
+        elif code == _PING:
+            self._answer([Answer(servo)], now_s)
+        elif code == _WRITE and len(parameters) > 1:
+            servo.write(parameters[0], parameters[1:])
+            if servo.get(8, 1):
+                self._answer([Answer(servo)], now_s)
+
+    def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
+        code, parameters = instruction.code, instruction.parameters
+        if code == _PING:
+            self._answer((Answer(servo) for _, servo in sorted(awake.items())), now_s)
+        elif code == _SYNC_READ:
+            address, size, *asked = parameters
+            heard = [awake[one] for one in asked if one in awake]
+            self._answer((Answer(servo, servo.read(address, size)) for servo in heard), now_s)
+        elif code == _SYNC_WRITE:
+            address, size = parameters[:2]
+            for start in range(2, len(parameters) - size, size + 1):
+                servo = awake.get(parameters[start])
+                if servo is not None and not (servo.deaf and address == _GOAL):
+                    servo.write(address, parameters[start + 1 : start + 1 + size])
+
+
+class _Settings(FileModel, extra="ignore"):
+    servos: tuple[Mounting, ...]
+    hold: tuple[int, ...] = ()
+    baud_rate: int = 1_000_000
+
+
+class FeetechWires(WireMaker):
+    """Servos that are set up as the robot file says, on a pseudo terminal."""
+
+    name = "feetech_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        line = FeetechLine(
+            own.servos,
+            request.plant,
+            request.faults,
+            hold=own.hold,
+            baud_rate=own.baud_rate,
+            start_s=request.start_s,
+        )
+        return line, {"port": line.path}

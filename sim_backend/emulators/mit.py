@@ -1,0 +1,385 @@
+"""Motors in MIT mode as their makers' manuals describe them: CubeMars, Damiao and Robstride.
+
+CubeMars answers the frames to its id. Written from the "AK Series Actuator Driver Manual" V1.0.8, section
+5.3, and its float and integer conversions (which cut off where another would round). The CAN timeout lets the
+motor go when no frame comes.
+
+Out of motor mode, the firmware that the protocol comes from (bgkatz/motorcontrol) answers commands as ever,
+and does not say that it exerts nothing. The manual says that the mode comes first and that the state is asked
+for by the frame that enters it: so a motor may as well be deaf to commands until then.
+
+Damiao: MIT frames, a status in its answers, and registers. Written from Damiao's "DM-J4310-2EC user manual":
+the status stands above the id's four bits (0 off, 1 on, 8 and more errors), the last two bytes are
+temperatures, registers are read and written through id 7FF, and a CAN timeout that fires switches the motor
+off with error 13.
+
+Robstride: frames with 29 bit ids, parameters, and faults told unasked. Written from RobStride's "User Manual"
+of RS00 to RS06 (2026-04-28), section 4.1: bits 28 to 24 of an id are what a frame is, bits 7 to 0 who it is
+for. A state (2) has the mode above six fault bits above the motor's id. A motor that has a fault, or hears
+nothing for its canTimeout (3.3.6), goes to reset mode.
+"""
+
+import struct
+from typing import Any
+
+import can
+
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant
+from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+_ALERT = 6  # MOSFET over temperature
+_TEMPERATURE = 25
+Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and torque [N m]
+
+
+def to_uint(value: float, limit: float, bits: int) -> int:
+    """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer."""
+    value = min(max(value, -limit), limit)
+    return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
+
+
+def _to_float(number: int, low: float, high: float, bits: int) -> float:
+    return number * (high - low) / ((1 << bits) - 1) + low
+
+
+class EmulatedMitMotor(EmulatedMotor):
+    """One motor, see `EmulatedMotor`.
+
+    Its limits are the ends of the ranges of position [rad], velocity [rad/s] and torque [N m], `host_id` the
+    arbitration id of its answers, and a `timeout_s` of None no CAN timeout [s]. Out of motor mode one that is
+    `deaf_when_off` answers nothing but the special codes.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        joint: int,
+        plant: Plant,
+        *,
+        limits: Limits,
+        host_id: int = 0,
+        timeout_s: float | None = None,
+        deaf_when_off: bool = False,
+        **mounting: float,
+    ) -> None:
+        super().__init__(number, joint, plant, **mounting)
+        self._position_limit, self._velocity_limit, self._torque_limit = limits
+        self._host_id, self.timeout_s, self._deaf_when_off = host_id, timeout_s, deaf_when_off
+        self.enabled = False
+        self.error = 0
+        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._start_up()
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        for_me = message.arbitration_id == self.number and not message.is_extended_id
+        if not for_me or message.is_remote_frame or len(message.data) != 8 or now_s < self._silent_until_s:
+            return []
+        data = bytes(message.data)
+        is_special = data[:7] == b"\xff" * 7 and data[7] in (0xFC, 0xFD, 0xFE)
+        if self._deaf_when_off and not (self.enabled or is_special):
+            return []
+        self._heard_s = now_s
+        if is_special:
+            if data[7] != 0xFE:
+                self.enabled = data[7] == 0xFC
+            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        else:
+            self._command = self._unpack(data)
+        self._drive()
+        return [self._reply()]
+
+    def _unpack(self, data: bytes) -> tuple[float, float, float, float, float]:
+        bits = int.from_bytes(data, "big")
+        position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
+        damping, torque = bits >> 12 & 0xFFF, bits & 0xFFF
+        return (
+            _to_float(position, -self._position_limit, self._position_limit, 16),
+            _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
+            _to_float(stiffness, 0.0, 500.0, 12),
+            _to_float(damping, 0.0, 5.0, 12),
+            _to_float(torque, -self._torque_limit, self._torque_limit, 12),
+        )
+
+    def _drive(self) -> None:
+        torque_nm = 0.0
+        if self.enabled and not self.error:
+            position, velocity, stiffness, damping, feed_forward = self._command
+            shaft, torque_nm = self.shaft, feed_forward
+            if stiffness or damping:
+                torque_nm += stiffness * (position - shaft.position_rad)
+                torque_nm += damping * (velocity - shaft.velocity_rad_s)
+            torque_nm = min(max(torque_nm, -self._torque_limit), self._torque_limit)
+        self._exert(torque_nm)
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`: nothing unasked, but here its timeout runs."""
+        if self.enabled and self.timeout_s is not None and now_s - self._heard_s > self.timeout_s:
+            self._time_out()
+            self._drive()
+        return []
+
+    def _time_out(self) -> None:
+        """Let go after its CAN timeout."""
+        self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def _fail(self) -> None:
+        self.error = _ALERT
+
+    def _start_up(self) -> None:
+        self.enabled = False
+
+    def _reply(self) -> can.Message:
+        shown = self.shown
+        position = to_uint(shown.position_rad, self._position_limit, 16)
+        velocity = to_uint(shown.velocity_rad_s, self._velocity_limit, 12)
+        torque = to_uint(shown.torque_nm, self._torque_limit, 12)
+        bits = self.number << 56 | position << 40 | velocity << 28 | torque << 16
+        data = (bits | _TEMPERATURE << 8 | self.error).to_bytes(8, "big")
+        return can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data)
+
+
+# CubeMars "AK Series Actuator Driver Manual" V1.0.8, 5.3: position [rad], speed [rad/s], torque [N m].
+CUBEMARS_LIMITS = {
+    "AK10-9": (12.5, 50.0, 65.0),
+    "AK60-6": (12.5, 45.0, 15.0),
+    "AK70-10": (12.5, 50.0, 25.0),
+    "AK80-6": (12.5, 76.0, 12.0),
+    "AK80-9": (12.5, 50.0, 18.0),
+    "AK80-64": (12.5, 8.0, 144.0),
+    "AK80-80": (12.5, 8.0, 144.0),
+}
+
+
+_LOST, _HOT = 13, 11
+_TIMEOUT, _MODE, _PMAX, _VMAX, _TMAX = 9, 10, 21, 22, 23
+_FLOATS = (_PMAX, _VMAX, _TMAX)
+DAMIAO_MIT, _STEP_S = 1, 50e-6
+
+# Damiao's table of defaults: PMAX [rad], VMAX [rad/s], TMAX [N m].
+DAMIAO_LIMITS = {
+    "DM-J3507": (12.566, 50.0, 5.0),
+    "DM-J4310": (12.5, 30.0, 10.0),
+    "DM-J4340": (12.5, 8.0, 28.0),
+    "DM-J6006": (12.5, 45.0, 20.0),
+    "DM-J8006": (12.5, 45.0, 40.0),
+    "DM-J8009": (12.5, 45.0, 54.0),
+    "DM-J10010": (12.5, 20.0, 200.0),
+    "DM-J10010L": (12.5, 25.0, 200.0),
+}
+
+
+class EmulatedDamiao(EmulatedMitMotor):
+    """One motor, see `EmulatedMitMotor`; `registers` is what it keeps, by number."""
+
+    registers: dict[int, float]
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        data = bytes(message.data)
+        if now_s < self._silent_until_s or message.is_extended_id:
+            return []
+        if message.arbitration_id == 0x7FF:
+            return self._keep(data)
+        if message.arbitration_id == self.number and data == b"\xff" * 7 + b"\xfb":
+            self.error = 0
+            return [self._reply()]
+        return super().hear(message, now_s) if self.registers[_MODE] == DAMIAO_MIT else []
+
+    def _keep(self, data: bytes) -> list[can.Message]:
+        if len(data) != 8 or data[0] + 256 * data[1] != self.number or data[3] not in self.registers:
+            return []
+        layout = "<f" if data[3] in _FLOATS else "<I"
+        if data[2] == 0x55:
+            (self.registers[data[3]],) = struct.unpack(layout, data[4:])
+            timeout_s = self.registers[_TIMEOUT] * _STEP_S
+            self.timeout_s = timeout_s or None
+        elif data[2] != 0x33:
+            return []
+        value = self.registers[data[3]]
+        kept = struct.pack(layout, value if data[3] in _FLOATS else int(value))
+        return [can.Message(arbitration_id=self._host_id, is_extended_id=False, data=data[:4] + kept)]
+
+    def _time_out(self) -> None:
+        self._fail(_LOST)
+
+    def _fail(self, error: int = _HOT) -> None:
+        self.error, self.enabled = error, False
+
+    def _start_up(self) -> None:
+        limits = (self._position_limit, self._velocity_limit, self._torque_limit)
+        self.registers = {_TIMEOUT: 0, _MODE: DAMIAO_MIT, **dict(zip(_FLOATS, limits, strict=True))}
+        self.timeout_s, self.error, self.enabled = None, 0, False
+
+    def _reply(self) -> can.Message:
+        message = super()._reply()
+        status = self.error or int(self.enabled)
+        message.data[0] = self.number & 0xF | status << 4
+        message.data[6:8] = bytes((30, 28))
+        return message
+
+
+ROBSTRIDE_HOST = 0xFD
+_HOT_STATE, _HOT_FAULT = 1 << 2, 1 << 0
+_PARAMETERS = {0x7005: "<B", 0x7019: "<f", 0x7028: "<I"}  # run_mode, mechPos, canTimeout
+_RUN_MODE, _POSITION, ROBSTRIDE_TIMEOUT = _PARAMETERS
+
+# Manuals, 4.1.2: position [rad], velocity [rad/s], torque [N m].
+ROBSTRIDE_LIMITS = {
+    "RS00": (12.566370614359172, 33.0, 14.0),
+    "RS01": (12.566370614359172, 44.0, 17.0),
+    "RS02": (12.566370614359172, 44.0, 17.0),
+    "RS03": (12.566370614359172, 20.0, 60.0),
+    "RS04": (12.566370614359172, 15.0, 120.0),
+    "RS05": (12.566370614359172, 50.0, 5.5),
+    "RS06": (12.566370614359172, 50.0, 36.0),
+}
+
+
+class EmulatedRobstride(EmulatedMitMotor):
+    """One motor, see `EmulatedMitMotor`; `parameters` is what can be written, by index."""
+
+    parameters: dict[int, float]
+    _news: list[can.Message]  # to be told unasked
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        kind, middle, target = _split(message.arbitration_id)
+        data = bytes(message.data)
+        whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
+        if not whole or target != self.number or now_s < self._silent_until_s:
+            return []
+        self._heard_s = now_s
+        if kind == 17:
+            return [self._parameter(data)]
+        if kind == 18:
+            self._write(data)
+        elif kind in (3, 4):
+            self.error = 0 if kind == 4 and data[0] == 1 else self.error
+            self.enabled = kind == 3 and not self.error
+            self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
+        elif kind == 1 and self.parameters[_RUN_MODE] == 0:
+            self._command = self._understood(middle, data)
+        else:
+            return []
+        self._drive()
+        return [self._reply()]
+
+    def _understood(self, torque: int, data: bytes) -> tuple[float, float, float, float, float]:
+        position, velocity, stiffness, damping = (share / 65535 for share in struct.unpack(">4H", data))
+        stiff = self._torque_limit > 20.0  # the larger models have ten and twenty times the gains
+        return (
+            (2.0 * position - 1.0) * self._position_limit,
+            (2.0 * velocity - 1.0) * self._velocity_limit,
+            stiffness * (5000.0 if stiff else 500.0),
+            damping * (100.0 if stiff else 5.0),
+            (2.0 * torque / 65535 - 1.0) * self._torque_limit,
+        )
+
+    def _parameter(self, data: bytes) -> can.Message:
+        index = int.from_bytes(data[:2], "little")
+        known = {**self.parameters, _POSITION: self.shown.position_rad}
+        if index not in known:
+            return self._message(17, 1 << 8 | self.number, data[:2] + bytes(6))
+        packed = struct.pack(_PARAMETERS[index], known[index]).ljust(4, b"\0")
+        return self._message(17, self.number, data[:2] + bytes(2) + packed)
+
+    def _write(self, data: bytes) -> None:
+        index = int.from_bytes(data[:2], "little")
+        if index in self.parameters:
+            (self.parameters[index],) = struct.unpack_from(_PARAMETERS[index], data, 4)
+            self.timeout_s = self.parameters.get(ROBSTRIDE_TIMEOUT, 0) / 20000 or None
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`: faults, and here its timeout runs."""
+        super().tell(now_s)
+        news, self._news = self._news, []
+        return news
+
+    def _time_out(self) -> None:
+        self.enabled = False
+
+    def _fail(self) -> None:
+        self.error, self.enabled = _HOT_STATE, False
+        self.tell_faults(_HOT_FAULT)
+
+    def _start_up(self) -> None:
+        self.parameters, self.timeout_s, self._news = {_RUN_MODE: 0, ROBSTRIDE_TIMEOUT: 0}, None, []
+        self.error, self.enabled = 0, False
+
+    def tell_faults(self, faults: int) -> None:
+        """Report fault bits unasked with the next `tell`."""
+        self._news.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
+
+    def _reply(self) -> can.Message:
+        shown = self.shown
+        data = struct.pack(
+            ">4H",
+            to_uint(shown.position_rad, self._position_limit, 16),
+            to_uint(shown.velocity_rad_s, self._velocity_limit, 16),
+            to_uint(shown.torque_nm, self._torque_limit, 16),
+            251,  # tenths of a degree Celsius
+        )
+        mode = 2 if self.enabled else 0
+        return self._message(2, mode << 14 | self.error << 8 | self.number, data)
+
+    def _message(self, kind: int, middle: int, data: bytes) -> can.Message:
+        number = kind << 24 | middle << 8 | self._host_id
+        return can.Message(arbitration_id=number, is_extended_id=True, data=data)
+
+
+def _split(number: int) -> tuple[int, int, int]:
+    """Bits 28 to 24, 23 to 8 and 7 to 0 of an id."""
+    return number >> 24, number >> 8 & 0xFFFF, number & 0xFF
+
+
+class _Ranges(FileModel):
+    position_rad: Positive
+    velocity_rad_s: Positive
+    torque_nm: Positive
+
+
+class _Motor(MotorPlace):
+    motor_id: int
+    model: str
+    ranges: _Ranges | None = None
+    answer_id: int | None = None
+
+    @property
+    def limits(self) -> Limits:
+        if self.ranges is not None:
+            return (self.ranges.position_rad, self.ranges.velocity_rad_s, self.ranges.torque_nm)
+        known = CUBEMARS_LIMITS | DAMIAO_LIMITS | ROBSTRIDE_LIMITS
+        if self.model not in known:
+            raise InputError(f"no emulated motor is a '{self.model}'. Valid: {', '.join(known)}")
+        return known[self.model]
+
+
+class _Settings(FileModel, extra="ignore"):
+    motors: tuple[_Motor, ...]
+    maker: str = "cubemars"
+    host_id: int | None = None
+    watchdog_s: Positive = 0.1
+    ask_with: str = "exit"
+
+
+class MitWires(WireMaker):
+    """Motors that are set up as the robot file says."""
+
+    name = "mit_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+        return wire_of(request, own.motors, lambda joint, motor: _emulated(own, motor, joint, request.plant))
+
+
+def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> EmulatedMitMotor:
+    place: tuple[int, int, Plant] = (motor.motor_id, joint, plant)
+    mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
+    if own.maker == "damiao":
+        return EmulatedDamiao(*place, **mounting, host_id=motor.answer_id or motor.motor_id + 16)
+    if own.maker == "robstride":
+        host_id = ROBSTRIDE_HOST if own.host_id is None else own.host_id
+        return EmulatedRobstride(*place, **mounting, host_id=host_id)
+    mounting |= {"timeout_s": own.watchdog_s, "deaf_when_off": own.ask_with == "enter"}
+    return EmulatedMitMotor(*place, **mounting, host_id=own.host_id or 0)

@@ -1,0 +1,175 @@
+"""A moteus controller as its documentation describes it: registers, written and read in CAN FD frames.
+
+Written from mjbots' docs/protocol/can.md and registers.md: subframes of four number types, numbers that are
+scaled where they are integers and no value where they are the most negative one; position mode, faults that
+stay until a stop, and a watchdog that comes with each command and ends in mode 11. As the robot file wants
+it, `servo.timeout_mode` is 0: it lets go then.
+"""
+
+import math
+import struct
+from typing import Any
+
+import can
+
+from robot_io.files.file_model import FileModel, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant
+from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11
+HOT, _CUT = 38, 99  # over temperature; cut by servo.max_current_A
+_FORMATS = ("b", "<h", "<i", "<f")
+_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)  # that a CAN FD frame can have, from 8 on
+_KP_NM_REV, _KD_NMS_REV = 4.0, 0.05  # as delivered
+
+# What one step of a register is as int8, int16 and int32; 1 for those that are not here.
+_STEPS = {
+    **dict.fromkeys((0x01, 0x20), (0.01, 1e-4, 1e-5)),
+    **dict.fromkeys((0x02, 0x21), (0.1, 2.5e-4, 1e-5)),
+    **dict.fromkeys((0x03, 0x22), (0.5, 0.01, 1e-3)),
+    **dict.fromkeys((0x23, 0x24, 0x2B), (1 / 127, 1 / 32767, 1 / 2147483647)),
+    0x0D: (0.5, 0.1, 1e-3),
+    0x27: (0.01, 1e-3, 1e-6),
+}
+_DEFAULTS = {0x20: 0.0, 0x21: 0.0, 0x22: 0.0, 0x23: 1.0, 0x24: 1.0, 0x27: 0.0, 0x2B: 1.0}
+
+
+class EmulatedMoteus(EmulatedMotor):
+    """One controller, see `EmulatedMotor`; its current limit allows `max_torque_nm` at the output [N m].
+
+    `known` is whether it knows its position.
+    """
+
+    known = True
+
+    def __init__(
+        self, number: int, joint: int, plant: Plant, *, max_torque_nm: float = math.inf, **mounting: float
+    ) -> None:
+        super().__init__(number, joint, plant, **mounting)
+        self._max_torque_nm = max_torque_nm
+        self.mode, self.fault, self.home = STOPPED, 0, 2
+        self._command = dict(_DEFAULTS)
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        number = message.arbitration_id
+        if not message.is_fd or number & 0x7F != self.number or now_s < self._silent_until_s:
+            return []
+        written: dict[int, float] = {}
+        answer = self._read_subframes(bytes(message.data), written)
+        if 0x00 in written:
+            self._obey(round(written[0x00]), written, now_s)
+        if not number & 0x8000:
+            return []
+        size = next((length for length in _LENGTHS if length >= len(answer)), 64)
+        reply_id = self.number << 8 | number >> 8 & 0x7F
+        return [
+            can.Message(
+                arbitration_id=reply_id,
+                is_extended_id=reply_id > 0x7FF,
+                is_fd=True,
+                bitrate_switch=message.bitrate_switch,
+                data=answer.ljust(size, b"\x50"),
+            )
+        ]
+
+    def _read_subframes(self, data: bytes, written: dict[int, float]) -> bytes:
+        """Keep what is written, and return what is answered."""
+        place, answer = 0, b""
+        while place < len(data):
+            what = data[place]
+            place += 1
+            if what == 0x50:
+                continue
+            kind, form, count = what & 0xF0, what >> 2 & 3, what & 3
+            if not count:
+                count, place = data[place], place + 1
+            start, place = data[place], place + 1
+            if kind == 0x10:
+                reply = 0x20 | form << 2
+                answer += bytes((reply | count, start) if count < 4 else (reply, count, start))
+                answer += b"".join(self._packed(start + one, form) for one in range(count))
+                continue
+            for register in range(start, start + count):
+                (raw,) = struct.unpack_from(_FORMATS[form], data, place)
+                place += struct.calcsize(_FORMATS[form])
+                no_value = form < 3 and raw == -(1 << 8 * (1 << form) - 1)
+                step = 1.0 if form == 3 else _STEPS.get(register, (1.0, 1.0, 1.0))[form]
+                written[register] = math.nan if no_value else raw * step
+        return answer
+
+    def _packed(self, register: int, form: int) -> bytes:
+        value = self._value(register)
+        if form == 3:
+            return struct.pack("<f", value)
+        largest = (1 << 8 * (1 << form) - 1) - 1
+        steps = round(value / _STEPS.get(register, (1.0, 1.0, 1.0))[form])
+        return struct.pack(_FORMATS[form], min(max(steps, -largest), largest))
+
+    def _value(self, register: int) -> float:
+        shown = self.shown
+        return {
+            0x00: self.mode,
+            0x01: shown.position_rad / math.tau if self.known else math.nan,
+            0x02: shown.velocity_rad_s / math.tau,
+            0x03: shown.torque_nm,
+            0x0C: self.home,
+            0x0D: 24.0,
+            0x0E: 31.0,
+            0x0F: self.fault,
+        }.get(register, 0.0)
+
+    def _obey(self, mode: int, written: dict[int, float], now_s: float) -> None:
+        if mode == STOPPED:
+            self.mode, self.fault = STOPPED, 0
+        elif mode == POSITION and self.mode in (STOPPED, POSITION):
+            self.mode, self._heard_s = POSITION, now_s
+            self._command = _DEFAULTS | written
+        self._drive()
+
+    def _drive(self) -> None:
+        torque_nm, limit_nm, command = 0.0, self._max_torque_nm, self._command
+        if self.mode == POSITION:
+            shaft = self.shaft
+            error_rev = command[0x20] - shaft.position_rad / math.tau
+            error_rev_s = command[0x21] - shaft.velocity_rad_s / math.tau
+            torque_nm = command[0x22] + command[0x24] * _KD_NMS_REV * error_rev_s
+            torque_nm += 0.0 if math.isnan(error_rev) else command[0x23] * _KP_NM_REV * error_rev
+        self.fault = self.fault if self.mode == FAULT else _CUT * (abs(torque_nm) > limit_nm)
+        self._exert(min(max(torque_nm, -limit_nm), limit_nm))
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        """See `CanNode.tell`: nothing unasked, but here its watchdog runs."""
+        watchdog_s = self._command[0x27] or 0.1
+        if self.mode == POSITION and now_s - self._heard_s > watchdog_s:
+            self.mode = TIMEOUT
+            self._drive()
+        return []
+
+    def _fail(self) -> None:
+        self.mode, self.fault = FAULT, HOT
+
+    def _start_up(self) -> None:
+        self.mode, self.fault = STOPPED, 0
+
+
+class _Motor(MotorPlace):
+    motor_id: int
+    max_torque_nm: Positive
+
+
+class _Settings(FileModel, extra="ignore"):
+    motors: tuple[_Motor, ...]
+
+
+class MoteusWires(WireMaker):
+    """Controllers that are set up as the robot file says."""
+
+    name = "moteus_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        def node(joint: int, motor: _Motor) -> EmulatedMoteus:
+            limit_nm, plant = motor.max_torque_nm, request.plant
+            return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **motor.mounting)
+
+        return wire_of(request, validate(_Settings, request.section.settings).motors, node)

@@ -1,0 +1,165 @@
+"""A Net F/T on a network socket: RDT over UDP and the page of its configuration, from ATI's manuals."""
+
+import math
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from robot_io.errors import InputError
+from robot_io.files.file_model import Positive, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant
+from sim_backend.emulators.faults import Faults
+from sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
+from sim_backend.emulators.serial_sensors import AxisSettings, newtons_per
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+_END = 0x7FFFFFFF
+BROKEN_GAGE, SENSING_RANGE, ANY_ERROR = 1 << 2, 1 << 30, 1 << 31
+_INTERNAL_HZ = 7000
+_LOOK_S = 0.01  # whether it is to end, in real time
+
+
+def record(sequence: int, measurement: int, status: int, counts: list[int]) -> bytes:
+    """One RDT record."""
+    words = [sequence % 2**32, measurement % 2**32, status, *(one % 2**32 for one in counts)]
+    return b"".join(word.to_bytes(4, "big") for word in words)
+
+
+class EmulatedNetFt(SerialSensor):
+    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
+
+    Attributes:
+        enabled: whether RDT is switched on.
+        rate_hz: records a second.
+        status: status bits beside those of its reading.
+        measures: whether it measures anew; else it repeats itself.
+    """
+
+    def __init__(self, axis: int, capacity_n: float, counts_per_force: float, unit: str) -> None:
+        self.range_n, self.enabled, self.rate_hz, self.status, self.measures = capacity_n, True, 1000, 0, True
+        self._axis, self.counts_per_force, self.unit = axis, counts_per_force, unit
+        self._timer = StreamTimer(self.rate_hz)
+        self._sequence = self._measurement = 0
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        if len(data) != 8 or data[:2] != b"\x12\x34" or now_s < self._silent_until_s or not self.enabled:
+            return b""
+        command = data[2] * 256 + data[3]
+        if command in (2, 3) and data[4:] == bytes(4):
+            self._timer.start(now_s)
+            self._sequence = 0
+        elif command == 0:
+            self._timer.stop()
+        return b""
+
+    def reading(self, force_n: float) -> bytes:
+        """See `SerialSensor.reading`; without a value a gage is broken."""
+        self._sequence += self._timer.passed
+        self._measurement += self._timer.passed * self.measures * _INTERNAL_HZ // self.rate_hz
+        status, counts = self.status, [17, -23, 31, 5, -7, 11]
+        if math.isnan(force_n):
+            status |= BROKEN_GAGE | ANY_ERROR
+        else:
+            status |= SENSING_RANGE | ANY_ERROR if abs(force_n) >= self.range_n else 0
+            value = round(force_n / newtons_per(self.unit) * self.counts_per_force)
+            counts[self._axis] = min(max(value, -_END), _END)
+        return record(self._sequence, self._measurement, status, counts)
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """See `SerialSensor.restart`; nobody is sent anything until he asks again."""
+        self._timer.stop()
+        super().restart(now_s, silent_s)
+
+    def page(self) -> bytes:
+        """Its page netftapi2.xml."""
+        values = {
+            "prodname": "Ethernet F/T",
+            "scfgfu": self.unit,
+            "cfgcpf": f"{self.counts_per_force:.0f}",
+            "comrdte": "Enabled" if self.enabled else "Disabled",
+            "comrdtrate": str(self.rate_hz),
+        }
+        lines = "".join(f"<{name}>{value}</{name}>\n" for name, value in values.items())
+        return f'<?xml version="1.0"?>\n<netft>\n{lines}</netft>\n'.encode()
+
+
+class NetFtLine(SensorWire):
+    """The network between a sensor and its host, here this machine's own; see `SensorWire`.
+
+    It hears requests at `rdt_port`, and its page is at `http_port`. A datagram that is corrupt on its way is
+    cut: none with a flipped bit gets past UDP's checksum.
+    """
+
+    _sensor: EmulatedNetFt
+
+    def __init__(self, sensor: EmulatedNetFt, plant: Plant, faults: Faults | None = None) -> None:
+        super().__init__(sensor, plant, faults)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(("127.0.0.1", 0))
+        self._host: Any = None
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), _pages(sensor))
+        threading.Thread(target=self._server.serve_forever, args=(_LOOK_S,), daemon=True).start()
+        self.rdt_port, self.http_port = self._socket.getsockname()[1], self._server.server_address[1]
+        self._is_open = True
+
+    def receive(self, now_s: float) -> None:
+        while self._is_open:
+            try:
+                data, self._host = self._socket.recvfrom(2048)
+            except BlockingIOError:
+                return
+            self._put(self._sensor.hear(data, now_s), now_s)
+
+    def close(self) -> None:
+        """See `EmulatedWire.close`: the host hears nothing more."""
+        if self._is_open:
+            self._is_open = False
+            self._socket.close()
+            self._server.shutdown()
+            self._server.server_close()
+
+    def _put(self, frame: bytes, now_s: float) -> None:
+        if self._is_open and self._host and frame:
+            self._socket.sendto(frame, self._host)
+
+    def _corrupted(self, data: bytes) -> bytes:
+        return self.faults.lose_a_byte(data)
+
+
+def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
+    class Pages(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            """Answer with the one page that there is."""
+            page = sensor.page() if self.path == "/netftapi2.xml" else b""
+            self.send_response(200 if page else 404)
+            self.send_header("Content-Length", str(len(page)))
+            self.end_headers()
+            self.wfile.write(page)
+
+        def log_message(self, *_: object) -> None:
+            """Says nothing."""
+
+    return Pages
+
+
+class _Settings(AxisSettings):
+    counts_per_force: Positive
+    unit: str = "N"
+
+
+class NetFtWires(WireMaker):
+    """The sensor that the robot file names, on this machine's own network."""
+
+    name = "net_ft_line"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        if request.force is None or request.force.driver != "net_ft":
+            raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
+        own = validate(_Settings, request.force.settings)
+        newtons_per(own.unit)  # refused before the wire is there
+        sensor = EmulatedNetFt(own.axis_index, own.capacity_n, own.counts_per_force, own.unit)
+        own.signed(sensor)
+        line = NetFtLine(sensor, request.plant, request.faults)
+        return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

@@ -1,1 +1,0 @@
-"""An ATI Net F/T on a network socket."""

@@ -1,0 +1,216 @@
+"""An ODrive axis as its manual describes it: cyclic messages, state machine, watchdog, errors.
+
+Written from ODrive's documentation "CAN Protocol" (0.5.6 and 0.6.10) and the behaviour of fw-v0.5.6: any
+frame to the axis feeds its watchdog, an expired watchdog disarms it, an axis with errors does not arm.
+"""
+
+import math
+import struct
+from typing import Any
+
+import can
+
+from robot_io.files.file_model import FileModel, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire, Plant
+from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+IDLE, CLOSED_LOOP = 1, 8
+WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}
+ALERT_BIT = {"0.5": 1 << 6, "0.6": 1 << 14}  # MOTOR_FAILED; INVERTER_OVER_TEMP
+OVERSPEED_BIT = {"0.5": 1 << 9, "0.6": 1 << 15}  # CONTROLLER_FAILED; VELOCITY_LIMIT_VIOLATION
+_TOLERANCE = 1.2  # times its velocity limit, as delivered
+ESTOP_BIT = {"0.5": 1 << 14, "0.6": 1 << 25}
+
+
+class EmulatedOdrive(EmulatedMotor):
+    """One axis, see `EmulatedMotor`, of firmware "0.5" or "0.6".
+
+    Its current limit allows `max_torque_nm` [N m]; it sends estimates and torques every `cyclic_s` [s]. A
+    `watchdog_s` of None is not enabled [s].
+
+    Attributes:
+        velocity_limit_rev_s: beyond 1.2 times this an axis fails [rev/s]; as delivered 2.
+        current_limit_a: as it was last set over CAN [A].
+        velocity_limiter: limit [rev/s] and gain [N m s/rev] of what cuts torques in torque mode, as delivered
+            2 and 1/6; None: switched off.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        joint: int,
+        plant: Plant,
+        *,
+        firmware: str,
+        max_torque_nm: float,
+        torque_constant_nm_a: float = 1.0,
+        heartbeat_s: float = 0.1,
+        cyclic_s: float = 1e-3,
+        watchdog_s: float | None = 0.1,
+        **mounting: float,
+    ) -> None:
+        super().__init__(number, joint, plant, **mounting)
+        self._firmware = firmware
+        self._max_torque_nm, self._torque_constant = max_torque_nm, torque_constant_nm_a
+        self._heartbeat_s, self._cyclic_s, self.watchdog_s = heartbeat_s, cyclic_s, watchdog_s
+        self._next_heartbeat_s = heartbeat_s
+        self._next_cyclic_s = cyclic_s
+        self.velocity_limit_rev_s, self.current_limit_a = math.inf, math.nan
+        self.velocity_limiter: tuple[float, float] | None = None
+        self._start_up()
+
+    def _start_up(self) -> None:
+        self.state, self.error, self._control_mode = IDLE, 0, 3  # position control, as shipped
+        self._input_torque_nm = 0.0
+        self._fed_s = -math.inf
+
+    def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
+        if (
+            message.is_extended_id
+            or message.arbitration_id >> 5 != self.number
+            or now_s < self._silent_until_s
+        ):
+            return []
+        self._fed_s = now_s
+        command = message.arbitration_id & 0x1F
+        if message.is_remote_frame:
+            return self._answer(command)
+        self._obey(command, bytes(message.data))
+        return []
+
+    def _obey(self, command: int, data: bytes) -> None:
+        if command == 0x02:
+            self._disarm(ESTOP_BIT[self._firmware])
+        elif command == 0x07 and len(data) >= 4:
+            self._request_state(struct.unpack_from("<I", data)[0])
+        elif command == 0x0B and len(data) == 8:
+            self._control_mode = struct.unpack("<II", data)[0]
+        elif command == 0x0E and len(data) >= 4:
+            self._input_torque_nm = struct.unpack_from("<f", data)[0]
+        elif command == 0x0F and len(data) == 8:
+            self.velocity_limit_rev_s, self.current_limit_a = struct.unpack("<ff", data)
+        elif command == 0x18:
+            self.error = 0
+        self._drive()
+
+    def _request_state(self, state: int) -> None:
+        if state == IDLE:
+            self.state = IDLE
+        elif state == CLOSED_LOOP and not self.error:
+            self.state = CLOSED_LOOP
+
+    def _disarm(self, error: int) -> None:
+        self.error |= error
+        self.state = IDLE
+        self._drive()
+
+    def _drive(self) -> None:
+        armed = self.state == CLOSED_LOOP and self._control_mode == 1
+        torque_nm = (
+            min(max(self._input_torque_nm, -self._max_torque_nm), self._max_torque_nm) if armed else 0.0
+        )
+        if self.velocity_limiter is not None:
+            limit_rev_s, gain = self.velocity_limiter
+            rev_s = self.shaft.velocity_rad_s / math.tau
+            torque_nm = min(max(torque_nm, (-limit_rev_s - rev_s) * gain), (limit_rev_s - rev_s) * gain)
+        self._exert(torque_nm)
+
+    def _answer(self, command: int) -> list[can.Message]:
+        match command:
+            case 0x00 if self._firmware == "0.6":
+                about = bytes((2, 4, 4, 58, 0, 6, 10, 0))  # protocol 2, Pro v4.4, fw 0.6.10
+                return [self._message(0x00, about)]
+            case 0x01 if self._firmware == "0.6":
+                return [self._heartbeat()]
+            case 0x09:
+                return [self._encoder_estimates()]
+            case 0x17:
+                return [self._message(0x17, struct.pack("<ff", 24.0, 0.5))]
+        return []
+
+    def tell(self, now_s: float) -> list[can.Message]:
+        if now_s < self._silent_until_s:
+            return []
+        if (
+            self.watchdog_s is not None
+            and self.state == CLOSED_LOOP
+            and now_s - self._fed_s > self.watchdog_s
+        ):
+            self._disarm(WATCHDOG_BIT[self._firmware])
+        fastest_rev_s = _TOLERANCE * self.velocity_limit_rev_s
+        if self.state == CLOSED_LOOP and abs(self.shaft.velocity_rad_s) / math.tau > fastest_rev_s:
+            self._disarm(OVERSPEED_BIT[self._firmware])
+        messages = []
+        if now_s >= self._next_cyclic_s - 1e-9:
+            self._next_cyclic_s = max(self._next_cyclic_s, now_s) + self._cyclic_s
+            messages += [self._encoder_estimates(), self._torque()]
+        if now_s >= self._next_heartbeat_s - 1e-9:
+            self._next_heartbeat_s = max(self._next_heartbeat_s, now_s) + self._heartbeat_s
+            messages.append(self._heartbeat())
+        return [message for message in messages if message is not None]
+
+    def _fail(self) -> None:
+        self._disarm(ALERT_BIT[self._firmware])
+
+    def _encoder_estimates(self) -> can.Message:
+        shown = self.shown
+        data = struct.pack("<ff", shown.position_rad / math.tau, shown.velocity_rad_s / math.tau)
+        return self._message(0x09, data)
+
+    def _torque(self) -> can.Message:
+        motor_torque_nm = self.shaft.torque_nm
+        if self._firmware == "0.6":
+            return self._message(0x1C, struct.pack("<ff", self._input_torque_nm, motor_torque_nm))
+        constant = self._torque_constant
+        return self._message(
+            0x14, struct.pack("<ff", self._input_torque_nm / constant, motor_torque_nm / constant)
+        )
+
+    def _heartbeat(self) -> can.Message:
+        data = bytearray(struct.pack("<IB3x", self.error, self.state))
+        if self._firmware == "0.5":
+            data[5] = 1 if self.error & ALERT_BIT["0.5"] else 0
+        else:
+            data[5] = 3 if self.error else 0  # procedure result: disarmed
+        return self._message(0x01, bytes(data))
+
+    def _message(self, command: int, data: bytes) -> can.Message:
+        return can.Message(arbitration_id=self.number << 5 | command, is_extended_id=False, data=data)
+
+
+class _Axis(MotorPlace):
+    node_id: int
+    max_torque_nm: Positive
+    torque_constant_nm_a: Positive = 1.0
+
+
+class _Settings(FileModel, extra="ignore"):
+    firmware: str
+    axes: tuple[_Axis, ...]
+    heartbeat_s: Positive = 0.1
+    watchdog_s: Positive = 0.1
+
+
+class OdriveWires(WireMaker):
+    """ODrive axes that are set up as the robot file says."""
+
+    name = "odrive_bus"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        own = validate(_Settings, request.section.settings)
+
+        def node(joint: int, axis: _Axis) -> EmulatedOdrive:
+            return EmulatedOdrive(
+                axis.node_id,
+                joint,
+                request.plant,
+                firmware=own.firmware,
+                max_torque_nm=axis.max_torque_nm,
+                torque_constant_nm_a=axis.torque_constant_nm_a,
+                heartbeat_s=own.heartbeat_s,
+                watchdog_s=own.watchdog_s,
+                **axis.mounting,
+            )
+
+        return wire_of(request, own.axes, node)

@@ -1,1 +1,0 @@
-"""Emulated force sensors on a serial line."""

@@ -1,0 +1,200 @@
+"""A serial line as a pseudo terminal, with an emulated force sensor at its end."""
+
+import errno
+import fcntl
+import os
+import sys
+import termios
+import time
+import tty
+from abc import ABC, abstractmethod
+from math import inf
+
+from sim_backend.emulators.bench import Plant, heard_at
+from sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
+
+_HAND_ON_S = 0.02  # a full buffer never takes more
+_MOST_READABLE = 4095  # bytes that Linux keeps for a reader; what comes then waits until it reads
+_RANGE_N = 1e3  # what a reading of a saturated sensor shows, if it has no range of its own
+
+
+class StreamTimer:
+    """Counts the readings of a stream out at a steady rate; those that were missed are not made up for.
+
+    The first one comes a period after the start. Between the last two readings that were due, so many periods
+    have `passed`; more than one where some were missed.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._next_s = inf
+        self.passed = 1
+
+    @property
+    def running(self) -> bool:
+        """Whether the stream is on."""
+        return self._next_s < inf
+
+    def start(self, now_s: float) -> None:
+        """The stream is on from now on."""
+        self._next_s = now_s + self._period_s
+
+    def stop(self) -> None:
+        """The stream is off."""
+        self._next_s = inf
+
+    def due(self, now_s: float) -> bool:
+        """Whether one is due now."""
+        if now_s < self._next_s - 1e-9:
+            return False
+        self.passed = 1 + int((now_s - self._next_s + 1e-9) / self._period_s)
+        self._next_s += self.passed * self._period_s
+        return True
+
+
+class SerialSensor(ABC):
+    """What speaks at the end of the line."""
+
+    name = "force"
+    sign = 1.0
+    range_n: float = _RANGE_N  # end of its range [N]
+    _timer: StreamTimer
+    _silent_until_s = -inf
+
+    @abstractmethod
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        """Act on bytes from the host; returns the answer."""
+
+    def due(self, now_s: float) -> bool:
+        """Whether a reading is to be sent now, of a stream that was asked for; each is due once."""
+        return now_s >= self._silent_until_s and self._timer.due(now_s)
+
+    @abstractmethod
+    def reading(self, force_n: float) -> bytes:
+        """One reading of the stream, of a force with the sensor's sign; NaN where it has none."""
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """Power-up state, after a silence."""
+        self._silent_until_s = now_s + silent_s
+
+
+class SensorWire(FrameWire[bytes]):
+    """A line with one sensor at its end, and what goes wrong there.
+
+    Faults of the sensor: readings dropped, late, corrupt, doubled, reordered; reboot; unplugged; stuck; not a
+    number; saturated; reversed.
+    """
+
+    def __init__(self, sensor: SerialSensor, plant: Plant, faults: Faults | None = None) -> None:
+        super().__init__(faults)
+        self._sensor, self._plant = sensor, plant
+        self._stuck_n: float | None = None
+
+    def _corrupted(self, data: bytes) -> bytes:
+        """What arrives of a reading that is damaged on its way."""
+        return self.faults.flip_a_bit(data)
+
+    def send(self, now_s: float) -> None:
+        strikes, name = self.faults.strikes, self._sensor.name
+        if strikes(FaultKind.UNPLUG, name, now_s):
+            self.close()
+        reboot = strikes(FaultKind.REBOOT, name, now_s)
+        if reboot:
+            self._sensor.restart(now_s, reboot.delay_s)
+        self._deliver_late(now_s)
+        if self._sensor.due(now_s):
+            reading = self._sensor.reading(self._sensor.sign * self._force_n(now_s))
+            self._deliver(name, reading, now_s)
+
+    def _force_n(self, now_s: float) -> float:
+        strikes, name, limit_n = self.faults.strikes, self._sensor.name, self._sensor.range_n
+        force_n = self._plant.force[0] if self._plant.force else float("nan")
+        if strikes(FaultKind.STUCK, name, now_s):
+            self._stuck_n = force_n if self._stuck_n is None else self._stuck_n
+            return self._stuck_n
+        self._stuck_n = None
+        if strikes(FaultKind.NOT_A_NUMBER, name, now_s):
+            return float("nan")
+        if strikes(FaultKind.REVERSED, name, now_s):
+            force_n = -force_n
+        if strikes(FaultKind.SATURATED, name, now_s):
+            return limit_n
+        return min(max(force_n, -limit_n), limit_n)
+
+    def _damaged(self, device: Device, frame: bytes, now_s: float) -> bytes:
+        if self.faults.strikes(FaultKind.CORRUPT, device, now_s):
+            frame = self._corrupted(frame)
+        if self.faults.strikes(FaultKind.LOSE, device, now_s):
+            frame = self.faults.lose_a_byte(frame)
+        return frame
+
+
+class PtyLine(SensorWire):
+    """A pseudo terminal, `path` for the driver, and its sensor; see `SensorWire`.
+
+    In lock-step what is sent is there for the driver before time goes on. A sensor without a baud rate
+    understands any [bit/s].
+    """
+
+    def __init__(
+        self,
+        sensor: SerialSensor,
+        plant: Plant,
+        faults: Faults | None = None,
+        *,
+        in_lock_step: bool = False,
+        baud_rate: int | None = None,
+    ) -> None:
+        super().__init__(sensor, plant, faults)
+        self._in_lock_step, self._baud_rate = in_lock_step, baud_rate
+        self._master: int | None
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+
+    def receive(self, now_s: float) -> None:
+        if self._master is None:
+            return
+        try:
+            data = os.read(self._master, 65536)
+        except BlockingIOError:
+            return
+        except OSError:  # nobody has the other end open
+            return
+        if data and heard_at(self._master, self._baud_rate):
+            answer = self._sensor.hear(data, now_s)
+            if answer and self._late:  # nothing overtakes on a line
+                self._late.append((max(due_s for due_s, _ in self._late), answer))
+            else:
+                self._put(answer, now_s)
+
+    def close(self) -> None:
+        """See `EmulatedWire.close`: the host sees a port that has gone."""
+        if self._master is not None:
+            master, self._master = self._master, None
+            os.close(self._slave)
+            os.close(master)
+
+    def _put(self, frame: bytes, now_s: float) -> None:
+        if self._master is None or not frame:
+            return
+        waiting = self._readable()
+        try:
+            os.write(self._master, frame)
+        except OSError as error:
+            if error.errno not in (errno.EAGAIN, errno.EIO):  # the host reads too slowly, or not at all
+                raise
+            return
+        if self._in_lock_step:
+            self._wait_until_readable(min(waiting + len(frame), _MOST_READABLE))
+
+    def _readable(self) -> int:
+        """How many bytes the driver could read."""
+        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+    def _wait_until_readable(self, count: int) -> None:
+        """The kernel hands bytes on when it finds the time."""
+        give_up_s = time.monotonic() + _HAND_ON_S
+        while self._readable() < count and time.monotonic() < give_up_s:
+            time.sleep(0)

@@ -1,0 +1,489 @@
+"""Force sensors on a serial line, written from their protocols without the drivers.
+
+A gauge that writes lines, a Loadstar DI-1000 and a Lorenz LCV-USB2 are written from Loadstar's "DI-100U /
+DI-1000U Command Set" and "DI-1000HS-1K Output Formats", and, for Lorenz, from the description of the sensor
+interface protocol that LorenzTelegram follows: STX doubled within a telegram, sum and weighted sum as
+checksums, configuration blocks of 32 bytes, stream mode 3.
+"""
+
+import math
+import struct
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from robot_io.errors import InputError
+from robot_io.files.file_model import FileModel, Number, Positive, validate
+from sim_backend.emulators.bench import EmulatedWire
+from sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
+from sim_backend.emulators.wiring import WireMaker, WireRequest
+
+
+class EmulatedGauge(SerialSensor):
+    """One gauge, up to a capacity [N]; it writes "-12.34 N", so many lines a second [Hz]."""
+
+    def __init__(self, capacity_n: float, rate_hz: float = 500.0) -> None:
+        self.range_n = capacity_n
+        self._timer = StreamTimer(rate_hz)
+        self._timer.start(0.0)
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        """See `SerialSensor.hear`: it does not listen."""
+        return b""
+
+    def reading(self, force_n: float) -> bytes:
+        return f"{force_n:.3f} N\r\n".encode()
+
+
+LBF_N = 4.4482216152605
+
+
+class EmulatedLoadstar(SerialSensor):
+    """One interface with its load cell; readings go a fifth beyond its capacity [N].
+
+    Attributes:
+        width: characters of a reading; 0 pads none, as some interfaces do.
+    """
+
+    width = 12
+
+    def __init__(self, capacity_n: float, unit: str = "lb", rate_hz: float = 500.0) -> None:
+        self.range_n = 1.2 * capacity_n
+        self._unit, self._newtons = unit, {"lb": LBF_N, "N": 1.0}[unit]
+        self._capacity_n = capacity_n
+        self._timer = StreamTimer(rate_hz)
+        self._tare_n = self._last_n = 0.0
+        self._input = b""
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        if now_s < self._silent_until_s:
+            return b""
+        *commands, self._input = (self._input + data).split(b"\r")
+        return b"".join(self._answer(command.strip().upper(), now_s) for command in commands)
+
+    def _answer(self, command: bytes, now_s: float) -> bytes:
+        if self._timer.running:
+            self._timer.stop()
+            return b""
+        word = command.decode("ascii", "replace")
+        if word == "WC":
+            self._timer.start(now_s)
+            return b""
+        if word in ("CT0", "TARE"):
+            self._tare_n = self._last_n
+        answers = {
+            "": "A",
+            "MODEL": "FCM DI-1000",
+            "UNITS": self._unit,
+            "LC": f"{self._capacity_n / self._newtons:.3f}",
+            "CT0": "Tared",
+            "TARE": "Tared",
+            "W": self.reading(self._last_n).decode().strip(),
+        }
+        return answers.get(word, "?").encode() + b"\r\n"
+
+    def reading(self, force_n: float) -> bytes:
+        self._last_n = force_n
+        return f"{(force_n - self._tare_n) / self._newtons:{self.width}.4f}\r\n".encode()
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        self._timer.stop()
+        self._tare_n, self._input = 0.0, b""
+        super().restart(now_s, silent_s)
+
+
+ADDRESS = 1
+CONFIG_TIME_S = 200e-6  # the rate code counts periods of 200 us
+
+
+def _sums(content: bytes) -> bytes:
+    total, weighted = 0, 0
+    for byte in content:
+        total = (total + byte) % 256
+        weighted += total
+        if weighted > 255:
+            weighted = (weighted + 1) % 256
+    return bytes((total, weighted))
+
+
+def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRESS) -> bytes:
+    """What a sensor sends: STX, and what follows with every 02 doubled."""
+    content = bytes((command, to, sender, len(parameters))) + parameters
+    stuffed = b"".join(
+        bytes((byte, byte)) if byte == 2 else bytes((byte,)) for byte in content + _sums(content)
+    )
+    return b"\x02" + stuffed
+
+
+class EmulatedLorenz(SerialSensor):
+    """One sensor, with so many counts at its nominal load [N], and the codes of its unit and of that load."""
+
+    def __init__(
+        self,
+        nominal_n: float,
+        counts_at_nominal: float = 25000.0,
+        dimension_code: int = 3,
+        load_code: int = 100,
+    ) -> None:
+        self.range_n = nominal_n * 32767 / counts_at_nominal
+        self._counts_per_n = counts_at_nominal / nominal_n
+        self._dimension_code, self._load_code = dimension_code, load_code
+        self._timer = StreamTimer(1000.0)
+        self._counter = 0
+        self._input = b""
+        self._stx_in_a_row = 0
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        if now_s < self._silent_until_s:
+            return b""
+        answers = b""
+        for byte in data:
+            self._stx_in_a_row = self._stx_in_a_row + 1 if byte == 2 else 0
+            if self._timer.running:
+                if self._stx_in_a_row == 3:
+                    self._timer.stop()
+                continue
+            self._input = (self._input + bytes((byte,)))[-600:]
+            answers += self._try(now_s)
+        return answers
+
+    def _try(self, now_s: float) -> bytes:
+        """Obey the telegram that the input ends with, if it does."""
+        for start in (place for place, byte in enumerate(self._input) if byte == 2):
+            stuffed = self._input[start + 1 :]
+            content = stuffed.replace(b"\x02\x02", b"\x02")
+            whole = len(content) >= 6 and len(content) == 6 + content[3]
+            whole = whole and content.replace(b"\x02", b"\x02\x02") == stuffed
+            if whole and _sums(content[:-2]) == content[-2:] and content[1] in (0, ADDRESS):
+                self._input = b""
+                return self._obey(content[0], content[2], content[4:-2], now_s)
+        return b""
+
+    def _obey(self, command: int, host: int, parameters: bytes, now_s: float) -> bytes:
+        if command == 0x40:
+            return telegram(0x40, host, b"\x01")
+        if command == 0x44 and parameters == b"\x80":
+            return telegram(0x44, host, b"\x80" + self._rotor_header())
+        if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
+            self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
+            self._timer.start(now_s)
+            self._counter = 0
+            return telegram(0x06, host)
+        return telegram(0x15, host, bytes((41,)))
+
+    def _rotor_header(self) -> bytes:
+        block = bytearray(28)
+        block[0] = 0x40
+        block[4:8] = (123456).to_bytes(4, "big")
+        block[8] = self._dimension_code
+        block[10:12] = self._load_code.to_bytes(2, "big")
+        total = weighted = 0
+        for byte in block:
+            total = (total + byte) % 65536
+            weighted = (weighted + total) % 65536
+        return bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+
+    def reading(self, force_n: float) -> bytes:
+        """See `SerialSensor.reading`; a sensor without a value shows the end of its range."""
+        counts = -32768 if math.isnan(force_n) else round(force_n * self._counts_per_n)
+        sample = bytes((self._counter,)) + min(max(counts, -32768), 32767).to_bytes(2, "big", signed=True)
+        self._counter = (self._counter + 1) % 256
+        return sample
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        self._timer.stop()
+        self._input = b""
+        super().restart(now_s, silent_s)
+
+
+_UNITS = {  # command, what it writes behind a reading, and what that is [N], or [N m]
+    "N": ("N", 1.0),
+    "LB": ("lbF", 4.4482216152605),
+    "KG": ("kgF", 9.80665),
+    "G": ("gF", 0.00980665),
+    "MN": ("mN", 1e-3),
+    "LBIN": ("lbFin", 1.0),
+}
+_SILENT = ("AOUT", "AOFF", "IPOL", "OPOL", "FULL", "NUM", "CUR")  # settings that are not answered
+
+
+class EmulatedMark10(SerialSensor):
+    """One gauge; it reads a tenth beyond its capacity [N], and takes `answer_s` to answer [s].
+
+    Attributes:
+        unit: command of the unit that it reads in.
+        unknown: commands that it does not know.
+    """
+
+    unit, unknown = "LB", ()
+
+    def __init__(self, capacity_n: float, answer_s: float = 1.5e-3) -> None:
+        self.range_n, self._answer_s = 1.1 * capacity_n, answer_s
+        self._input, self._due_s = b"", math.inf
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        if now_s < self._silent_until_s:
+            return b""
+        *commands, self._input = (self._input + data).replace(b"\n", b"").split(b"\r")
+        return b"".join(self._obey(command.decode("ascii", "replace"), now_s) for command in commands)
+
+    def _obey(self, command: str, now_s: float) -> bytes:
+        if command == "?C":
+            self._due_s = now_s + self._answer_s
+        elif command == "RM":
+            return b"M7-50\r\n"
+        elif command.rstrip("0123456789") in self.unknown or not command:
+            return b"*10\r\n" if command else b""
+        elif command in _UNITS:
+            self.unit = command
+        elif command.rstrip("0123456789") not in _SILENT:
+            return b"*10\r\n"
+        return b""
+
+    def due(self, now_s: float) -> bool:
+        """See `SerialSensor.due`: once for each time that it was asked."""
+        is_due = self._due_s <= now_s + 1e-9 and now_s >= self._silent_until_s
+        self._due_s = math.inf if is_due else self._due_s
+        return is_due
+
+    def reading(self, force_n: float) -> bytes:
+        written, newtons = _UNITS[self.unit]
+        value = f"{force_n / newtons:.3f}" if math.isfinite(force_n) else "---"
+        return f"{value} {written}\r\n".encode()
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        self._input, self._due_s = b"", math.inf
+        super().restart(now_s, silent_s)
+
+
+_RAIL = 0x7FFFFF  # of a 24 bit converter
+
+
+def cell_crc(data: bytes) -> int:
+    """CRC-16 with x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start."""
+    remainder = 0xFFFF
+    for byte in data:
+        for place in range(7, -1, -1):
+            top = remainder >> 15 ^ byte >> place & 1
+            remainder = (remainder << 1 & 0xFFFF) ^ (0x1021 if top else 0)
+    return remainder
+
+
+def cell_line(text: str) -> bytes:
+    """A line of the firmware."""
+    return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
+
+
+class EmulatedCell(SerialSensor):
+    """One cell, with so many newtons in a count, and so many samples a second [Hz]."""
+
+    def __init__(self, newtons_per_count: float, zero_counts: float = 0.0, rate_hz: int = 320) -> None:
+        self.range_n = math.inf
+        self._counts_per_n, self._zero = 1.0 / newtons_per_count, zero_counts
+        self._rate_hz = rate_hz
+        self._counter = 0
+        self._timer = StreamTimer(rate_hz)
+        self._timer.start(0.0)
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        if now_s < self._silent_until_s:
+            return b""
+        return cell_line(f"cell 1 nau7802 {self._rate_hz}") * data.count(b"?")
+
+    def reading(self, force_n: float) -> bytes:
+        """See `SerialSensor.reading`; without a value it is a fault, and beyond the range its end."""
+        self._counter = (self._counter + 1) % 256
+        if math.isnan(force_n):
+            return cell_line("fault converter")
+        counts = force_n * self._counts_per_n + self._zero if math.isfinite(force_n) else math.inf
+        return cell_line(f"{self._counter} {round(min(max(counts, -_RAIL - 1), _RAIL))}")
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """See `SerialSensor.restart`; it streams again by itself."""
+        self._counter = 0
+        super().restart(now_s, silent_s)
+
+
+SKIPPED, OVERRANGE, INVALID, RAW = 1, 2, 4, 8  # status bits
+_STEP_US = 19.53125  # of one conversion
+
+
+def bota_crc(data: bytes) -> int:
+    """CRC-16 of X.25: reflected, x^16 + x^12 + x^5 + 1, FFFF at the start, inverted at the end."""
+    remainder = 0xFFFF
+    for byte in data:
+        for place in range(8):
+            low = (remainder ^ byte >> place) & 1
+            remainder = remainder >> 1 ^ (0x8408 if low else 0)
+    return ~remainder & 0xFFFF
+
+
+def bota_frame(status: int, values: list[float], time_us: int, temperature_c: float = 31.5) -> bytes:
+    """One frame: three forces, three torques."""
+    data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
+    data += struct.pack("<If", time_us % 2**32, temperature_c)
+    return b"\xaa" + data + struct.pack("<H", bota_crc(data))
+
+
+class EmulatedBota(SerialSensor):
+    """One sensor, of whose axes one is pressed, from 0, up to a capacity [N].
+
+    The length of its filter, which makes its rate, is as it was saved in it.
+
+    Attributes:
+        status: status bits beside those of its reading.
+        refused: letters of commands that it does not do.
+        starts_until_s: when it has started and begins to hear [s].
+    """
+
+    def __init__(self, axis: int, capacity_n: float, length: int = 512) -> None:
+        self.range_n, self._axis, self.status, self.refused = capacity_n, axis, 0, ""
+        self._saved = self._length = length
+        self._configures = False
+        self.starts_until_s = 0.0
+        self._time_us = 0.0
+        self._run(0.0)
+
+    def _run(self, now_s: float) -> None:
+        self._configures = False
+        self._timer = StreamTimer(1e6 / (_STEP_US * self._length))
+        self._timer.start(now_s)
+
+    def hear(self, data: bytes, now_s: float) -> bytes:
+        word = data.decode("ascii", "replace")
+        if now_s < max(self._silent_until_s, self.starts_until_s) or not (self._configures or word == "C"):
+            return b""
+        if word[:1] in self.refused:
+            return f"r,0,{word[:1]},1".encode()
+        letter, *values = word.split(",")
+        if letter == "C":
+            self._configures = True
+            self._timer.stop()
+        elif letter == "f" and len(values) == 4 and int(values[0]) in (51, 64, 128, 205, 256, 512):
+            self._length = int(values[0])
+        elif letter == "c" and len(values) == 4:
+            self.status = self.status & ~RAW | (0 if values[1] == "1" else RAW)
+        elif letter == "R":
+            self._run(now_s)
+        else:
+            return b""
+        return f"r,0,{letter},0".encode()
+
+    def reading(self, force_n: float) -> bytes:
+        """See `SerialSensor.reading`; without a value it is invalid."""
+        self._time_us += self._timer.passed * _STEP_US * self._length
+        status, values = self.status, [1.5, -2.5, 3.5, 0.25, -0.5, 0.75]
+        if math.isnan(force_n):
+            status, force_n = status | INVALID, 0.0
+        status |= OVERRANGE if abs(force_n) >= self.range_n else 0
+        values[self._axis] = force_n
+        return bota_frame(status, values, round(self._time_us))
+
+    def restart(self, now_s: float, silent_s: float) -> None:
+        """See `SerialSensor.restart`; it runs by itself again, as it was saved."""
+        super().restart(now_s, silent_s)
+        self._length, self._time_us = self._saved, 0.0
+        self._run(now_s)
+
+
+_NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665}
+
+
+def newtons_per(unit: str) -> float:
+    """Newtons in one `unit`. InputError: no emulated sensor counts in it."""
+    if unit not in _NEWTONS:
+        raise InputError(f"no emulated sensor counts in '{unit}'. Valid: {', '.join(_NEWTONS)}")
+    return _NEWTONS[unit]
+
+
+class SensorSettings(FileModel, extra="ignore"):
+    """What a robot file says of any force sensor."""
+
+    reversed: bool = False
+
+    def signed(self, sensor: SerialSensor) -> SerialSensor:
+        """The sensor as it is mounted."""
+        sensor.sign = -1.0 if self.reversed else 1.0
+        return sensor
+
+
+class _Ranged(SensorSettings):
+    capacity_n: Positive
+
+
+class AxisSettings(_Ranged):
+    """The same of one axis of several."""
+
+    axis: Annotated[str, Field(pattern="^[xyz]$")]
+
+    @property
+    def axis_index(self) -> int:
+        """From 0."""
+        return "xyz".index(self.axis)
+
+
+class _Cell(SensorSettings):
+    newtons_per_count: Positive
+    zero_counts: Number = 0.0
+    rate_hz: Annotated[int, Field(ge=1)]
+
+
+class _Lorenz(SensorSettings):
+    nominal_load: Positive
+    unit: str
+    counts_at_nominal: Positive
+    dimension_code: int
+    load_code: int
+
+
+def _lorenz(own: _Lorenz) -> EmulatedLorenz:
+    nominal_n = own.nominal_load * newtons_per(own.unit)
+    return EmulatedLorenz(nominal_n, own.counts_at_nominal, own.dimension_code, own.load_code)
+
+
+# By driver: what a robot file says, and the sensor that stands for it.
+_SENSORS: dict[str, tuple[type[SensorSettings], Callable[[Any], SerialSensor]]] = {
+    "bota": (AxisSettings, lambda own: EmulatedBota(own.axis_index, own.capacity_n)),
+    "force_lines": (_Ranged, lambda own: EmulatedGauge(own.capacity_n)),
+    "loadstar": (_Ranged, lambda own: EmulatedLoadstar(own.capacity_n)),
+    "lorenz": (_Lorenz, _lorenz),
+    "mark10": (_Ranged, lambda own: EmulatedMark10(own.capacity_n)),
+    "microcontroller_cell": (
+        _Cell,
+        lambda own: EmulatedCell(own.newtons_per_count, own.zero_counts, own.rate_hz),
+    ),
+}
+
+
+class _Line(FileModel, extra="ignore"):
+    baud_rate: int | None = None
+
+
+class SerialWires(WireMaker):
+    """The force sensor that the robot file names, on a pseudo terminal."""
+
+    name = "serial_line"
+
+    def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
+        line = PtyLine(
+            _sensor(request),
+            request.plant,
+            request.faults,
+            in_lock_step=request.in_lock_step,
+            baud_rate=validate(_Line, request.section.settings).baud_rate,
+        )
+        return line, {"port": line.path}
+
+
+def _sensor(request: WireRequest) -> SerialSensor:
+    if request.force is None:
+        raise InputError("a serial_line without a force sensor cannot be emulated")
+    if request.force.driver not in _SENSORS:
+        raise InputError(
+            f"no sensor is emulated for the driver '{request.force.driver}'. Emulated: "
+            f"{', '.join(_SENSORS)}; name one of them to try the rest of the arm, or do without --wire"
+        )
+    model, make = _SENSORS[request.force.driver]
+    own = validate(model, request.force.settings)
+    return own.signed(make(own))

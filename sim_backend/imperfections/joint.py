@@ -1,0 +1,400 @@
+"""Hidden effects in a joint: friction, springs, ripple and gain, and between a drive and its link."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import exp, inf, sin, tau
+from typing import Self
+
+import numpy as np
+from numpy.random import Generator
+
+from robot_io.files.file_model import NotNegative, Number, Positive
+from robot_io.types import FloatArray
+from sim_backend.hooks import (
+    AddedTorque,
+    HiddenEffects,
+    JointEffect,
+    JointFriction,
+    JointStepState,
+    SensorHook,
+)
+from sim_backend.imperfection import JointImperfection, parameter
+from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
+
+
+class _Friction(JointImperfection, ABC):
+    """A resistance against the motion of one joint; at rest it holds until more than that pulls."""
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(friction=(JointFriction(self.index_in(joint_count), self.resistance_nm),))
+
+    @abstractmethod
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        """The largest resistance [N m], see `JointFriction`."""
+
+
+class HiddenViscousFriction(_Friction):
+    """tau = b |dq/dt| against the motion: grease (Armstrong-Helouvry, Automatica 30 (1994), sec. 2)."""
+
+    name = "viscous_friction"
+    viscous_nms_rad: NotNegative = parameter("N m s/rad", 0.02, 5.0, le=100.0)  # b [N m s/rad]
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        return self.viscous_nms_rad * speed_rad_s
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        unit = scale.joint_noise_nm / scale.joint(channel).speed_rad_s
+        return cls(joint=joint_of(channel), viscous_nms_rad=strength * unit)
+
+
+class HiddenQuadraticFriction(_Friction):
+    """tau = b2 (dq/dt)^2 against the motion: churned oil, air.
+
+    Drag at large Reynolds numbers; Batchelor, "An Introduction to Fluid Dynamics", 1967, sec. 5.11.
+    """
+
+    name = "quadratic_friction"
+    quadratic_nms2_rad2: NotNegative = parameter("N m s^2/rad^2", 0.05, 20.0, le=1000.0)  # b2 [N m s^2/rad^2]
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        return self.quadratic_nms2_rad2 * speed_rad_s * speed_rad_s
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        unit = scale.joint_noise_nm / (1.2 * scale.joint(channel).speed_rad_s ** 2)
+        return cls(joint=joint_of(channel), quadratic_nms2_rad2=strength * unit)
+
+
+class HiddenCoulombFriction(_Friction):
+    """tau = f against the motion; a joint at rest stays there until more than f pulls at it.
+
+    Coulomb 1785; Armstrong-Helouvry et al., Automatica 30 (1994), sec. 2.
+    """
+
+    name = "coulomb_friction"
+    coulomb_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)  # f [N m]
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        return self.coulomb_nm
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        coulomb_nm = min(strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
+        return cls(joint=joint_of(channel), coulomb_nm=coulomb_nm)
+
+
+class HiddenAsymmetricFriction(_Friction):
+    """tau = f+ against positive and f- against negative motion: a seal, a cable, a worm gear.
+
+    The same as Coulomb friction of (f+ + f-)/2 beside a constant torque of -(f+ - f-)/2, at rest too.
+    Armstrong-Helouvry, "Control of Machines with Friction", 1991, sec. 2.
+    """
+
+    name = "asymmetric_friction"
+    positive_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f+ [N m]
+    negative_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0)  # f- [N m]
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        constant_nm = -0.5 * (self.positive_nm - self.negative_nm)
+        constant = AddedTorque(self.index_in(joint_count), lambda _position, _drive: constant_nm)
+        return super().effects(joint_count) + HiddenEffects(joint=(constant,))
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        return 0.5 * (self.positive_nm + self.negative_nm)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        large_nm = min(1.3 * strength * scale.joint_noise_nm, scale.joint(channel).mastered_nm)
+        small_nm = generator.uniform(0.1, 0.5) * large_nm
+        positive_nm, negative_nm = generator.permutation([large_nm, small_nm]).tolist()
+        return cls(joint=joint_of(channel), positive_nm=positive_nm, negative_nm=negative_nm)
+
+
+class HiddenStribeckFriction(_Friction):
+    """tau = f + s exp(-(|dq/dt| / v_s)^2) against the motion: the film of grease carries from v_s on.
+
+    Bo and Pavelescu, Wear 82 (1982), with the exponent 2; Armstrong-Helouvry et al., Automatica 30 (1994).
+    """
+
+    name = "stribeck_friction"
+    # s, how much more at rest than sliding [N m].
+    stiction_nm: NotNegative = parameter("N m", 0.02, 2.0, le=100.0)
+    speed_rad_s: Positive = parameter("rad/s", 0.01, 0.5, ge=1e-4, le=10.0)  # v_s [rad/s]
+    # f, what is left at speed [N m].
+    coulomb_nm: NotNegative = parameter("N m", 0.0, 2.0, le=100.0, default=0.0)
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        slowness = speed_rad_s / self.speed_rad_s
+        return self.coulomb_nm + self.stiction_nm * exp(-slowness * slowness)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at most what a controller masters that does not know it."""
+        joint = scale.joint(channel)
+        return cls(
+            joint=joint_of(channel),
+            stiction_nm=min(strength * scale.joint_noise_nm / 0.4, joint.mastered_nm),
+            speed_rad_s=generator.uniform(0.2, 0.6) * joint.speed_rad_s,
+        )
+
+
+class HiddenLoadDependentFriction(_Friction):
+    """tau = mu |tau_load| against the motion: teeth that are pressed together.
+
+    A gear's load-dependent loss; Hamon, Gautier and Garrec, IEEE/RSJ IROS 2010, "Dynamic identification of
+    robots with a dry friction model depending on load and velocity". The load is what the gear passes on to
+    the link, for its dynamics and for external forces: the drive's torque less the friction.
+    """
+
+    name = "load_dependent_friction"
+    shows_in = LOADED  # a tool that hangs straight down does not load its joint
+    load_share: Number = parameter("-", 0.005, 0.3, ge=0, le=0.9)  # mu [-]
+
+    def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
+        """A drive that pushes on bears the friction too; one that holds back is helped by it."""
+        side = 1.0 if along_nm >= 0.0 else -1.0
+        return self.load_share * abs(along_nm) / (1.0 + side * self.load_share)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        share = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
+        return cls(joint=joint_of(channel), load_share=min(share, 0.9))
+
+
+class _LinkTorque(JointImperfection, ABC):
+    """A torque that comes on top of one drive's."""
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        return HiddenEffects(joint=(AddedTorque(self.index_in(joint_count), self.torque_nm),))
+
+    @abstractmethod
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        """The torque on the link [N m], along the joint's axis, see `AddedTorque`."""
+
+
+class HiddenJointSpring(_LinkTorque):
+    """tau += -k (q - q0) on the link: a cable or hose that bends, a balancing spring (Hooke)."""
+
+    name = "joint_spring"
+    stiffness_nm_rad: NotNegative = parameter("N m/rad", 0.05, 20.0, le=500.0)  # k [N m/rad]
+    rest_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-100.0, le=100.0, default=0.0)  # q0 [rad]
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return -self.stiffness_nm_rad * (position_rad - self.rest_rad)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at rest near the middle, and weaker than the controller."""
+        joint = scale.joint(channel)
+        stiffness_nm_rad = strength * scale.joint_noise_nm / (0.8 * joint.swing_rad)
+        return cls(
+            joint=joint_of(channel),
+            stiffness_nm_rad=min(stiffness_nm_rad, 1000.0 * joint.inertia_kg_m2),
+            rest_rad=joint.middle_rad + joint.swing_rad * generator.uniform(-1.0, 1.0),
+        )
+
+
+class HiddenTorqueRipple(_LinkTorque):
+    """tau += A sin(N q + phi) on the link: cogging of the motor's magnets, teeth of the gear.
+
+    Jahns and Soong, IEEE Trans. Industrial Electronics 43 (1996), "Pulsating torque minimization techniques".
+    """
+
+    name = "torque_ripple"
+    amplitude_nm: NotNegative = parameter("N m", 0.02, 1.0, le=100.0)  # A [N m]
+    cycles: Number = parameter("-", 6.0, 300.0, gt=0, le=1e4)  # N, in one turn of the joint [-]
+    phase_rad: Number = parameter("rad", -3.1416, 3.1416, ge=-tau, le=tau, default=0.0)  # phi [rad]
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return self.amplitude_nm * sin(self.cycles * position_rad + self.phase_rad)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; some cycles within the swing, and not too much to control."""
+        joint = scale.joint(channel)
+        cycles = np.exp(generator.uniform(np.log(6.0), np.log(18.0))) / joint.swing_rad
+        return cls(
+            joint=joint_of(channel),
+            amplitude_nm=min(1.4 * strength * scale.joint_noise_nm, joint.mastered_nm),
+            cycles=float(np.round(cycles)),
+            phase_rad=generator.uniform(-np.pi, np.pi),
+        )
+
+
+class HiddenTorqueGain(_LinkTorque):
+    """tau_link = g tau_drive: the drive sets and measures current, and takes a wrong constant.
+
+    The measured torque follows the command; what reaches the link does not.
+    """
+
+    name = "torque_gain"
+    shows_in = LOADED  # a tool that hangs straight down does not load its joint
+    # g, true over believed motor constant; one is right [-].
+    gain: Number = parameter("-", 0.8, 1.2, ge=0.2, le=3.0)
+
+    def torque_nm(self, position_rad: float, drive_nm: float) -> float:
+        return (self.gain - 1.0) * drive_nm
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        excess = strength * scale.joint_noise_nm / scale.joint(channel).load_nm
+        gain = float(np.clip(1.0 + generator.choice([-1.0, 1.0]) * excess, 0.5, 2.0))
+        return cls(joint=joint_of(channel), gain=gain)
+
+
+class _Transmission(JointImperfection, ABC):
+    """The encoder is ahead of the link by u; the whole torque passes through.
+
+    The drive has no inertia of its own here: the rotor's is part of the link's, as in the URDF.
+    """
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """See `Imperfection.channels`; the tip is not where the encoders say."""
+        return (channel_of(self.joint), CONTACT)
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        ahead = _Ahead(self.index_in(joint_count), self)
+        return HiddenEffects(joint=(ahead,), encoder=(ahead,))
+
+    @abstractmethod
+    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+        """How far the encoder is ahead after a step with this torque, given how far it was before [rad]."""
+
+
+class _Ahead(JointEffect, SensorHook):
+    def __init__(self, index: int, transmission: _Transmission) -> None:
+        self._index = index
+        self._transmission = transmission
+        self.restart()
+
+    def restart(self) -> None:
+        self._ahead_rad = 0.0
+
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        self._ahead_rad = self._transmission.ahead_rad(self._ahead_rad, state.step_s, torque_nm[self._index])
+        return torque_nm
+
+    def measure(self, time_s: float, value: Sequence[float]) -> Sequence[float]:
+        changed = list(value)
+        changed[self._index] += self._ahead_rad
+        return changed
+
+
+class HiddenBacklash(_Transmission):
+    """The encoder, on the drive's side, is ahead of the link by u within +- gap/2, on the side that pushes.
+
+    The drive crosses the gap when the torque changes sign, du/dt = tau / d, held up by the grease: the
+    physical model of Nordin and Gutman, Automatica 38 (2002), with a shaft that only damps.
+    """
+
+    name = "backlash"
+    shows_in = ()  # in probing, weight keeps the play on one side
+    gap_rad: NotNegative = parameter("rad", 2e-4, 0.01, le=0.2)  # from one flank to the other [rad]
+    # d, of the grease in the gap [N m s/rad].
+    film_nms_rad: Positive = parameter("N m s/rad", 1.0, 100.0, ge=0.1, le=1e4, default=10.0)
+
+    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+        reach_rad = 0.5 * self.gap_rad
+        return max(-reach_rad, min(reach_rad, before_rad + step_s * torque_nm / self.film_nms_rad))
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; here of what a controller does about the gap that it sees."""
+        stiffness_nm_rad = 3600.0 * scale.joint(channel).inertia_kg_m2
+        gap_rad = strength * scale.joint_noise_nm / stiffness_nm_rad
+        return cls(joint=joint_of(channel), gap_rad=min(gap_rad, 0.02))
+
+
+class HiddenJointElasticity(_Transmission):
+    """The encoder, on the drive's side, is ahead of the link by the twist u of a spring that carries tau.
+
+    T du/dt = C tau - u: spring and dashpot in parallel. It is the slow part of Spong's model (J. Dyn. Sys.
+    Meas. Control 109, 1987).
+    """
+
+    name = "joint_elasticity"
+    shows_in = ()  # in probing, the twist is mostly that of the steady weight
+    # C, one over the stiffness; zero is rigid [rad/(N m)].
+    compliance_rad_nm: NotNegative = parameter("rad/(N m)", 5e-5, 2e-3, le=0.05)
+    # T, damping over stiffness [s].
+    retardation_s: NotNegative = parameter("s", 0.005, 0.1, le=10.0, default=0.02)
+
+    def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
+        left = exp(-step_s / self.retardation_s) if self.retardation_s else 0.0
+        settled_rad = self.compliance_rad_nm * torque_nm
+        return settled_rad + left * (before_rad - settled_rad)
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; as soft as can still be controlled by the encoder at most."""
+        compliance_rad_nm = strength * scale.joint_noise_nm / (25.0 * scale.joint(channel).load_nm)
+        return cls(joint=joint_of(channel), compliance_rad_nm=min(compliance_rad_nm, 2e-3))
+
+
+_REFRESH_S = 4e-3  # the arm's inertia changes by 1 % in it
+
+
+class HiddenArmature(JointImperfection):
+    """tau = J d^2q/dt^2 is what the rotor takes of the drive's torque; the link gets the rest.
+
+    J is the rotor's own inertia times the square of the gear ratio. With a high ratio the rotor turns so much
+    faster than the links that it feels the own joint's acceleration only: J stands on the diagonal of the
+    joint-space inertia, as in Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 9.
+    """
+
+    name = "armature"
+    shows_in = LOADED  # the last joint's controller becomes unstable before it shows
+    inertia_kg_m2: NotNegative = parameter("kg m^2", 0.001, 0.5, le=10.0)  # J [kg m^2]
+
+    def effects(self, joint_count: int) -> HiddenEffects:
+        inertia_kg_m2 = np.zeros(joint_count)
+        inertia_kg_m2[self.index_in(joint_count)] = self.inertia_kg_m2
+        return (
+            HiddenEffects(joint=(Rotors(inertia_kg_m2.tolist()),)) if self.inertia_kg_m2 else HiddenEffects()
+        )
+
+    @classmethod
+    def at_strength(cls, strength: float, channel: str, scale: NoiseScale, generator: Generator) -> Self:
+        """See `Imperfection.at_strength`; at most what a controller that knows the arm alone can master."""
+        joint = scale.joint(channel)
+        inertia_kg_m2 = strength * scale.joint_noise_nm / joint.acceleration_rad_s2
+        return cls(joint=joint_of(channel), inertia_kg_m2=min(inertia_kg_m2, 6.0 * joint.inertia_kg_m2))
+
+
+class Rotors(JointEffect):
+    """Solves (M + J) a = tau + r for the step, J diagonal, where the engine solves M a = tau - J a + r.
+
+    What the arm's weight, contact and friction do, r, is what the last step's motion leaves of the equation;
+    the acceleration without the rotors is a0 = a_last + M^-1 (tau - tau_last), and with them it is
+    a = (1 + M^-1 J)^-1 a0. Taking J a_last instead, the obvious way, diverges as soon as a rotor is heavier
+    than what its joint feels of the arm. The inertia is that of all joints, shape (n,) [kg m^2].
+    """
+
+    def __init__(self, inertia_kg_m2: Sequence[float]) -> None:
+        self._inertia_kg_m2 = np.array(inertia_kg_m2)
+        self.restart()
+
+    def restart(self) -> None:
+        self._last: tuple[FloatArray, FloatArray] | None = None
+        self._refresh_s = -inf
+
+    def joint_torque_nm(self, state: JointStepState, torque_nm: Sequence[float]) -> Sequence[float]:
+        speed_rad_s, changed_nm = np.array(state.velocity_rad_s), np.array(torque_nm)
+        if state.time_s >= self._refresh_s:
+            self._inverse = np.linalg.inv(state.mass_matrix())
+            self._share = np.linalg.inv(np.eye(len(changed_nm)) + self._inverse * self._inertia_kg_m2)
+            self._refresh_s = state.time_s + _REFRESH_S
+        if self._last is None:  # nothing has moved yet: the arm is in free air
+            without = self._inverse.dot(changed_nm - state.bias_torque_nm())
+        else:
+            last_speed_rad_s, last_nm = self._last
+            without = (speed_rad_s - last_speed_rad_s) / state.step_s
+            without += self._inverse.dot(changed_nm - last_nm)
+        changed_nm -= self._inertia_kg_m2 * self._share.dot(without)
+        self._last = speed_rad_s, changed_nm
+        values: list[float] = changed_nm.tolist()
+        return values
