@@ -352,15 +352,15 @@ def write_outcome(
     from palpate.render.report import document  # noqa: PLC0415
 
     texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}
-    grown = [result for result in results if result.added or _has_budget(result)]
+    grown = [
+        result
+        for result in results
+        if result.added or (result.diagnosis is not None and result.diagnosis.rest is not None)
+    ]
     with whole_set({folder / name: text for name, text in texts.items()}):
         if grown:
             record_rerun(view_of(study, grown), folder / RECORDING)
     return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
-
-
-def _has_budget(result: ChannelResult) -> bool:
-    return result.diagnosis is not None and result.diagnosis.rest is not None
 
 
 def as_json(data: Mapping[str, object]) -> str:

@@ -287,19 +287,15 @@ def _row(  # noqa: PLR0917, where it is drawn
             f'fill="{part.color}" opacity="0.55"><title>{escape(part.range_text)}</title></rect>',
             f'<circle cx="{share:.1f}" cy="{y + 10:.1f}" r="4.5" fill="{part.color}"/>',
         ]
-    words = ": ".join(filter(None, [_form(part), ", ".join(part.effects)]))
+    closest = ", closest" if part.form == "unknown" and part.effects else ""
+    form = f"form {part.form}{closest}" if part.form else ""
+    words = ": ".join(filter(None, [form, ", ".join(part.effects)]))
     x, room = (20, width - 20) if is_narrow else (right + 16, width - right - 16)
     most = int(room / _CHARACTER)
     cut = words if len(words) <= most else f"{words[: most - 1]}…"
     title = f"<title>{escape(words)}</title>" if cut != words else ""
     drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
     return drawn
-
-
-def _form(part: BudgetPart) -> str:
-    """The form in words; of an unknown one the effects beside it are only the closest."""
-    closest = ", closest" if part.form == "unknown" and part.effects else ""
-    return f"form {part.form}{closest}" if part.form else ""
 
 
 def _interval(part: BudgetPart) -> str:

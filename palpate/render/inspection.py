@@ -115,7 +115,9 @@ def _view(
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view
-    commanded = _commanded(ticks, channel, int(joint[1]) - 1)
+    # The command that held when each sample was taken, shape (n,) [N m]; NaN before the first.
+    held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
+    commanded: FloatArray = np.where(held >= 0, ticks["torque_sent_nm"][held, (int(joint[1]) - 1)], np.nan)
     rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
     sentence = (
         f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
@@ -128,16 +130,6 @@ def _aimed_at(ticks: Columns, channel: ChannelData) -> FloatArray:
     tick = np.searchsorted(ticks["time_s"], channel.time_s)
     desired: FloatArray = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]
     return desired
-
-
-def _commanded(ticks: Columns, channel: ChannelData, joint: int) -> FloatArray:
-    """The command that held when each sample was taken, shape (n,) [N m]; NaN before the first.
-
-    What is read in a tick was sampled before that tick's own command went out.
-    """
-    held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
-    sent: FloatArray = np.where(held >= 0, ticks["torque_sent_nm"][held, joint], np.nan)
-    return sent
 
 
 def _facts(session: Session, channels: tuple[ChannelData, ...]) -> dict[str, str]:

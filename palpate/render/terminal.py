@@ -57,7 +57,14 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
             parts.append(parameter_table(channel.parameters, width))
         if channel.ranking:
-            parts.append(_ranking(channel, width))
+            error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
+            made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
+            for entry in channel.ranking[:_MOST_RANKED]:
+                bar = _bar(entry.score, "blue", width)
+                made.add_row(
+                    safe(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:z.0f} %", bar
+                )
+            parts.append(made)
         if channel.next_experiment is not None:
             plan = channel.next_experiment
             parts.append(
@@ -72,23 +79,19 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
     """The error budget: one sentence, a bar for each part, and what cannot be told apart."""
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
-        console.print(Padding(_budget_table(budget, console.width), (0, 0, 0, 2)))
+        # Share, range, form and effects of each part; narrow, with the effects below the form.
+        roomy = console.width >= _ROOMY
+        last = ("effects",) if roomy else ()
+        made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
+        for part in budget.parts:
+            share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
+            effects = safe(part.effects_text)
+            form = part.form if roomy or not effects else f"{part.form}\n[dim]{effects}[/dim]"
+            bar = _bar(part.share, part.color, console.width)
+            made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
+        console.print(Padding(made, (0, 0, 0, 2)))
     for sentence in budget.confusions:
         console.print(Padding(Text(safe_text(sentence), style="yellow"), (0, 0, 1, 2)))
-
-
-def _budget_table(budget: BudgetView, width: int) -> Table:
-    """Share, range, form and effects of each part; narrow, with the effects below the form."""
-    roomy = width >= _ROOMY
-    last = ("effects",) if roomy else ()
-    made = table("", "", "", "share", _RANGE, "form", *last, right=("share", _RANGE))
-    for part in budget.parts:
-        share = f"{_BOUNDS[part.bound]}{percent(part.share, bound=part.bound)}"
-        effects = safe(part.effects_text)
-        form = part.form if roomy or not effects else f"{part.form}\n[dim]{effects}[/dim]"
-        bar = _bar(part.share, part.color, width)
-        made.add_row(safe(part.word), bar, share, part.range_text, form, *[effects] * len(last))
-    return made
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
@@ -262,15 +265,6 @@ def _signature(entry: Accepted) -> Text:
         f"  [dim]signature[/dim] {safe(entry.signature)}\n  [dim]equation[/dim] {safe(entry.equation)}"
         + (rivals if entry.confused_with else "")
     )
-
-
-def _ranking(channel: ChannelView, width: int) -> Table:
-    error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
-    made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
-    for entry in channel.ranking[:_MOST_RANKED]:
-        bar = _bar(entry.score, "blue", width)
-        made.add_row(safe(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:z.0f} %", bar)
-    return made
 
 
 def _bar(share: float, color: str, width: int) -> Bar:

@@ -20,7 +20,7 @@ from control.loop.stop_handler import one_line
 from estimation.channel import ChannelData
 from estimation.data.contact import find_contacts
 from estimation.data.tick_channels import contact_channels
-from estimation.study import ChannelEstimates, Revision
+from estimation.study import Revision
 from estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
 from palpate.study import Study
@@ -212,7 +212,24 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     for model in _MODELS:
         try:
             (one,) = Study(contact.channel, model).estimate(_ESTIMATORS)
-            found.append((model, _estimate(contact, target, _revision(one))))
+            # Estimates as a revision that nobody keeps: what can be written as a simulated object.
+            revision = Revision(
+                number=0,
+                parent=None,
+                channel=one.channel.name,
+                model=one.model.name,
+                added="",
+                effects=[],
+                user_effects=[],
+                effort_unit=one.channel.kind.effort_unit,
+                rmse=one.best.rmse,
+                noise_floor=0.0,
+                parameters={p.name: KeptParameter.of(p) for p in one.best.parameters},
+                data_sha256="",
+                created_utc="",
+                software_version="",
+            )
+            found.append((model, _estimate(contact, target, revision)))
         except InputError as error:
             failure = error
         if found and found[0][1].rmse_n <= _ENOUGH * contact.noise_n:
@@ -220,26 +237,6 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     if not found:
         raise failure
     return min(found, key=lambda one: one[1].rmse_n)
-
-
-def _revision(estimates: ChannelEstimates) -> Revision:
-    """Estimates as a revision that nobody keeps: what can be written as a simulated object."""
-    return Revision(
-        number=0,
-        parent=None,
-        channel=estimates.channel.name,
-        model=estimates.model.name,
-        added="",
-        effects=[],
-        user_effects=[],
-        effort_unit=estimates.channel.kind.effort_unit,
-        rmse=estimates.best.rmse,
-        noise_floor=0.0,
-        parameters={p.name: KeptParameter.of(p) for p in estimates.best.parameters},
-        data_sha256="",
-        created_utc="",
-        software_version="",
-    )
 
 
 def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:

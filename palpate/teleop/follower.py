@@ -248,7 +248,11 @@ class Observer:
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
         """See `control.loop.tick_record.Observer`."""
-        self._tare(measurement, output)
+        if output.phase is Phase.FREE_AIR:
+            if self._phase is not Phase.FREE_AIR:
+                self._air = RunningMean()
+            self._air.add(measurement.force_n)
+        self._phase = output.phase
         self._collect(measurement, output)
         speed_m_s = float(output.tip_velocity_world_m_s.dot(output.press_direction_world))
         tip, direction = output.tip_position_world_m.tolist(), output.press_direction_world.tolist()
@@ -261,13 +265,6 @@ class Observer:
         while self._messaging.notes:
             self._log.event(measurement.time_s, *self._messaging.notes.popleft())
         return NO_ESTIMATE
-
-    def _tare(self, measurement: Measurement, output: TaskOutput) -> None:
-        if output.phase is Phase.FREE_AIR:
-            if self._phase is not Phase.FREE_AIR:
-                self._air = RunningMean()
-            self._air.add(measurement.force_n)
-        self._phase = output.phase
 
     def _collect(self, measurement: Measurement, output: TaskOutput) -> None:
         """Keep the samples of the target under way, and have them looked at whenever a run has ended."""

@@ -114,7 +114,14 @@ def run_haptics(job: HapticJob, pipe: Connection) -> None:
     try:
         with build_operator(job.operator, clock) as device:
             opened = True
-            _render(job, device, clock, pipe, lateness)
+            robot_file = find_robot(job.robot)
+            streams = [haptic_stream(robot_file.joint_count), LINK_STREAM]
+            with ExitStack() as stack:
+                log = stack.enter_context(SessionWriter(job.session, streams, job.metadata))
+                stack.callback(device.deactivate)  # before the session is closed, which may take long
+                log.event(clock.now_s(), "realtime", str(stack.enter_context(realtime())))
+                device.activate()
+                _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
     except (EOFError, BrokenPipeError, ConnectionResetError):  # the main process is gone, and all is closed
         return
     except PalpateError as error:
@@ -124,19 +131,6 @@ def run_haptics(job: HapticJob, pipe: Connection) -> None:
     with suppress(OSError):
         last = replace(_NOTHING, finished=True, lateness=lateness.summary(), failure=failure, opened=opened)
         pipe.send(last)
-
-
-def _render(
-    job: HapticJob, device: OperatorDevice, clock: Clock, pipe: Connection, lateness: Histogram
-) -> None:
-    robot_file = find_robot(job.robot)
-    streams = [haptic_stream(robot_file.joint_count), LINK_STREAM]
-    with ExitStack() as stack:
-        log = stack.enter_context(SessionWriter(job.session, streams, job.metadata))
-        stack.callback(device.deactivate)  # before the session is closed, which may take long
-        log.event(clock.now_s(), "realtime", str(stack.enter_context(realtime())))
-        device.activate()
-        _Haptics(job, robot_file, device, log, pipe).run(clock, lateness)
 
 
 class _Haptics:
@@ -204,10 +198,23 @@ class _Haptics:
             ),
         )
         while self._pipe.poll():
-            self._obey(self._pipe.recv(), now_s)
+            orders = self._pipe.recv()
+            self._read, self._end = orders.read, self._end or orders.end
+            for kind, text in orders.notes:
+                self._log.event(now_s, kind, text)
+            if orders.link is not None:
+                self._log.append(LINK_STREAM.name, orders.link)
+            if orders.render is not None:
+                self._feel(orders.render, now_s)
         self._ticks += 1
         if self._ticks % _TELL_TICKS == 0 and self._told - self._read < _MOST_UNREAD:
-            self._tell(hand, touch)
+            tip = tuple(hand.position_world_m.tolist())
+            finished = getattr(self._device, "finished", False)
+            chosen, refused = tuple(self._selected), tuple(self._refused)
+            self._pipe.send(HapticReport(tip, touch.force_n, chosen, refused, finished))
+            self._told += 1
+            self._selected.clear()
+            self._refused.clear()
 
     def _select(self, hand: HandState, touch: RenderedForce) -> None:
         """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
@@ -215,15 +222,6 @@ class _Haptics:
             place = self._arm.tip_world_m - touch.depth_m * _DOWN
             self._selected.append(tuple(place.tolist()))
         self._was_selected = hand.select
-
-    def _obey(self, orders: HapticCommands, now_s: float) -> None:
-        self._read, self._end = orders.read, self._end or orders.end
-        for kind, text in orders.notes:
-            self._log.event(now_s, kind, text)
-        if orders.link is not None:
-            self._log.append(LINK_STREAM.name, orders.link)
-        if orders.render is not None:
-            self._feel(orders.render, now_s)
 
     def _feel(self, estimate: ObjectEstimate, now_s: float) -> None:
         try:
@@ -235,12 +233,3 @@ class _Haptics:
         number = short_number(estimate.target)
         text = f"estimate {estimate.revision}, target {number}: {summarize_estimate(estimate)}"
         self._log.event(now_s, FEEL, text, felt_data(estimate))
-
-    def _tell(self, hand: HandState, touch: RenderedForce) -> None:
-        tip = tuple(hand.position_world_m.tolist())
-        finished = getattr(self._device, "finished", False)
-        chosen, refused = tuple(self._selected), tuple(self._refused)
-        self._pipe.send(HapticReport(tip, touch.force_n, chosen, refused, finished))
-        self._told += 1
-        self._selected.clear()
-        self._refused.clear()

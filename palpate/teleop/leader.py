@@ -154,7 +154,10 @@ class _Leader:
             if self._telling is None and now_s - begun_s > _START_S:
                 raise PalpateError(f"the haptic process was not heard within {_START_S:g} s")
             self._hear_follower()
-            self._choose()
+            # Feel the estimate of the nearest place that was probed.
+            chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
+            if chosen is not None:
+                self._send(HapticCommands(self._read, render=chosen))
             self._messaging.send(self._intent())
             self._order(now_s)
             if not now_s < self._show_s + _SHOW_S:
@@ -163,7 +166,12 @@ class _Leader:
             if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
                 self._over = True
             self._clock.sleep_until(now_s + MESSAGE_PERIOD_S)
-        self._end_haptics()
+        # Have the session closed, and hear how punctual the loop was.
+        if self._lateness is None:
+            self._send(HapticCommands(self._read, notes=tuple(self._notes), end=True))
+        while self._lateness is None:
+            self._hear_operator()
+            self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def end(self) -> str:
         """Want nothing more than what is queued; what comes of that, in words."""
@@ -234,7 +242,17 @@ class _Leader:
         if isinstance(message, ObjectEstimate):
             self._take_estimate(message)
         elif isinstance(message, Report):
-            self._take_report(message, sent_s)
+            states = zip(message.targets, map(TargetState, message.states), strict=True)
+            self._states.update((number, state) for number, state in states if number in self._targets)
+            if message.remark and message.remark != self._remark:
+                self._note("follower", message.remark)
+            self._remark = message.remark
+            for text in self._target_states.compare(message, sent_s):
+                self._note("disagreement", text)
+            if message.ended and not self._over:
+                self._note("follower", "the follower has ended")
+                self.end()
+                self._over = True
 
     def _take_estimate(self, estimate: ObjectEstimate) -> None:
         try:
@@ -247,26 +265,6 @@ class _Leader:
             self._note(
                 "estimate", f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}{why}"
             )
-
-    def _take_report(self, report: Report, sent_s: float) -> None:
-        # A follower that has not heard of this leader yet may still tell of the targets of the last one.
-        states = zip(report.targets, map(TargetState, report.states), strict=True)
-        self._states.update((number, state) for number, state in states if number in self._targets)
-        if report.remark and report.remark != self._remark:
-            self._note("follower", report.remark)
-        self._remark = report.remark
-        for text in self._target_states.compare(report, sent_s):
-            self._note("disagreement", text)
-        if report.ended and not self._over:
-            self._note("follower", "the follower has ended")
-            self.end()
-            self._over = True
-
-    def _choose(self) -> None:
-        """Feel the estimate of the nearest place that was probed."""
-        chosen = self._target_states.choose(self._telling.tip_world_m) if self._telling else None
-        if chosen is not None:
-            self._send(HapticCommands(self._read, render=chosen))
 
     def _intent(self) -> Intent:
         wanted = tuple(self._wanted()[:MOST_TARGETS])
@@ -297,14 +295,6 @@ class _Leader:
 
     def _lost(self) -> PalpateError:
         return PalpateError(f"the haptic process has ended (exit code {self._process.exitcode})")
-
-    def _end_haptics(self) -> None:
-        """Have the session closed, and hear how punctual the loop was."""
-        if self._lateness is None:
-            self._send(HapticCommands(self._read, notes=tuple(self._notes), end=True))
-        while self._lateness is None:
-            self._hear_operator()
-            self._clock.sleep_until(self._clock.now_s() + MESSAGE_PERIOD_S)
 
     def _note(self, kind: str, text: str) -> None:
         self._notes.append((kind, text))

@@ -172,7 +172,11 @@ class MergedSessions:
         motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
         real_n = np.array([law(*state) for state in motion])
         touching = haptic["force_n"] > 0.0
-        counted = _begun_after(touching, haptic["revision"] != GUESS) & (real_n > _LEAST_N)
+        # Samples of those touches that began when something was known, shape (n,).
+        begins, number = _touches(touching)
+        knew = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
+        begun_after = np.asarray(touching & knew[number])
+        counted = begun_after & (real_n > _LEAST_N)
         missed = haptic["lateness_s"] > np.median(step_s)
         return ForceComparison(
             haptic["time_s"], haptic["force_n"], real_n, _begun_during(touching, missed)
@@ -222,13 +226,6 @@ def merge_sessions(first: Session, second: Session) -> MergedSessions:
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
             return MergedSessions(leader, follower)
     raise InputError(f"{first.path} and {second.path}: give the sessions of a leader and of its follower")
-
-
-def _begun_after(touching: BoolArray, known: BoolArray) -> BoolArray:
-    """Samples of those touches that began when something was known, shape (n,)."""
-    begins, number = _touches(touching)
-    knew = np.concatenate([[False], known[begins]])
-    return np.asarray(touching & knew[number])
 
 
 def _begun_during(touching: BoolArray, missed: BoolArray) -> BoolArray:

@@ -56,7 +56,12 @@ def record_both(merged: MergedSessions, path: Path) -> float:
         _log_forces(recording, merged, hand_s, arm_s)
         log_phases(recording, _PHASE, ticks["phase"], arm_s)
         _log_parameters(recording, merged, start_s)
-        _log_link(recording, merged, start_s)
+        link = merged.leader.samples("link")
+        lines = {
+            "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
+            "round trip [ms]": (_MILLI * link["round_trip_s"], palette.FLOOR, 1.5),
+        }
+        send_lines(recording, _LINK, link["time_s"] - start_s, lines)
     felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
     return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
 
@@ -89,15 +94,6 @@ def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start
             for word, values, look in zip(words, levels.T, looks, strict=True)
         }
         send_lines(recording, _entity(name), edges.reshape(-1) - start_s, lines)
-
-
-def _log_link(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
-    link = merged.leader.samples("link")
-    lines = {
-        "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
-        "round trip [ms]": (_MILLI * link["round_trip_s"], palette.FLOOR, 1.5),
-    }
-    send_lines(recording, _LINK, link["time_s"] - start_s, lines)
 
 
 def _log_events(

@@ -50,7 +50,7 @@ class DiagnosisCard:
                 ui.space()
                 self._start = ui.button("Diagnose", on_click=self.start).mark("diagnose")
                 set_props(self._start.props("dense unelevated no-caps"), title=elements.DIAGNOSE)
-                self._stop = ui.button("Stop", on_click=self._stopped).mark("stop")
+                self._stop = ui.button("Stop", on_click=self.stop).mark("stop")
                 set_props(self._stop.props("dense outline no-caps"), title=elements.STOP)
             self._bar = ui.linear_progress(show_value=False, value=0.0).props("instant-feedback")
             self._what = ui.label().classes("quiet").mark("progress")
@@ -89,16 +89,14 @@ class DiagnosisCard:
         if judge is not before:
             self._running(now=judge is not None)
         if judge is None and before is not None:
-            self._ended(before)
+            if before.said:
+                ui.notify(before.said, type="warning", multi_line=True)
+            self._show()
+            if self._state.diagnosis is not None:
+                self._found()
 
-    def _ended(self, judge: DiagnosisProcess) -> None:
-        if judge.said:
-            ui.notify(judge.said, type="warning", multi_line=True)
-        self._show()
-        if self._state.diagnosis is not None:
-            self._found()
-
-    def _stopped(self) -> None:
+    def stop(self) -> None:
+        """Stop the diagnosis that goes on, if there is one."""
         if self._state.judging is not None:
             self._state.judging.stop()
 
@@ -225,18 +223,19 @@ class RiddleCard:
                 "think it is until the error falls to the noise level; then say so."
             )
             self._button = (
-                ui.button("That is it", on_click=self._judge).props("unelevated dense no-caps").mark("guess")
+                ui.button("That is it", on_click=self.judge).props("unelevated dense no-caps").mark("guess")
             )
             self._answer = ui.label().classes("text-bold").mark("score")
 
-    async def _judge(self) -> None:
+    async def judge(self) -> None:
+        """Diagnose, open the sealed answer and score both."""
         guessed = frozenset(self._state.choice.effects)
         self._button.disable()
         self._answer.set_text("the diagnosis is thinking about it, too")
         await self._diagnose()
         self._button.enable()
-        found, path = self._state.diagnosis, self._state.study.source.path
-        if found is None or path is None:
+        diagnosis, path = self._state.diagnosis, self._state.study.source.path
+        if diagnosis is None or path is None:
             self._answer.set_text("stopped: no answer was opened")
             return
         try:
@@ -244,8 +243,8 @@ class RiddleCard:
         except PalpateError as error:
             self._answer.set_text(str(error))
             return
-        named = frozenset(entry.effect for entry in found.accepted)
-        alike = frozenset(name for entry in found.accepted for name in entry.confused_with) | named
+        named = frozenset(entry.effect for entry in diagnosis.accepted)
+        alike = frozenset(name for entry in diagnosis.accepted for name in entry.confused_with) | named
         self._answer.set_text(
             RiddleScore(frozenset(e.name for e in answer.hidden), guessed, named, alike).in_words()
         )

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Awaitable, Callable, Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -34,34 +35,26 @@ class EffectRows(Element, component="effects.js"):
 
     def __init__(self, rows: list[Row]) -> None:
         super().__init__()
-        self._rows = {row["name"]: row for row in rows}
+        self.by_name = {row["name"]: row for row in rows}
         self._is_ready = False
         self._props |= {"effects": rows, "hint": elements.PICTURE, "alike": elements.ALIKE}
-        self.on("ready", self._begin)
-
-    def __getitem__(self, name: str) -> Row:
-        return self._rows[name]
-
-    def words(self, name: str) -> str:
-        """By which an effect is found."""
-        row = self._rows[name]
-        return " ".join(row[key] for key in ("name", "label", "signature", "physics")).lower()
+        self.on("ready", self._send_all)
 
     def change(self, changes: Mapping[str, Row]) -> None:
         """Change what is said of some effects; only what differs is sent."""
         differing = {
             name: left
             for name, row in changes.items()
-            if (left := {key: value for key, value in row.items() if self._rows[name][key] != value})
+            if (left := {key: value for key, value in row.items() if self.by_name[name][key] != value})
         }
         for name, row in differing.items():
-            self._rows[name] |= row
+            self.by_name[name] |= row
         if differing and self._is_ready:
             self.run_method("change", differing)
 
-    def _begin(self) -> None:
+    def _send_all(self) -> None:
         self._is_ready = True
-        self.run_method("change", self._rows)
+        self.run_method("change", self.by_name)
 
 
 class Effects:
@@ -79,8 +72,8 @@ class Effects:
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
             heading("Effects", elements.EFFECTS)
             ui.space()
-            narrow = ui.input(placeholder="filter", on_change=self._narrow).classes("filter")
-            set_props(narrow.props("dense outlined clearable"), aria_label="filter effects")
+            text = ui.input(placeholder="filter", on_change=self._filter).classes("filter")
+            set_props(text.props("dense outlined clearable"), aria_label="filter effects")
 
     def fill(self) -> None:
         """List the library for the channel, those in the model ticked."""
@@ -88,7 +81,13 @@ class Effects:
         kind = self._state.channel.data.kind
         with self._card:
             self._rows = EffectRows([_row(effect, kind) for effect in self._effects.values()])
-        self._rows.on("tick", lambda event: self._ticked(event.args))
+
+        async def tick(event: events.GenericEventArguments) -> None:
+            # as the browser has it; it is put right if that cannot be fitted
+            self._rows.by_name[event.args]["chosen"] ^= True
+            await self._tick(event.args)
+
+        self._rows.on("tick", tick)
         self._rows.on("picture", lambda event: self._gallery(event.args))
         self.show(self._state.choice.effects)
 
@@ -117,45 +116,52 @@ class Effects:
 
     async def _weigh_beside(self, chosen: tuple[str, ...], ahead: FitPrefetcher, idle: asyncio.Event) -> bool:
         """Weigh all effects beside those chosen; whether nothing else was chosen meanwhile."""
-        study, channel, found = self._state.study, self._state.channel, list[EffectEvidence]()
-        for name in sorted(self._effects, key=self._urgency):
+        study, channel, weighed = self._state.study, self._state.channel, list[EffectEvidence]()
+        # what told most before first, then what is quickly fitted
+        for name in sorted(
+            self._effects, key=lambda name: (-self._last.get(name, 0.0), len(self._effects[name].inner))
+        ):
             await idle.wait()
             if self._card.is_deleted or self._state.choice.effects != chosen:
                 return False
-            beside = tuple(one for one in chosen if one != name)
+            beside = tuple(effect for effect in chosen if effect != name)
             try:
                 await ahead.fit((*beside, name))
-                one = await asyncio.to_thread(evidence_of, study, channel, beside, name)
+                evidence = await asyncio.to_thread(evidence_of, study, channel, beside, name)
             except PalpateError as error:
                 self._rows.change({name: {"mark": "–", "look": "quiet", "about": str(error), "share": None}})
                 continue
-            found.append(one)
-            self._last[name] = one.falls
-            self._mark(one)
-        self._evidence = found
+            weighed.append(evidence)
+            self._last[name] = evidence.falls
+            falls = max(evidence.falls, 0.0)
+            change: Row = {
+                "mark": f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %",
+                "look": "strong" if evidence.falls > TELLING else "quiet",
+                "about": elements.EVIDENCE,
+                "share": round(_BAR_PX * falls),
+            }
+            if not self._evidence:  # later the list keeps still until all are weighed again
+                change["order"] = _rank(evidence.falls, chosen=evidence.effect in self._state.choice.effects)
+            self._rows.change({evidence.effect: change})
+        self._evidence = weighed
         self.arrange()
         return True
 
-    def _urgency(self, name: str) -> tuple[float, int]:
-        """What told most before first, then what is quickly fitted."""
-        return -self._last.get(name, 0.0), len(self._effects[name].inner)
-
     def arrange(self) -> None:
         """The most telling first; what cannot be told apart in one frame."""
-        changes = {name: {**_APART, "order": self._rows[name]["order"]} for name in self._effects}
-        found, placed = self._state.diagnosis, set[str]()
-        named = {one.effect: one.confused_with for one in found.accepted} if found is not None else {}
+        rows, placed = self._rows.by_name, set[str]()
+        changes = {name: {**_APART, "order": rows[name]["order"]} for name in self._effects}
+        diagnosis = self._state.diagnosis
+        accepted = diagnosis.accepted if diagnosis is not None else ()
+        named = {entry.effect: entry.confused_with for entry in accepted}
         for group in groups(self._evidence):
-            names = [one.effect for one in group]
+            names = [evidence.effect for evidence in group]
             if len(names) > 1:
                 self._rivals |= dict.fromkeys(names, tuple(names))
             known = [self._rivals.get(name, ()) for name in names if name in self._state.choice.effects]
-            rivals = [
-                other for others in (*known, *(named.get(name, ()) for name in names)) for other in others
-            ]
-            names = [
-                one for one in dict.fromkeys([*names, *rivals]) if one in self._effects and one not in placed
-            ]
+            rivals = chain(*known, *(named.get(name, ()) for name in names))
+            every = dict.fromkeys([*names, *rivals])
+            names = [name for name in every if name in self._effects and name not in placed]
             placed.update(names)
             chosen = any(name in self._state.choice.effects for name in names)
             for name in names:
@@ -166,36 +172,30 @@ class Effects:
                 changes[last] |= {"together": f"much the same to this data: {said}"}
         self._rows.change(changes)
 
-    async def _ticked(self, name: str) -> None:
-        self._rows[name]["chosen"] ^= True  # as the browser has it; it is put right if that cannot be fitted
-        await self._tick(name)
-
-    def _mark(self, evidence: EffectEvidence) -> None:
-        falls = max(evidence.falls, 0.0)
-        change: Row = {
-            "mark": f"{'−' if falls > 0.005 else ''}{100 * falls:.0f} %",
-            "look": "strong" if evidence.falls > TELLING else "quiet",
-            "about": elements.EVIDENCE,
-            "share": round(_BAR_PX * falls),
-        }
-        if not self._evidence:  # later the list keeps still until all are weighed again
-            change["order"] = _rank(evidence.falls, chosen=evidence.effect in self._state.choice.effects)
-        self._rows.change({evidence.effect: change})
-
-    def _narrow(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        wanted = (event.value or "").strip().lower()
-        self._rows.change({name: {"seen": wanted in self._rows.words(name)} for name in self._effects})
+    def _filter(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        part, words = (event.value or "").strip().lower(), ("name", "label", "signature", "physics")
+        self._rows.change(
+            {
+                name: {"seen": part in " ".join(row[word] for word in words).lower()}
+                for name, row in self._rows.by_name.items()
+            }
+        )
 
 
 def _row(effect: Effect, kind: ChannelKind) -> Row:
-    """What the browser shows of an effect."""
+    """What the browser shows of an effect, with a drawing of effort over position without it and with it."""
+    example, drawn = Example.plain(effect, kind), ""
+    if example is not None:
+        step, data = slice(None, None, 2), example.data
+        curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
+        drawn = picture(data.position[step], curves)
     return {
         "name": effect.name,
         "label": effect.name.replace("_", " "),
         "physics": effect.physics,
         "signature": effect.signature,
         "equation": effect.equation,
-        "picture": _drawn(effect, kind),
+        "picture": drawn,
         "chosen": False,
         "order": 1000,
         **{"mark": "", "look": "quiet", "about": "", "share": None},  # what it takes from the error
@@ -207,16 +207,6 @@ def _row(effect: Effect, kind: ChannelKind) -> Row:
 def _rank(falls: float, *, chosen: bool) -> int:
     """Place in the list: what is ticked first, then what takes most away."""
     return round(-1000.0 * max(falls, 0.0)) - 2000 * chosen
-
-
-def _drawn(effect: Effect, kind: ChannelKind) -> str:
-    """What an effect looks like on a plain motion: effort over position, without it and with it."""
-    example = Example.plain(effect, kind)
-    if example is None:
-        return ""
-    step, data = slice(None, None, 2), example.data
-    curves = [(data.effort[step], palette.BASE), (example.effort()[step], palette.MODEL)]
-    return picture(data.position[step], curves)
 
 
 _POINTS = 600  # samples drawn

@@ -24,9 +24,9 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
 
 def heading(text: str, title: str = "") -> None:
     """A heading; `title` is shown on hover."""
-    made = TextElement(tag="h2", text=text)
+    element = TextElement(tag="h2", text=text)
     if title:
-        set_props(made, title=title)
+        set_props(element, title=title)
 
 
 Figure = dict[str, Any]
@@ -41,7 +41,7 @@ class Plot(Element, component="plot.js"):
         self.figure: Figure = figure
         self._props["figure"] = figure
         self._is_ready = False
-        self.on("ready", self._begin)
+        self.on("ready", self._send_figure)
 
     def replace(self, figure: Figure) -> None:
         """Draw another figure."""
@@ -64,7 +64,7 @@ class Plot(Element, component="plot.js"):
         if self._is_ready:
             self.run_method(method, *what)
 
-    def _begin(self) -> None:
+    def _send_figure(self) -> None:
         self._is_ready = True
         self._send("replace", self.figure)
 
@@ -73,7 +73,7 @@ ERROR = (
     "Root mean square of measured minus predicted effort in runs that the gains were not fitted to: "
     "each run is predicted from the others."
 )
-FLOOR = (
+NOISE_LEVEL = (
     "The error that would be left if nothing were missing, estimated by a flexible regression; noise alone."
 )
 ROUGH = "first look, refining …"

@@ -22,7 +22,7 @@ from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
 from palpate.workbench.effects import Gallery
 from palpate.workbench.elements import set_props
 from palpate.workbench.page import Page
-from palpate.workbench.sources import FileDrop, Live, newest_growing, ran
+from palpate.workbench.sources import FileDrop, Live, newest_growing, run_command
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
 from robot_io.errors import PalpateError
@@ -34,7 +34,14 @@ _CODE_DIGITS = 6
 async def lay_out_page(home: AppState) -> None:
     """Build the page for what the server shows."""
     if home.state is None:
-        _begin(home)
+        # Where nothing is open: drop a file, choose one, or probe.
+        with ui.element("div").classes("begin"):
+            ui.label("palpate workbench").classes("brand")
+            if home.error:
+                ui.label(home.error).classes("bad").mark("refused")
+            drop = _choose(home)
+            if home.error and home.file is not None and not is_session(home.file):
+                ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
         return
     state = home.state
     gallery = Gallery(state)
@@ -50,7 +57,14 @@ async def lay_out_page(home: AppState) -> None:
         home.state = state
         ui.navigate.reload()
 
-    page = Page(state, lambda: _opening(home), show, home.serve_report)
+    def choose_other() -> None:
+        with ui.dialog() as dialog, ui.card().classes("gallery"):
+            _choose(home)
+            ui.button("Close", on_click=dialog.close).props("flat no-caps")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    page = Page(state, choose_other, show, home.serve_report)
 
     async def use_runs(out: Sequence[int], held_out: Sequence[int]) -> None:
         if (tuple(sorted(out)), tuple(sorted(held_out))) == (state.out, state.study.held_out):
@@ -61,26 +75,6 @@ async def lay_out_page(home: AppState) -> None:
             ui.notify(str(error), type="warning")
 
     await page.build(below, gallery.open, use_runs)
-
-
-def _begin(home: AppState) -> None:
-    """Where nothing is open: drop a file, choose one, or probe."""
-    with ui.element("div").classes("begin"):
-        ui.label("palpate workbench").classes("brand")
-        if home.error:
-            ui.label(home.error).classes("bad").mark("refused")
-        drop = _choose(home)
-        if home.error and home.file is not None and not is_session(home.file):
-            ui.timer(0.01, partial(drop.begin, home.file), once=True)  # its columns may be put right
-
-
-def _opening(home: AppState) -> None:
-    """The same in a dialog, where something is open."""
-    with ui.dialog() as dialog, ui.card().classes("gallery"):
-        _choose(home)
-        ui.button("Close", on_click=dialog.close).props("flat no-caps")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
 
 
 def _choose(home: AppState) -> FileDrop:
@@ -132,7 +126,7 @@ async def _probe(home: AppState, arguments: list[str], place: ui.element, *, joi
     with place:
         ui.label(shlex.join(["palpate", "probe", *arguments, "--out", str(session)])).classes("code")
         Live(session, done, home.feed).build()
-    if failed := await ran(["probe", *arguments, "--out", str(session)], lambda line: None):
+    if failed := await run_command(["probe", *arguments, "--out", str(session)], lambda line: None):
         with place:
             ui.label(failed).classes("bad")
 
@@ -145,7 +139,7 @@ async def _resolve(home: AppState, world: str, place: ui.element) -> None:
     with place:
         ui.label(shlex.join(["palpate", *arguments])).classes("code")
         told = ui.log(max_lines=200).classes("told").mark("told")
-    if failed := await ran(arguments, told.push):
+    if failed := await run_command(arguments, told.push):
         told.push(failed)
         return
     await _show(home, folder, ImportOptions())

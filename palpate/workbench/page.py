@@ -2,7 +2,9 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from palpate.render.build import REPORT, axes_of
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects
 from palpate.workbench.elements import heading, set_props
-from palpate.workbench.parameters import ErrorCard, Lines, Parameters, judged
+from palpate.workbench.parameters import ErrorCard, JudgedFit, Lines, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
 from robot_io.errors import InputError, PalpateError
@@ -79,7 +81,7 @@ class Page:
                 self._centre.build()
             with ui.element("div").classes("right"):
                 self._lines = Lines(self.state)
-                self._parameters = Parameters(self.state, self.choose, self._pulled)
+                self._parameters = Parameters(self.state, self.choose, self.pull)
                 if not refused:
                     self._error.build()
                     self._parameters.build()
@@ -90,7 +92,7 @@ class Page:
         self._list_revisions()
         ui.keyboard(self._key, ignore=["input", "textarea"])
         if not refused:
-            ui.timer(0.01, self._first, once=True)
+            ui.timer(0.01, self._begin, once=True)
             ui.timer(_FOLLOW_S, self._follow)
 
     async def tick(self, effect: str) -> None:
@@ -116,7 +118,7 @@ class Page:
             self._effects.arrange()
             ui.timer(0.01, lambda: self._change(self.state.show), once=True)
 
-    async def _first(self) -> None:
+    async def _begin(self) -> None:
         await self._change(self.state.show)
         if self._shown is not None:
             self._effects.fill()
@@ -137,71 +139,62 @@ class Page:
     ) -> None:
         """Fit, and show: error and curves first, maps next, intervals when they are ready.
 
-        Where the fit takes longer, a first look at what is coming is shown until it is there.
+        A preview of what is coming is shown until a slow fit is there.
         """
         self._turn += 1
         turn = self._turn
         self._idle.clear()
         try:
             async with self._busy:
-                if coming is not None:
-                    await self._glance(coming)
-                shown = await self._worked(work)
+                shown = await self._fit(work, coming)
                 if shown is None:
                     return
-                self._show(shown)
+                self._shown = shown
+                self._error.show(shown)
+                self._centre.show(shown)
+                self._lines.show()
+                self._enable_steps()
+                if shown.choice.pulled:
+                    self._draw_pulled(shown)
             if turn == self._turn:
                 await asyncio.sleep(_NEXT_S)
-                self._show_beside(shown)
+                self._parameters.show(shown)
+                self._effects.show(shown.choice.effects)
+                self._offer(shown.choice.effects)
+                self._centre.show_state()
                 await asyncio.sleep(_NEXT_S)
                 self._centre.show_map()
-                found, verdict = await asyncio.to_thread(lambda: (shown.fitted.parameters, judged(shown)))
+                estimates, evidence = await asyncio.to_thread(
+                    lambda: (shown.fitted.parameters, JudgedFit.of(shown))
+                )
                 if turn == self._turn:
-                    self._parameters.show_intervals(found)
-                    self._error.judge(verdict)
+                    self._parameters.show_intervals(estimates)
+                    self._error.judge(evidence)
                     if self._shown is not None and self._shown.choice.pulled:
                         self._draw_pulled(self._shown)
         finally:
             if turn == self._turn:
                 self._idle.set()
 
-    async def _glance(self, coming: Callable[[], ModelSelection]) -> None:
-        """Show error and curves of a first look, if there is one."""
-        try:
-            first = await asyncio.to_thread(lambda: self.state.glance(coming()))
-        except PalpateError:  # the fit says why
-            return
-        if first is not None:
-            self._error.show(first)
-            self._centre.show(first)
+    async def _fit(
+        self, work: Callable[[], DisplayedFit], coming: Callable[[], ModelSelection] | None
+    ) -> DisplayedFit | None:
+        """Preview what is coming, and do the work; returns the fit shown before if that fails."""
+        preview = None
+        if coming is not None:
+            with suppress(PalpateError):  # the fit says why
+                preview = await asyncio.to_thread(lambda: self.state.preview(coming()))
+        if preview is not None:
+            self._error.show(preview)
+            self._centre.show(preview)
             await asyncio.sleep(_NEXT_S)
-
-    async def _worked(self, work: Callable[[], DisplayedFit]) -> DisplayedFit | None:
-        """What work gives; what was shown before if it fails, for the ticks to say so."""
         try:
             return await asyncio.to_thread(work)
         except PalpateError as error:
             ui.notify(str(error), type="warning", multi_line=True, timeout=8000)
             return self._shown
 
-    def _show(self, shown: DisplayedFit) -> None:
-        """What the user looks at after a tick."""
-        self._shown = shown
-        self._error.show(shown)
-        self._centre.show(shown)
-        self._lines.show()
-        self._enable_steps()
-        if shown.choice.pulled:
-            self._draw_pulled(shown)
-
-    def _show_beside(self, shown: DisplayedFit) -> None:
-        """What takes the browser longer, and is looked at later."""
-        self._parameters.show(shown)
-        self._effects.show(shown.choice.effects)
-        self._offer(shown.choice.effects)
-        self._centre.show_state()
-
-    async def _pulled(self, name: str, value: float) -> None:
+    async def pull(self, name: str, value: float) -> None:
         """Draw the model with the slider of a parameter at a value: curves first, then all other views."""
         if (
             self._shown is None
@@ -224,10 +217,18 @@ class Page:
     def _draw_pulled(self, shown: DisplayedFit) -> None:
         self._centre.preview(shown.fitted.predict(shown.values))
         unit = axes_of(shown.fitted.data.kind).effort_unit
-        self._error.preview(shown.error_at(shown.values), unit, shown.floor)
+        self._error.preview(shown.error_at(shown.values), unit, shown.noise)
 
     def _header(self, refused: str | None) -> None:
         study, choice = self.state.study, self.state.choice
+
+        async def choose_channel(event: events.ValueChangeEventArguments[Any]) -> None:
+            try:
+                await asyncio.to_thread(self.state.to_channel, event.value)
+            except InputError:  # it cannot be judged: its raw curves and the reason are shown
+                self.state.set_choice(ModelSelection(event.value))
+            ui.navigate.reload()
+
         with ui.element("div").classes("top"):
             ui.label("palpate").classes("brand")
             ui.label(study.source.name).classes("file")
@@ -237,35 +238,23 @@ class Page:
                 channel.name: f"{channel.name.replace('_', ' ')} · {describe_kind(channel.kind)}"
                 for channel in study.channels
             }
-            ui.select(options, value=choice.channel, on_change=self._channel_chosen).props(
-                "dense outlined options-dense aria-label=channel"
-            ).classes("channel").mark("channel")
+            chooser = ui.select(options, value=choice.channel, on_change=choose_channel)
+            chooser.props("dense outlined options-dense aria-label=channel").classes("channel").mark(
+                "channel"
+            )
             ui.label(f"base model {self.state.channel.model.name}").classes("quiet wide")
             ui.space()
             _button("Open", "folder_open", self._opening, "Another file or session, or a new probing")
-            self._undo = _button("Undo", "undo", self._undone, "Ctrl+Z")
-            self._redo = _button("Redo", "redo", self._redone, "Ctrl+Shift+Z")
+            self._undo = _button("Undo", "undo", lambda: self._step(self.state.undo), "Ctrl+Z")
+            self._redo = _button("Redo", "redo", lambda: self._step(self.state.redo), "Ctrl+Shift+Z")
             self._enable_steps()
-            _button("Keep", "bookmark_add", self._keep, elements.KEEP)
+            _button("Keep", "bookmark_add", self.keep, elements.KEEP)
             about = "Write report.html with all that is shown"
-            _button("Report", "description", self._report, about, look="unelevated")
+            _button("Report", "description", self.write_report, about, look="unelevated")
 
     def _enable_steps(self) -> None:
         self._undo.set_enabled(self.state.can_undo)
         self._redo.set_enabled(self.state.can_redo)
-
-    async def _channel_chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        try:
-            await asyncio.to_thread(self.state.to_channel, event.value)
-        except InputError:  # it cannot be judged: its raw curves and the reason are shown
-            self.state.set_choice(ModelSelection(event.value))
-        ui.navigate.reload()
-
-    async def _undone(self) -> None:
-        await self._step(self.state.undo)
-
-    async def _redone(self) -> None:
-        await self._step(self.state.redo)
 
     async def _step(self, work: Callable[[], WorkbenchState]) -> None:
         before = self.state.choice.channel
@@ -280,9 +269,10 @@ class Page:
     async def _key(self, event: events.KeyEventArguments) -> None:
         if event.action.keydown and event.modifiers.ctrl and event.key.name in {"z", "Z", "y"}:
             again = event.key.name == "y" or event.modifiers.shift
-            await (self._redone() if again else self._undone())
+            await self._step(self.state.redo if again else self.state.undo)
 
-    async def _keep(self) -> None:
+    async def keep(self) -> None:
+        """Keep the chosen effects as a revision."""
         try:
             kept = await asyncio.to_thread(self.state.keep)
         except PalpateError as error:
@@ -291,7 +281,8 @@ class Page:
         ui.notify(f"kept as revision {kept[-1].number}", type="positive")
         self._list_revisions()
 
-    async def _report(self) -> None:
+    async def write_report(self) -> None:
+        """Write the report of the chosen effects, keep them as a revision, and link to the report."""
         study = self.state.study
         path = study.source.path
         folder = study.folder or (derived_folder(path) if path is not None else Path("palpate-data"))
@@ -311,17 +302,14 @@ class Page:
         self._revisions.clear()
         with self._revisions:
             heading("Revisions", elements.REVISIONS)
-            kept = [
-                revision
-                for revision in self.state.study.revisions
-                if revision.channel == self.state.choice.channel
-            ][-8:]
-            for one in reversed(kept):
-                terms = " + ".join([one.model, *one.effects])
-                text = f"{one.number} · {one.rmse:.3g} {one.effort_unit} · {terms}"
-                ui.button(
-                    text, on_click=lambda one=one: self._change(lambda: self.state.to_revision(one))
-                ).props("flat dense no-caps align=left").classes("revision")
+            channel = self.state.choice.channel
+            kept = [revision for revision in self.state.study.revisions if revision.channel == channel][-8:]
+            for revision in reversed(kept):
+                terms = " + ".join([revision.model, *revision.effects])
+                text = f"{revision.number} · {revision.rmse:.3g} {revision.effort_unit} · {terms}"
+                work = partial(self.state.to_revision, revision)
+                button = ui.button(text, on_click=partial(self._change, work))
+                button.props("flat dense no-caps align=left").classes("revision")
             if not kept:
                 ui.label("none kept yet").classes("quiet")
 
@@ -337,16 +325,15 @@ def gates(state: WorkbenchState) -> None:
     """The checklist of the gate."""
     from estimation.data_quality import checklist  # noqa: PLC0415
 
-    one = state.channel
-    found = checklist(one.to_fit, one.model)
+    reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):
         heading("Is this data fit to be judged?", elements.GATES)
         rows = []
         for kind, text in elements.GATE.items():
-            if kind not in found:
+            if kind not in reasons:
                 rows.append(f'<li class="quiet">· {text}: not checked</li>')
-            elif found[kind]:
-                rows.append(f'<li class="bad">✗ {text}<br><span>{escape(found[kind])}</span></li>')
+            elif reasons[kind]:
+                rows.append(f'<li class="bad">✗ {text}<br><span>{escape(reasons[kind])}</span></li>')
             else:
                 rows.append(f'<li class="good">✓ {text}</li>')
         ui.html(f'<ul class="gates">{"".join(rows)}</ul>').mark("gates")

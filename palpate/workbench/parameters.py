@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from nicegui import ui
+from nicegui import events, ui
 
 from estimation.estimate import ParameterEstimate
 from palpate.common.formatting import NOT_DETERMINED
@@ -26,14 +26,13 @@ class JudgedFit:
 
     shown: DisplayedFit  # the fit
     unphysical: tuple[str, ...]  # gains beyond what is physical, in words
-    floor: (
-        float  # the error that could be left beside this model; that of the channel is beside the base model
-    )
+    # The error that could be left beside this model; that of the channel is beside the base model.
+    noise: float
 
-
-def judged(shown: DisplayedFit) -> JudgedFit:
-    """What is known of a fit; takes as long as its intervals."""
-    return JudgedFit(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
+    @classmethod
+    def of(cls, shown: DisplayedFit) -> "JudgedFit":
+        """Judge a fit; takes as long as its intervals."""
+        return cls(shown, shown.fitted.unphysical, shown.fitted.smooth_law_error)
 
 
 class ErrorCard:
@@ -56,8 +55,8 @@ class ErrorCard:
     def show(self, shown: DisplayedFit) -> None:
         """State the error of a fit; whether that is good is said by `judge`."""
         unit, error = shown.fitted.data.kind.effort_unit, shown.fitted.rmse
-        self._number.set_content(_number(error, unit, shown.floor, elements.ROUGH if shown.is_rough else ""))
-        self._fall.set_content(waterfall(shown.steps, shown.floor, unit))
+        self._number.set_content(_number(error, unit, shown.noise, elements.ROUGH if shown.is_rough else ""))
+        self._fall.set_content(waterfall(shown.steps, shown.noise, unit))
         self._wrong.set_text("")
         if self._judged is not None and shown.fitted is self._judged.shown.fitted:
             self.judge(self._judged)
@@ -65,32 +64,32 @@ class ErrorCard:
     def judge(self, fit: "JudgedFit") -> None:
         """State whether a fit whose intervals are known is good: a small error alone does not make it so."""
         self._judged, shown = fit, fit.shown
-        unit, error, floor = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.floor
-        more = error > NOISE * fit.floor
-        said = f"a smooth law takes it to {fit.floor:.3g} {unit}" if more and error < NOISE * floor else ""
+        unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
+        more = error > NOISE * fit.noise
+        said = f"a smooth law takes it to {fit.noise:.3g} {unit}" if more and error < NOISE * noise else ""
         kind = "" if more or fit.unphysical else "fits"
-        self._number.set_content(_number(error, unit, floor, said, kind))
+        self._number.set_content(_number(error, unit, noise, said, kind))
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
-    def preview(self, error: float, unit: str, floor: float) -> None:
+    def preview(self, error: float, unit: str, noise: float) -> None:
         """State the error at the values of the sliders."""
         self._wrong.set_text("")  # it is said of the fit
-        self._number.set_content(_number(error, unit, floor, "at these values"))
+        self._number.set_content(_number(error, unit, noise, "at these values"))
 
 
-def _number(error: float, unit: str, floor: float, what: str = "", kind: str = "") -> str:
-    times = error / floor if floor > 0.0 else math.inf
-    at_floor = times < NOISE
-    beside = "at the noise level" if at_floor else f"{times:.1f} × noise level"
+def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "") -> str:
+    times = error / noise if noise > 0.0 else math.inf
+    at_noise = times < NOISE
+    beside = "at the noise level" if at_noise else f"{times:.1f} × noise level"
     is_rough = what == elements.ROUGH
     return (
-        f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_floor else ""}" '
+        f'<b data-error="{error!r}"{" data-rough" * is_rough} class="{kind if at_noise else ""}" '
         f'title="{elements.ERROR}">{"≈ " * is_rough}{error:.3g} {unit}</b> '
-        f'<span class="quiet" title="{elements.FLOOR}">{what or beside}</span>'
+        f'<span class="quiet" title="{elements.NOISE_LEVEL}">{what or beside}</span>'
     )
 
 
-def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> str:
+def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
     """The error of each stage as bars, with the noise level as a line."""
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]
@@ -100,11 +99,11 @@ def waterfall(steps: tuple[tuple[str, float], ...], floor: float, unit: str) -> 
         rows.append(
             f'<div class="step"><span class="label">{escape(label)}</span><span class="track">'
             f'<i class="{kind}" style="width:{100 * error / most:.1f}%"></i>'
-            f'<u style="left:{100 * min(floor / most, 1.0):.1f}%"></u></span>'
+            f'<u style="left:{100 * min(noise / most, 1.0):.1f}%"></u></span>'
             f'<span class="value">{error:.3g} {unit}<em>{falls}</em></span></div>'
         )
         before = error
-    return f'<div class="fall">{"".join(rows)}<div class="floor">noise level {floor:.3g} {unit}</div></div>'
+    return f'<div class="fall">{"".join(rows)}<div class="floor">noise level {noise:.3g} {unit}</div></div>'
 
 
 class Parameters:
@@ -128,8 +127,10 @@ class Parameters:
             with ui.row().classes("bar"):
                 heading("Parameters", elements.SLIDER)
                 ui.space()
-                self._back = ui.button("back to the fit", on_click=self._reset).props("flat dense no-caps")
-                set_props(self._back, title=elements.BACK)
+                self._back = ui.button(
+                    "back to the fit", on_click=lambda: self._choose(self._state.choice.fitted)
+                )
+                set_props(self._back.props("flat dense no-caps"), title=elements.BACK)
                 self._back.set_visibility(False)
             self._list = ui.element("div").classes("parameters")
 
@@ -171,7 +172,10 @@ class Parameters:
 
     def _mark_state(self, name: str) -> None:
         """Write value and interval of a parameter."""
-        self._numbers[name].set_text(self._worded(name, self._values[name]))
+        assert self._shown is not None  # noqa: S101, set by `show`
+        fitted = self._shown.fitted
+        unit = {**fitted.model.gains, **fitted.model.inner}[name].unit_of(fitted.data.kind)
+        self._numbers[name].set_text(f"{self._values[name]:.4g} {unit}")
         self._intervals[name].set_text(self._interval(name))
 
     def _interval(self, name: str) -> str:
@@ -194,35 +198,39 @@ class Parameters:
             return f"within {low:.3g} to {high:.3g}, {text}"
         return text
 
-    def _worded(self, name: str, value: float) -> str:
-        assert self._shown is not None  # noqa: S101, set by `show`
-        model = self._shown.fitted.model
-        parameter = {**model.gains, **model.inner}[name]
-        return f"{value:.4g} {parameter.unit_of(self._shown.fitted.data.kind)}"
-
     def _row(self, name: str) -> None:
         assert self._shown is not None  # noqa: S101, set by `show`
         value = self._values[name]
         effect, _, parameter = name.partition(".")
         with set_props(ui.element("div").classes("parameter"), data_parameter=name):
             ui.html(f"{escape(effect.replace('_', ' '))} <b>{escape(parameter)}</b>").classes("name")
-            self._numbers[name] = ui.label(self._worded(name, value)).classes("value")
-            interval = ui.label(self._interval(name)).classes("interval")
-            self._intervals[name] = set_props(interval, title=elements.INTERVAL)
-            low, high = self._ends(name, self._shown.fitted.values[name])
+            self._numbers[name] = ui.label().classes("value")
+            self._intervals[name] = set_props(ui.label().classes("interval"), title=elements.INTERVAL)
+            self._mark_state(name)
+            # twice the value to either side, within what makes sense
+            fitted, known = self._shown.fitted.values[name], self._state.parameter(name)
+            reach = 2.0 * abs(fitted) or (known.typical[1] - known.typical[0])
+            low, high = max(fitted - reach, known.lower), min(fitted + reach, known.upper)
+            if not low < high:
+                low, high = fitted - reach, fitted + reach
             slider = ui.slider(min=low, max=high, step=(high - low) / _STEPS, value=value).props("dense")
             set_props(slider, aria_label=name, title=elements.SLIDER)
-            slider.on(
-                "update:model-value",
-                lambda event, name=name: self._pulled(name, float(event.args)),
-                throttle=0.05,
-            )
-            slider.on("change", lambda event, name=name: self._released(name, float(event.args)))
+
+            async def pull(event: events.GenericEventArguments) -> None:
+                await self._pulled(name, float(event.args))
+
+            async def release(event: events.GenericEventArguments) -> None:
+                await pull(event)
+                self._state.release()  # one step of undo ends
+
+            async def hold() -> None:
+                value = None if name in self._state.choice.held else self._values[name]
+                await self._choose(self._state.with_held(name, value))
+
+            slider.on("update:model-value", pull, throttle=0.05).on("change", release)
             self._sliders[name] = slider
-            held = name in self._state.choice.held
-            lock = ui.button(
-                icon="lock" if held else "lock_open", on_click=lambda name=name: self._hold(name)
-            )
+            is_held = name in self._state.choice.held
+            lock = ui.button(icon="lock" if is_held else "lock_open", on_click=hold)
             set_props(lock.props("flat dense size=sm"), title=elements.HOLD, aria_label=f"hold {name}")
             arrows = ui.button(icon="unfold_more", on_click=lambda: self._ask_bounds(name, low, high))
             set_props(arrows.props("flat dense size=sm"), title=elements.BOUND, aria_label=f"bound {name}")
@@ -236,7 +244,7 @@ class Parameters:
 
             async def bound() -> None:
                 try:
-                    pair = [math.nan if one.value is None else one.value for one in (lower, upper)]
+                    pair = [math.nan if bound.value is None else bound.value for bound in (lower, upper)]
                     choice = self._state.with_bounds(name, (pair[0], pair[1]))
                 except InputError as error:
                     ui.notify(str(error), type="warning")
@@ -253,25 +261,6 @@ class Parameters:
                 ui.button("free", on_click=free).props("dense flat no-caps")
         dialog.on("hide", dialog.delete)
         dialog.open()
-
-    def _ends(self, name: str, value: float) -> tuple[float, float]:
-        """The range of a slider: twice the value to either side, within what makes sense."""
-        parameter = self._state.parameter(name)
-        reach = 2.0 * abs(value) or (parameter.typical[1] - parameter.typical[0])
-        low, high = max(value - reach, parameter.lower), min(value + reach, parameter.upper)
-        return (low, high) if low < high else (value - reach, value + reach)
-
-    async def _released(self, name: str, value: float) -> None:
-        """Draw where a slider was let go, and end the step of undo."""
-        await self._pulled(name, value)
-        self._state.release()
-
-    async def _reset(self) -> None:
-        await self._choose(self._state.choice.fitted)
-
-    async def _hold(self, name: str) -> None:
-        held = name in self._state.choice.held
-        await self._choose(self._state.with_held(name, None if held else self._values[name]))
 
 
 class Lines:

@@ -67,10 +67,8 @@ class DrawnMotion:
 
 
 def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
-    """Values at rows, NaN for a gap; small numbers, that a browser gets quickly."""
-    found = values[rows].astype(np.float32)
-    found[rows < 0] = np.nan
-    return found
+    """Select rows of values (n,) as float32, which a browser gets quickly; NaN at gaps (row -1)."""
+    return np.where(rows < 0, np.nan, values[rows]).astype(np.float32)
 
 
 def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray | None) -> Figure:
@@ -78,9 +76,9 @@ def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray |
     rows = motion.rows(motion.data.effort, MOST_POINTS)
     x, unit = picked(motion.time_s, rows), motion.axes.effort_unit
     effort = picked(motion.data.effort, rows)
-    nothing = np.full(len(rows), np.nan, dtype=np.float32)
-    drawn = nothing if base is None else picked(base, rows)
-    rest = nothing if left is None else picked(left, rows)
+    empty = np.full(len(rows), np.nan, dtype=np.float32)
+    drawn = empty if base is None else picked(base, rows)
+    rest = empty if left is None else picked(left, rows)
     traces = [
         curve("measured", x, effort, palette.MEASURED, 1.6, unit),
         curve("base model", x, drawn, palette.BASE, 1.2, unit, dash="4px,3px"),
@@ -111,9 +109,8 @@ def time_update(
     """All curves over time again, with as many points in the span that is looked at; see `time_figure`."""
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
     ys = [motion.data.effort, base[0], now[0], base[1], now[1]]
-    return {"x": [picked(motion.time_s, rows)] * len(ys), "y": [picked(y, rows) for y in ys]}, list(
-        range(len(ys))
-    )
+    update = {"x": [picked(motion.time_s, rows)] * len(ys), "y": [picked(y, rows) for y in ys]}
+    return update, list(range(len(ys)))
 
 
 def model_update(
@@ -147,7 +144,7 @@ def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
     model = np.full(len(rows), np.nan, dtype=np.float32) if predicted is None else picked(predicted, rows)
     traces = []
     for number, values in enumerate((motion.position, motion.velocity)):
-        place = _panel(number) | {"showlegend": False}
+        place = {**_PANELS[number], "showlegend": False}
         x = picked(values, rows)
         traces.append(curve("measured", x, effort, palette.MEASURED, 1.3, unit, **place))
         traces.append(curve("model", x, model, palette.MODEL, 1.2, unit, **place))
@@ -162,9 +159,7 @@ def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
     return {"data": traces, "layout": layout, "narrow": _stacked(500)}
 
 
-def _panel(number: int) -> dict[str, str]:
-    """The axes of the first or second of two panels."""
-    return {"xaxis": "x2", "yaxis": "y2"} if number else {"xaxis": "x", "yaxis": "y"}
+_PANELS = ({"xaxis": "x", "yaxis": "y"}, {"xaxis": "x2", "yaxis": "y2"})  # axes of two panels
 
 
 def _beside(title: str) -> dict[str, Any]:
@@ -192,9 +187,9 @@ def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
 
 def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
     """What base model and model leave over the state, in the same colours."""
-    first, second = motion.map(before), motion.map(now)
-    found = np.abs(first.mean[np.isfinite(first.mean)])
-    reach = float(np.quantile(found, 0.98)) if len(found) else 1.0
+    maps = motion.map(before), motion.map(now)
+    sizes = np.abs(maps[0].mean[np.isfinite(maps[0].mean)])
+    reach = float(np.quantile(sizes, 0.98)) if len(sizes) else 1.0
     unit = motion.axes.effort_unit
     traces = [
         {
@@ -206,11 +201,11 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
             "zmax": reach,
             "colorscale": [list(stop) for stop in palette.RESIDUAL],
             "showscale": number == 1,
-            **_panel(number),
+            **_PANELS[number],
             "colorbar": {"thickness": 10, "title": {"text": f"left [{unit}]", "side": "right"}},
             "hovertemplate": f"%{{x:.3g}}, %{{y:.3g}}: %{{z:.3g}} {unit}<extra></extra>",
         }
-        for number, each in enumerate((first, second))
+        for number, each in enumerate(maps)
     ]
     layout = layout_of(
         250,
@@ -303,9 +298,12 @@ class PlotPanel:
                 heading("Curves", elements.CURVES)
                 self._runs()
             self._time = Plot(time_figure(self._motion, None, None))
-            self._time.on("zoom", self._zoomed)
-            self._time.on("point", self._clicked)
-            self._cursor_bar()
+            self._time.on("zoom", self._zoom)
+            self._time.on("point", self._place_cursor)
+            with ui.row().classes("bar cursors"):
+                set_props(ui.label("cursors").classes("quiet"), title=elements.CURSORS)
+                self._at = {name: self._cursor(name) for name in ("A", "B")}
+                self._reading = ui.html("").classes("reading").mark("reading")
         with ui.element("section").classes("card"):
             heading("Over the state", elements.STATE)
             self._state_plot = Plot(state_figure(self._motion, None))
@@ -316,7 +314,8 @@ class PlotPanel:
     def show(self, shown: DisplayedFit) -> None:
         """Draw a fit; the first one of a channel with its base model."""
         first, self._shown = self._shown is None, shown
-        self._drawn = _of(shown)
+        # Effort that the fit expects, and what it leaves in held-out runs, (n,) each.
+        self._drawn = shown.fitted.predict(shown.fitted.values), shown.fitted.residual
         if first:
             self._redraw()
         else:
@@ -367,7 +366,15 @@ class PlotPanel:
             return
         names = {run: f"run {run}" for run in measured.runs}
         left = {run: name for run, name in names.items() if run not in self._state.out}
-        _select(left, "drawn: all", "runs to draw", elements.RUNS).on_value_change(self._chose_runs)
+
+        def draw(event: events.ValueChangeEventArguments[Any]) -> None:
+            drawn = self._state.study.source.runs_of(self._data, event.value or ())
+            self._motion, self._span_s = DrawnMotion.of(self._data, drawn), None
+            self._redraw()
+            if self._map is not None and self._shown is not None and self._drawn is not None:
+                self._map.replace(map_figure(self._motion, self._shown.base.residual, self._drawn[1]))
+
+        _select(left, "drawn: all", "runs to draw", elements.RUNS).on_value_change(draw)
         out = _select(names, "runs left out", "runs to leave out", elements.LEFT_OUT, self._state.out)
         held = self._state.study.held_out
         judged = _select(left, "runs held out", "runs to hold out", elements.HELD_OUT, held)
@@ -380,87 +387,59 @@ class PlotPanel:
             if not still:
                 await self._use_runs(out.value or (), judged.value or ())
 
-        for one in (out, judged):  # several can be chosen before the list is closed
-            one.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
-            one.on_value_change(lambda: use(still=choosing))
+        for select in (out, judged):  # several can be chosen before the list is closed
+            select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
+            select.on_value_change(lambda: use(still=choosing))
 
-    def _chose_runs(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        drawn = self._state.study.source.runs_of(self._data, event.value or ())
-        self._motion = DrawnMotion.of(self._data, drawn)
-        self._span_s = None
-        self._redraw()
-        if self._map is not None and self._shown is not None and self._drawn is not None:
-            self._map.replace(map_figure(self._motion, self._shown.base.residual, self._drawn[1]))
-
-    def _zoomed(self, event: events.GenericEventArguments) -> None:
+    def _zoom(self, event: events.GenericEventArguments) -> None:
         span = event.args
         self._span_s = (float(span[0]), float(span[1])) if span else None
         if self._shown is not None and self._drawn is not None:
             self._time.restyle(time_update(self._motion, _of_base(self._shown), self._drawn, self._span_s))
 
-    def _cursor_bar(self) -> None:
-        with ui.row().classes("bar cursors"):
-            set_props(ui.label("cursors").classes("quiet"), title=elements.CURSORS)
-            self._at = {name: self._cursor_input(name) for name in ("A", "B")}
-            self._reading = ui.html("").classes("reading").mark("reading")
+    def _cursor(self, name: str) -> ui.number:
+        def put(event: events.ValueChangeEventArguments[Any]) -> None:
+            """Put the cursor at a time [s], or on the nearer end of the curves; None takes it away."""
+            if self._cursors.get(name) == event.value:
+                return
+            self._cursors.pop(name, None)
+            if event.value is not None:
+                self._cursors[name] = float(np.clip(event.value, *self._motion.time_s[[0, -1]]))
+            self._time.relayout(cursor_shapes(self._cursors))
+            self._read_cursors()
 
-    def _cursor_input(self, name: str) -> ui.number:
-        def typed(event: events.ValueChangeEventArguments[Any]) -> None:
-            if self._cursors.get(name) != event.value:
-                self._set_cursor(name, event.value)
+        cursor = ui.number(f"{name} [s]", format="%.3f", on_change=put)
+        return cursor.props("dense outlined").classes("cursor")
 
-        return (
-            ui.number(f"{name} [s]", format="%.3f", on_change=typed).props("dense outlined").classes("cursor")
-        )
-
-    def _clicked(self, event: events.GenericEventArguments) -> None:
+    def _place_cursor(self, event: events.GenericEventArguments) -> None:
         name, self._next = self._next, "B" if self._next == "A" else "A"
         self._at[name].set_value(round(float(event.args), 4))
 
-    def _set_cursor(self, name: str, time_s: float | None) -> None:
-        """Put a cursor at a time [s], or on the nearer end of the curves; None takes it away."""
-        self._cursors.pop(name, None)
-        if time_s is not None:
-            self._cursors[name] = float(np.clip(time_s, *self._motion.time_s[[0, -1]]))
-        self._time.relayout(cursor_shapes(self._cursors))
-        self._read_cursors()
-
     def _read_cursors(self) -> None:
         rows = {name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()}
-        self._reading.set_content(" &nbsp; ".join(self._readings(rows)))
-
-    def _readings(self, rows: dict[str, int]) -> list[str]:
         unit, effort = self._motion.axes.effort_unit, self._data.effort
         model = self._drawn[0] if self._drawn else None
-        said = []
+        readings = []
         for name, row in rows.items():
-            beside = (
-                "" if model is None else f", model {model[row]:.4g}, left {effort[row] - model[row]:+.3g}"
-            )
-            said.append(f"<b>{name}</b> {effort[row]:.4g} {unit}{beside}")
+            fit = "" if model is None else f", model {model[row]:.4g}, left {effort[row] - model[row]:+.3g}"
+            readings.append(f"<b>{name}</b> {effort[row]:.4g} {unit}{fit}")
         if len(rows) == 2:
             a, b = rows["A"], rows["B"]
             depth, _, of_depth = self._motion.axes.position.rstrip("]").partition(" [")
             apart = np.diff(self._motion.position[[a, b]])[0]
-            said.append(
+            readings.append(
                 f"<b>B − A</b> {self._motion.time_s[b] - self._motion.time_s[a]:.4g} s, "
                 f"{effort[b] - effort[a]:+.4g} {unit}, {depth} {apart:+.4g} {of_depth}"
             )
-        return said
+        self._reading.set_content(" &nbsp; ".join(readings))
 
 
 def _select(
-    options: dict[int, str], label: str, name: str, said: str, value: Sequence[int] = ()
+    options: dict[int, str], label: str, name: str, title: str, value: Sequence[int] = ()
 ) -> ui.select:
-    made = ui.select(options, multiple=True, label=label, value=list(value)).classes("runs")
-    return set_props(
-        made.props("dense outlined options-dense clearable use-chips"), aria_label=name, title=said
-    )
-
-
-def _of(shown: DisplayedFit) -> tuple[FloatArray, FloatArray]:
-    """Effort that the fit expects, and what it leaves in held-out runs, (n,) each."""
-    return shown.fitted.predict(shown.fitted.values), shown.fitted.residual
+    select = ui.select(options, multiple=True, label=label, value=list(value)).classes("runs")
+    select.props("dense outlined options-dense clearable use-chips")
+    return set_props(select, aria_label=name, title=title)
 
 
 def _of_base(shown: DisplayedFit) -> tuple[FloatArray, FloatArray]:

@@ -57,43 +57,40 @@ class DiagnosisProcess:
             StoppedError: it was stopped.
             PalpateError: the process failed.
         """
-        here, there = get_context("spawn").Pipe()
-        job = (there, list(data), list(models), list(effects), file)
-        process = get_context("spawn").Process(target=_work, args=job, daemon=True)
+        context = get_context("spawn")
+        receiver, sender = context.Pipe()
+        job = (sender, list(data), list(models), list(effects), file)
+        process = context.Process(target=_diagnose, args=job, daemon=True)
         process.start()
-        there.close()
+        sender.close()
         try:
-            return self._wait(here, progress)
+            while not self._stop.is_set():
+                if receiver.poll(_POLL_S):
+                    message = receiver.recv()
+                    if isinstance(message, Diagnosis):
+                        return message
+                    if isinstance(message, PalpateError):
+                        raise message
+                    progress(*message)
+            raise StoppedError("stopped; nothing was changed")
         except EOFError as error:
             raise PalpateError("the diagnosis ended without an answer; was there enough memory?") from error
         finally:
             process.terminate()
             process.join()
-            here.close()
-
-    def _wait(self, here: Connection, progress: fitting.Progress) -> Diagnosis:
-        while True:
-            if self._stop.is_set():
-                raise StoppedError("stopped; nothing was changed")
-            if here.poll(_POLL_S):
-                what = here.recv()
-                if isinstance(what, Diagnosis):
-                    return what
-                if isinstance(what, PalpateError):
-                    raise what
-                progress(*what)
+            receiver.close()
 
 
-def _work(
-    there: Connection, data: list[ChannelData], models: list[Model], effects: list[Effect], file: str
+def _diagnose(
+    sender: Connection, data: list[ChannelData], models: list[Model], effects: list[Effect], file: str
 ) -> None:
     end_with_parent()
     try:
-        there.send(
-            fitting.diagnose(data, models, effects, lambda what, share: there.send((what, share)), file)
+        sender.send(
+            fitting.diagnose(data, models, effects, lambda what, share: sender.send((what, share)), file)
         )
     except PalpateError as error:
-        there.send(error)
+        sender.send(error)
 
 
 _NICE = 10
@@ -106,10 +103,11 @@ class FitPrefetcher:
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel
         own = [effect for effect in study.effects if type(effect).__module__.startswith("estimation.")]
-        self._names = {one.name for one in own}
-        given = (channel, own)
+        self._names = {effect.name for effect in own}
         _working.add(self)
-        self._pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin, initargs=given)
+        self._pool = ProcessPoolExecutor(
+            1, get_context("spawn"), initializer=_begin_worker, initargs=(channel, own)
+        )
 
     async def fit(self, effects: Sequence[str]) -> None:
         """Make a fit known to the study, if it is not yet.
@@ -118,7 +116,7 @@ class FitPrefetcher:
             InputError: it cannot be fitted.
         """
         if self._names.issuperset(effects) and not self._study.is_fitted(self._channel, effects):
-            packed = await asyncio.wrap_future(self._pool.submit(_packed, tuple(effects)))
+            packed = await asyncio.wrap_future(self._pool.submit(_fit_packed, tuple(effects)))
             self._study.take_fit(self._channel, effects, packed)
 
     def close(self) -> None:
@@ -134,8 +132,8 @@ _working: set[FitPrefetcher] = set()
 
 def close_all() -> None:
     """End all such processes, when the server ends."""
-    for one in list(_working):
-        one.close()
+    for prefetcher in list(_working):
+        prefetcher.close()
 
 
 _channel: StudyChannel
@@ -143,7 +141,7 @@ _library: dict[str, Effect] = {}
 _fits: dict[tuple[str, ...], FitResult] = {}
 
 
-def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
+def _begin_worker(channel: StudyChannel, effects: Sequence[Effect]) -> None:
     """Make this process ready: it gives way to the page."""
     global _channel  # noqa: PLW0603, of this process alone
     end_with_parent()
@@ -152,7 +150,7 @@ def _begin(channel: StudyChannel, effects: Sequence[Effect]) -> None:
     _library.update({effect.name: effect for effect in effects})
 
 
-def _packed(effects: tuple[str, ...]) -> PackedFit:
+def _fit_packed(effects: tuple[str, ...]) -> PackedFit:
     return PackedFit.of(_fitted(effects))
 
 

@@ -57,7 +57,16 @@ class OwnPageOnly:
             await refusal(scope, receive, send)
         else:
             nonce = scope.setdefault("state", {})[_NONCE] = secrets.token_urlsafe(16)
-            await self._app(scope, receive, self._protected(send, nonce))
+            policy = f"{CLOSED}; {_OPEN.format(sockets=self._sockets, nonce=nonce)}"
+
+            async def send_with_policy(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    headers = MutableHeaders(scope=message)
+                    own = headers.get(_POLICY)  # of a report, which is kept from the page itself
+                    headers.update({**HEADERS, _POLICY: f"{own}; {_UNFRAMED}" if own else policy})
+                await send(message)
+
+            await self._app(scope, receive, send_with_policy)
 
     def _is_foreign(self, headers: Headers, *, is_socket: bool) -> bool:
         """Whether another page asks; without an origin, nobody opens a socket."""
@@ -66,18 +75,6 @@ class OwnPageOnly:
             loaded = headers.get("sec-fetch-site") in _ELSEWHERE
             return is_socket or (loaded and headers.get("sec-fetch-mode") != "navigate")
         return origin not in self._origins
-
-    def _protected(self, send: Send, nonce: str) -> Send:
-        policy = f"{CLOSED}; {_OPEN.format(sockets=self._sockets, nonce=nonce)}"
-
-        async def protected(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                own = headers.get(_POLICY)  # of a report, which is kept from the page itself
-                headers.update({**HEADERS, _POLICY: f"{own}; {_UNFRAMED}" if own else policy})
-            await send(message)
-
-        return protected
 
 
 class _WithNonce(jinja2.BaseLoader):
@@ -109,10 +106,13 @@ def serve(home: AppState, listening: socket) -> None:
     async def page() -> None:
         ui.add_head_html(f"<style>{STYLE}</style>")
         ui.colors(primary="#2a6fb0")
-        if home.reading:
-            await _wait(home)
-        else:
-            await ui.context.client.connected(timeout=_CONNECT_S)
+        is_reading = bool(home.reading)
+        if is_reading:  # what was measured is shown, in the page as it is first sent
+            ui.add_body_html(f'<div id="waiting">{home.waiting}</div>')
+            Plot({})  # for the browser to load what draws
+        await ui.context.client.connected(timeout=_CONNECT_S)
+        while is_reading and home.reading:
+            await asyncio.sleep(_POLL_S)
         # with all that draws, while the browser is loading
         from palpate.workbench.layout import lay_out_page  # noqa: PLC0415
 
@@ -146,15 +146,6 @@ def serve(home: AppState, listening: socket) -> None:
     # reads the data is just building, and Python then raises SystemError there.
     vars(ui_run_with)["gc"] = SimpleNamespace(get_objects=lambda: [server])
     server.run([listening])
-
-
-async def _wait(home: AppState) -> None:
-    """Show what was measured, in the page as it is first sent, until the data can be worked with."""
-    ui.add_body_html(f'<div id="waiting">{home.waiting}</div>')
-    Plot({})  # for the browser to load what draws
-    await ui.context.client.connected(timeout=_CONNECT_S)
-    while home.reading:
-        await asyncio.sleep(_POLL_S)
 
 
 def _end(home: AppState) -> None:

@@ -29,7 +29,7 @@ from palpate.workbench.elements import Figure, Plot, heading, set_props
 from palpate.workbench.plots import axis, curve, layout_of, picked
 from robot_io.errors import InputError, PalpateError
 from robot_io.session import Follower, Samples, Session
-from robot_io.types import FloatArray, IntArray
+from robot_io.types import FloatArray
 
 DROPPED = Path("sessions")  # where a dropped file is kept, beside what is probed and imported
 MOST_BYTES = 500_000_000
@@ -52,27 +52,32 @@ class ColumnGuess:
 def guess(table: Table) -> list[ColumnGuess]:
     """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
     guesses = guess_columns(table.names, clocks_of(table.columns))
-    guesses = [one for one in guesses if table.is_numeric(one.column)]
-    best = {(one.quantity, one.joint): one for one in sorted(guesses, key=lambda one: one.fit)}
-    found = [
-        _column(table, one if best[one.quantity, one.joint] is one else Guess(one.column, ""))
-        for one in guesses
-    ]
-    if not any(one.quantity == "time" for one in found):
-        rising = (one for one in found if not one.quantity and np.all(np.diff(table.numbers(one.name)) > 0.0))
-        for one in list(rising)[:1]:
-            one.quantity, one.unit, one.why = "time", "s", "rises all along"
-    return found
+    guesses = [guessed for guessed in guesses if table.is_numeric(guessed.column)]
+    best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
+    columns = []
+    for each in guesses:
+        guessed = each if best[each.quantity, each.joint] is each else Guess(each.column, "")
+        quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
+        values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
+        why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
+        unit = guessed.unit or _usual_unit(quantity)
+        columns.append(ColumnGuess(guessed.column, quantity, unit, why, values))
+    if not any(column.quantity == "time" for column in columns):
+        for column in columns:
+            if not column.quantity and np.all(np.diff(table.numbers(column.name)) > 0.0):
+                column.quantity, column.unit, column.why = "time", "s", "rises all along"
+                break
+    return columns
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
     """How to read the file, as the page has it. InputError: two columns hold the same."""
     used = [column for column in columns if column.quantity]
-    names = [one.quantity for one in used]
+    names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"several columns are taken for {twice[0]}; choose one")
-    units = {one.name: one.unit for one in used if one.unit and one.quantity != RUN}
-    return ImportOptions(columns={one.quantity: one.name for one in used}, units=units)
+    units = {column.name: column.unit for column in used if column.unit and column.quantity != RUN}
+    return ImportOptions(columns={column.quantity: column.name for column in used}, units=units)
 
 
 def units_of(quantity: str) -> list[str]:
@@ -82,14 +87,7 @@ def units_of(quantity: str) -> list[str]:
     ]
 
 
-def _column(table: Table, guessed: Guess) -> ColumnGuess:
-    quantity = f"{guessed.quantity}_{guessed.joint}" if guessed.joint is not None else guessed.quantity
-    values = ", ".join(f"{value:.4g}" for value in table.head(_SHOWN).numbers(guessed.column))
-    why = guessed.why if guessed.unit or not quantity else f"{guessed.why}; unit assumed"
-    return ColumnGuess(guessed.column, quantity, guessed.unit or _usual(quantity), why, values)
-
-
-def _usual(quantity: str) -> str:
+def _usual_unit(quantity: str) -> str:
     dimensions = QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ())
     return si_unit(dimensions[0]) if dimensions else ""
 
@@ -114,11 +112,11 @@ class FileDrop:
             auto_upload=True,
             max_files=1,
             max_file_size=MOST_BYTES,
-            on_upload=self._uploaded,
+            on_upload=self._upload,
         ).props("flat bordered").classes("drop").mark("drop")
         self._review = ui.element("div").classes("dropped")
 
-    async def _uploaded(self, event: events.UploadEventArguments) -> None:
+    async def _upload(self, event: events.UploadEventArguments) -> None:
         try:
             path, is_new = await self._kept(event)
         except PalpateError as error:
@@ -182,27 +180,27 @@ class FileDrop:
             ui.button("Use these columns", on_click=use).props("unelevated dense no-caps").mark("use")
 
     @staticmethod
-    def _column_row(one: ColumnGuess, choices: list[str]) -> None:
+    def _column_row(column: ColumnGuess, choices: list[str]) -> None:
         with ui.element("tr"):
             with ui.element("td"):
-                set_props(ui.label(one.name), title=one.why)
+                set_props(ui.label(column.name), title=column.why)
             with ui.element("td"):
-                known = choices if one.quantity in {*choices, ""} else [*choices, one.quantity]
-                quantity = ui.select(known, value=one.quantity or NOTHING).props(_SELECT)
-                set_props(quantity, aria_label=f"quantity of {one.name}")
+                known = choices if column.quantity in {*choices, ""} else [*choices, column.quantity]
+                quantity = ui.select(known, value=column.quantity or NOTHING).props(_SELECT)
+                set_props(quantity, aria_label=f"quantity of {column.name}")
             with ui.element("td"):
-                unit = ui.select(units_of(one.quantity), value=one.unit or None).props(_SELECT)
-                set_props(unit, aria_label=f"unit of {one.name}")
+                unit = ui.select(units_of(column.quantity), value=column.unit or None).props(_SELECT)
+                set_props(unit, aria_label=f"unit of {column.name}")
             with ui.element("td"):
-                ui.label(one.values).classes("quiet")
+                ui.label(column.values).classes("quiet")
 
         def chose_quantity(event: events.ValueChangeEventArguments[Any]) -> None:
-            one.quantity = "" if event.value == NOTHING else event.value
-            one.unit = _usual(one.quantity)
-            unit.set_options(units_of(one.quantity), value=one.unit or None)
+            column.quantity = "" if event.value == NOTHING else event.value
+            column.unit = _usual_unit(column.quantity)
+            unit.set_options(units_of(column.quantity), value=column.unit or None)
 
         def chose_unit(event: events.ValueChangeEventArguments[Any]) -> None:
-            one.unit = event.value or ""
+            column.unit = event.value or ""
 
         quantity.on_value_change(chose_quantity)
         unit.on_value_change(chose_unit)
@@ -272,20 +270,16 @@ class Feed:
             if not new.any():
                 return
             self._sent[session] = float(time_s.max())
-            self._send(ticks, np.flatnonzero(new))
-
-    def _send(self, ticks: Samples, rows: IntArray) -> None:
-        columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
-        torques = ticks.vector("torque_measured_nm")
-        time_s = ticks["time_s"]
-        for row in rows:
-            # what is not there yet, such as an estimate in free air, is left out: JSON has no NaN
-            message: dict[str, object] = {
-                name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])
-            }
-            if np.isfinite(torques[row]).all():
-                message["torque_nm"] = torques[row].tolist()
-            self._channel.log(message, log_time=int(time_s[row] * _NS))
+            columns = {n: online_residual(ticks) if n == "residual_n" else ticks[n] for n in _NUMBERS}
+            torques = ticks.vector("torque_measured_nm")
+            for row in np.flatnonzero(new):
+                # what is not there yet, such as an estimate in free air, is left out: JSON has no NaN
+                message: dict[str, object] = {
+                    name: float(values[row]) for name, values in columns.items() if np.isfinite(values[row])
+                }
+                if np.isfinite(torques[row]).all():
+                    message["torque_nm"] = torques[row].tolist()
+                self._channel.log(message, log_time=int(time_s[row] * _NS))
 
     def close(self) -> None:
         """End the server."""
@@ -375,7 +369,9 @@ class Live:
             return
         self._reading, before = True, follower.count
         try:
-            ticks = await asyncio.to_thread(self._read)
+            ticks = await asyncio.to_thread(follower.read)
+            if ticks is not None and len(ticks) and self._feed is not None:
+                await asyncio.to_thread(self._feed.send, self._session, ticks)
         except PalpateError as error:
             self._timer.deactivate()
             self._words.set_text(str(error))
@@ -390,14 +386,8 @@ class Live:
             self._timer.deactivate()
             await self._done(self._session)
 
-    def _read(self) -> Samples | None:
-        ticks = self._follower.read()
-        if ticks is not None and len(ticks) and self._feed is not None:
-            self._feed.send(self._session, ticks)
-        return ticks
 
-
-async def ran(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
+async def run_command(arguments: Sequence[str], hear: Callable[[str], object]) -> str:
     """Run a palpate command in a process of its own; if this is cancelled, as Ctrl-C in a terminal ends it.
 
     Args:

@@ -57,16 +57,17 @@ class AppState:
 
     def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
         """Make the bench in another thread; the page shows what was measured and waits for it."""
-        self.reading = what
-        Thread(target=self._read, args=(make,), daemon=True).start()
 
-    def _read(self, make: "Callable[[], WorkbenchState]") -> None:
-        try:
-            self.state = make()
-        except PalpateError as error:
-            self.error = str(error)
-        finally:
-            self.reading = ""
+        def run() -> None:
+            try:
+                self.state = make()
+            except PalpateError as error:
+                self.error = str(error)
+            finally:
+                self.reading = ""
+
+        self.reading = what
+        Thread(target=run, daemon=True).start()
 
 
 STYLE = (Path(__file__).parent / "workbench.css").read_text(encoding="utf-8")

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from palpate.workbench.processes import DiagnosisProcess
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
+Value = TypeVar("Value")
 Bounds = tuple[float, float]
 _Runs = tuple[tuple[int, ...], tuple[int, ...]]  # left out, held out
 _Step = tuple["ModelSelection", _Runs]  # of undo and redo
@@ -60,7 +62,7 @@ class DisplayedFit:
     fitted: FitResult  # the chosen one; its intervals are computed when they are first asked for
     # Label and held-out error of the base model and of each effect added.
     steps: tuple[tuple[str, float], ...]
-    floor: float  # noise of the channel, whatever the model [effort]
+    noise: float  # noise of the channel, whatever the model [effort]
     is_rough: bool = False  # a first look, until the fit is there
 
     @property
@@ -116,10 +118,9 @@ class WorkbenchState:
             InputError: it cannot be fitted.
         """
         chosen = choice or self.choice
-        one = self.study.channel(chosen.channel)
-        names = chosen.effects
-        stages = [self.study.fit(one, names[:count]) for count in range(len(names) + 1)]
-        fitted = self.study.fit_held(one, names, chosen.held, chosen.bounds)
+        channel, names = self.study.channel(chosen.channel), chosen.effects
+        stages = [self.study.fit(channel, names[:count]) for count in range(len(names) + 1)]
+        fitted = self.study.fit_held(channel, names, chosen.held, chosen.bounds)
         return self._shown(chosen, stages if fitted is stages[-1] else [*stages, fitted])
 
     def _shown(
@@ -132,16 +133,16 @@ class WorkbenchState:
         noise = self.study.noise(choice.channel).value
         return DisplayedFit(choice, base, stages[-1], steps, noise, is_rough)
 
-    def glance(self, choice: ModelSelection) -> DisplayedFit | None:
-        """What `show` is going to give, roughly; None where that is known, or holds and bounds are asked for.
+    def preview(self, choice: ModelSelection) -> DisplayedFit | None:
+        """Fit roughly what `show` will give; None where that is known, or parameters are held or bounded.
 
         Raises:
             InputError: it cannot be fitted.
         """
-        one, names = self.study.channel(choice.channel), choice.effects
-        if self.study.is_fitted(one, names) or choice.held or choice.bounds:
+        channel, names = self.study.channel(choice.channel), choice.effects
+        if self.study.is_fitted(channel, names) or choice.held or choice.bounds:
             return None
-        stages = [self.study.preview(one, names[:count]) for count in range(len(names) + 1)]
+        stages = [self.study.preview(channel, names[:count]) for count in range(len(names) + 1)]
         return self._shown(choice, stages, is_rough=True)
 
     def choose(self, choice: ModelSelection) -> DisplayedFit:
@@ -186,9 +187,8 @@ class WorkbenchState:
 
     def with_held(self, name: str, value: float | None) -> ModelSelection:
         """The present choice with a parameter held at a value; None to free it."""
-        held = {other: at for other, at in self.choice.held.items() if other != name}
-        bounds = {other: pair for other, pair in self.choice.bounds.items() if other != name}
-        held = held if value is None else held | {name: value}
+        held, bounds = _without(self.choice.held, name), _without(self.choice.bounds, name)
+        held |= {} if value is None else {name: value}
         return replace(self.choice, held=held, bounds=bounds, pulled={})
 
     def with_bounds(self, name: str, bounds: Bounds) -> ModelSelection:
@@ -202,7 +202,7 @@ class WorkbenchState:
                 f"{name}: the bounds are {bounds[0]:g} and {bounds[1]:g}; give two numbers, the first below "
                 "the second"
             )
-        held = {other: at for other, at in self.choice.held.items() if other != name}
+        held = _without(self.choice.held, name)
         return replace(self.choice, held=held, bounds={**self.choice.bounds, name: bounds}, pulled={})
 
     @property
@@ -387,19 +387,23 @@ def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effe
 
 def groups(evidence: Sequence[EffectEvidence]) -> list[list[EffectEvidence]]:
     """Effects with those that do the same to this data, the most telling first."""
-    left = sorted(evidence, key=lambda one: -one.falls)
+    left = sorted(evidence, key=lambda each: -each.falls)
     made: list[list[EffectEvidence]] = []
     while left:
         first = left[0]
         alike = [
-            one
-            for one in left
-            if one is first
-            or (min(one.falls, first.falls) > TELLING and abs(float(one.change @ first.change)) > ALIKE)
+            each
+            for each in left
+            if each is first
+            or (min(each.falls, first.falls) > TELLING and abs(float(each.change @ first.change)) > ALIKE)
         ]
         made.append(alike)
-        left = [one for one in left if one not in alike]
+        left = [each for each in left if each not in alike]
     return made
+
+
+def _without(values: Mapping[str, Value], name: str) -> dict[str, Value]:
+    return {key: value for key, value in values.items() if key != name}
 
 
 def _listed(runs: Sequence[int]) -> str:

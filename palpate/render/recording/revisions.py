@@ -226,7 +226,25 @@ def record_rerun(view: StudyView, path: Path) -> None:
             _log_errors(recording, channel)
             for number in range(len(channel.stages)):
                 recording.set_time(REVISION, sequence=number)
-                words = rr.TextDocument(_stage_markdown(channel, number), media_type=rr.MediaType.MARKDOWN)
+                stage, unit = channel.stages[number], channel.axes.effort_unit
+                lines = [
+                    f"### Revision {number}",
+                    f"**{stage.label}**{'' if number else ', the base model'}",
+                    "",
+                ]
+                lines += [
+                    f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}",
+                    "",
+                ]
+                lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
+                lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
+                for parameter in stage.parameters:
+                    value, interval = with_interval(parameter)
+                    lines.append(
+                        f"| {parameter.effect}.{parameter.name} | {value} | {interval} | {parameter.unit} |"
+                    )
+                stage_markdown = "\n".join(lines)
+                words = rr.TextDocument(stage_markdown, media_type=rr.MediaType.MARKDOWN)
                 recording.log(f"{channel.name}/words", words)
             recording.reset_time()
         for channel in drawn:
@@ -289,18 +307,6 @@ def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
         text = f"revision {number}: {error:.3g}"
         chart.log_bar(recording, "now", _NOW, error, palette.MEASURED, text, static=False)
     recording.reset_time()
-
-
-def _stage_markdown(channel: ChannelView, number: int) -> str:
-    stage, unit = channel.stages[number], channel.axes.effort_unit
-    lines = [f"### Revision {number}", f"**{stage.label}**{'' if number else ', the base model'}", ""]
-    lines += [f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}", ""]
-    lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
-    lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
-    for parameter in stage.parameters:
-        value, interval = with_interval(parameter)
-        lines.append(f"| {parameter.effect}.{parameter.name} | {value} | {interval} | {parameter.unit} |")
-    return "\n".join(lines)
 
 
 def _log_time(recording: rr.RecordingStream, channel: ChannelView) -> None:

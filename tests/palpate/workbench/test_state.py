@@ -23,7 +23,7 @@ from palpate.workbench.diagnosis import RiddleScore
 from palpate.workbench.layout import _unused
 from palpate.workbench.plots import MOST_POINTS, DrawnMotion, picked, time_figure
 from palpate.workbench.processes import FitPrefetcher
-from palpate.workbench.sources import guess, options_of, ran, units_of
+from palpate.workbench.sources import guess, options_of, run_command, units_of
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
@@ -52,15 +52,15 @@ def test_a_tick_is_the_fit_that_add_makes(state, press):
 
 def test_a_first_look_is_near_the_fit_and_is_not_made_where_that_is_known(state):
     choice = state.toggled("cubic_stiffness")
-    first = state.glance(choice)
+    first = state.preview(choice)
     assert first.is_rough
     assert state.choice.effects == ()  # nothing is chosen by it
     fitted = state.choose(choice)
     assert not fitted.is_rough
     assert first.fitted.rmse == pytest.approx(fitted.fitted.rmse, rel=0.2)
-    assert state.glance(choice) is None
+    assert state.preview(choice) is None
     with pytest.raises(InputError, match="more than once"):
-        state.glance(choice.with_effects(["cubic_stiffness"] * 2))
+        state.preview(choice.with_effects(["cubic_stiffness"] * 2))
 
 
 def test_undo_and_redo_go_both_ways_and_a_new_choice_ends_redo(state):
@@ -306,7 +306,9 @@ def test_a_probing_that_the_server_leaves_is_brought_to_its_end(tmp_path):
 
     async def left():
         probing = asyncio.create_task(
-            ran(["probe", "--realtime", "--speed-mm-s", "150", "--hold-s", "0.5", "--out", str(path)], print)
+            run_command(
+                ["probe", "--realtime", "--speed-mm-s", "150", "--hold-s", "0.5", "--out", str(path)], print
+            )
         )
         while not path.exists() or path.stat().st_size < 200_000:
             await asyncio.sleep(0.1)
