@@ -1,11 +1,10 @@
 """Measures the workbench page in Chromium: from tick to new curves, ready time, memory, a thousand ticks.
 
-    python benchmarks/workbench.py [--session FILE] [--ticks 1000] [--streamlit PYTHON] [--chromium PATH]
+    python benchmarks/workbench.py [--session FILE] [--ticks 1000] [--chromium PATH]
 
 Without --session a minute at 1 kHz of a simulated arm of three joints with contact is probed first. A tick
 ends when the error in held-out runs and the curves have changed in the browser, at its next frame.
 Measured are effects that the page has fitted ahead, as after a few seconds of looking, and others at once.
---streamlit names the Python of another environment, with streamlit, for the same two curves in such a page.
 """
 
 import os
@@ -59,17 +58,6 @@ _RAW = """(() => {
     : requestAnimationFrame(look);
   look();
 })()"""
-_STREAMLIT = """() => new Promise(done => {
-  const value = () => document.querySelector('[data-testid="stMetricValue"]').innerText;
-  const lines = () => [...document.querySelectorAll('.js-line')];
-  const paths = () => lines().map(p => p.getAttribute('d')).join('').length;
-  const before = value(), drawn = paths(), begun = performance.now();
-  document.querySelector('[data-testid="stCheckbox"] input').click();
-  const look = () => { if (value() !== before && paths() !== drawn && paths() > 0)
-      requestAnimationFrame(() => done(performance.now() - begun));
-    else if (performance.now() - begun > 60000) done(NaN); else setTimeout(look, 2); };
-  look();
-})"""
 
 
 @contextmanager
@@ -177,26 +165,6 @@ def measure_workbench(page: Page, session: Path, folder: Path, count: int) -> No
         print(f"the browser's heap: {heap:.1f} MB, after {count} ticks {heap_after / heap - 1:+.1%}")
 
 
-def measure_streamlit(page: Page, python: str, session: Path, folder: Path) -> None:
-    """A Streamlit page with the same two curves and the same fits."""
-    port = free_port()
-    options = ["--server.port", str(port), "--server.address", "127.0.0.1", "--server.headless", "true"]
-    options += ["--browser.gatherUsageStats", "false"]
-    script = str(HERE / "pages" / "streamlit_page.py")
-    with served([python, "-m", "streamlit", "run", script, *options, "--", str(session)], port, folder):
-        page.goto(f"http://127.0.0.1:{port}")
-        page.wait_for_selector(".js-line")
-        page.wait_for_timeout(2000)
-        for _ in range(4):
-            page.evaluate(_STREAMLIT)
-            page.wait_for_timeout(1000)
-        times = []
-        for _ in range(20):
-            times.append(page.evaluate(_STREAMLIT))
-            page.wait_for_timeout(1000)
-        said("Streamlit, two curves, fits made before", np.array(times))
-
-
 def probed(folder: Path) -> Path:
     """A minute of a simulated arm that presses an object with something hidden in it."""
     session = folder / "minute.mcap"
@@ -212,7 +180,6 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--session", type=Path)
     parser.add_argument("--ticks", type=int, default=1000)
-    parser.add_argument("--streamlit", metavar="PYTHON")
     parser.add_argument("--chromium", default="/usr/bin/chromium")
     chosen = parser.parse_args()
     print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
@@ -223,8 +190,6 @@ def main() -> None:
         page = browser.new_page(viewport={"width": 1400, "height": 900})
         page.set_default_timeout(1000 * MOST_S)
         measure_workbench(page, session, folder, chosen.ticks)
-        if chosen.streamlit:
-            measure_streamlit(page, chosen.streamlit, session, folder)
         browser.close()
     print(f"load of the machine after: {os.getloadavg()[0]:.1f}")
 
