@@ -39,7 +39,7 @@ HEADER = (
 
 
 @dataclass(frozen=True)
-class Row:
+class ForceRow:
     """One run."""
 
     peak_n: float
@@ -49,7 +49,7 @@ class Row:
     tracking_rad: float
 
 
-def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> list[Row]:
+def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPlan) -> list[ForceRow]:
     """Probe one object at all speeds of the plan."""
     robot_file, clock, log = find_robot(arm), SimulatedClock(), TickRecords()
     true_n: list[float] = []
@@ -72,13 +72,13 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     return [summary(records[records["run"] == run], force_n[records["run"] == run], plan) for run in runs]
 
 
-def summary(records: np.ndarray, force_n: np.ndarray, plan: ProbingPlan) -> Row:
+def summary(records: np.ndarray, force_n: np.ndarray, plan: ProbingPlan) -> ForceRow:
     """What one run did to the force."""
     time_s, phase = records["time_s"], records["phase"]
     late = time_s >= time_s[force_n > 0.0][0] + LATE_S
     held = force_n[phase == Phase.HOLD][-300:]
     pressed = (phase == Phase.LOADING) | (phase == Phase.HOLD)
-    return Row(
+    return ForceRow(
         peak_n=force_n.max(),
         late_n=force_n[late].max(),
         hold_error_n=np.abs(held - plan.force_limit_n).max(),
@@ -95,7 +95,7 @@ def objects() -> Iterator[tuple[float, float, tuple[float, ...]]]:
                 yield stiffness, damping, speeds
 
 
-def cells(arm: str, stiffness_n_m: float, damping_n_s_m: float, speed_m_s: float, row: Row) -> list[str]:
+def cells(arm: str, stiffness_n_m: float, damping_n_s_m: float, speed_m_s: float, row: ForceRow) -> list[str]:
     """A row of the table."""
     condition = [arm, f"{stiffness_n_m:.0f}", f"{damping_n_s_m:.0f}", f"{1e3 * speed_m_s:.0f}"]
     forces = [f"{row.peak_n:.2f}", f"{row.late_n:.2f}", f"{row.hold_error_n:.3f}"]
@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--arm", choices=sorted(shipped_robots()), help="only this one")
     only = parser.parse_args().arm
     table = Table(*(Column(name, justify="right") for name in HEADER))
-    rows: list[Row] = []
+    rows: list[ForceRow] = []
     for arm in [only] if only else sorted(shipped_robots()):
         for stiffness, damping, speeds in objects():
             runs = probe(arm, stiffness, damping, ProbingPlan(speeds_m_s=speeds))

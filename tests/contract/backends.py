@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
-class Bench:
+class RobotBench:
     """One robot on the bench, in state NEW.
 
     press: makes the force sensor feel about this force [N] at the next ticks, or None where nobody can.
@@ -91,25 +91,25 @@ class Backend:
     """
 
     name: str
-    open: Callable[[], Bench]
+    open: Callable[[], RobotBench]
     missing: Callable[[], str | None] = lambda: None
     known: str = ""
 
 
-def open_mock() -> Bench:
+def open_mock() -> RobotBench:
     robot_file, clock = mock_robot_file(), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalogue("tests.mock_robot"), clock)
 
     def press(force_n: float) -> None:
         mock_bus(robot).plant.hand_force_n = force_n
 
-    return Bench(robot, robot_file, clock, press, WATCHDOG_S)
+    return RobotBench(robot, robot_file, clock, press, WATCHDOG_S)
 
 
 SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
 
 
-def open_simulation() -> Bench:
+def open_simulation() -> RobotBench:
     robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
     robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
 
@@ -120,7 +120,7 @@ def open_simulation() -> Bench:
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return Bench(robot, robot_file, clock, press)
+    return RobotBench(robot, robot_file, clock, press)
 
 
 def wired(
@@ -128,7 +128,7 @@ def wired(
     changes: Sequence[tuple[str, str]] = (),
     watchdog_s: float | None = None,
     hidden: Sequence[Imperfection] = (),
-) -> Bench:
+) -> RobotBench:
     """Real drivers of a robot file that is shipped, changed, in lock-step with emulated devices."""
     made = WireBench(path, changes, hidden)
 
@@ -140,10 +140,10 @@ def wired(
         depth_m = force_n / world.object.law.stiffness_n_m if force_n else -0.05
         world.object.move_surface(world.truth().tip_position_world_m[2] + depth_m)
 
-    return Bench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.bench.close)
+    return RobotBench(made.robot, made.arm.robot_file, made.clock, press, watchdog_s, made.arm.bench.close)
 
 
-def odrive(*changes: tuple[str, str]) -> Bench:
+def odrive(*changes: tuple[str, str]) -> RobotBench:
     return wired(ODRIVE, changes, 0.05)
 
 
@@ -166,7 +166,7 @@ PLAIN = (  # other servos, with the plain sync read, and the velocity by differe
 )
 
 
-def open_documented() -> Bench:
+def open_documented() -> RobotBench:
     """The driver of docs/how-to/driver.md, on the gauge that it is written for."""
     text, pattern = ODRIVE.read_text(encoding="utf-8"), "(?P<value>[-+]?[0-9.]+) (?P<unit>[a-z]+)"
     built = text.replace(LOADSTAR, f"driver: force_lines, pattern: '{pattern}'")
@@ -179,7 +179,7 @@ def open_documented() -> Bench:
         as_built=parse_robot_file(built, ODRIVE),
     )
     robot = build_robot(arm.robot_file, DriverCatalogue(documented_driver()), clock)
-    return Bench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
+    return RobotBench(robot, arm.robot_file, clock, None, 0.05, arm.bench.close)
 
 
 ROTORS = [HiddenArmature(joint=1, inertia_kg_m2=0.056)]  # of two servos, which drive little else

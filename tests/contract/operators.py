@@ -21,7 +21,7 @@ from robot_io.clock import MonotonicClock, SimulatedClock
 from tests.mock_robot import mock_bus, write_mock_files
 
 
-class Bench:
+class OperatorBench:
     """One device; `move` brings it upwards, `press` holds its button, `unplug` takes it away."""
 
     clock_type = SimulatedClock
@@ -44,7 +44,7 @@ class Bench:
         pytest.skip("nothing that could be unplugged")
 
 
-class Scripted(Bench):
+class Scripted(OperatorBench):
     name = "scripted"
 
     def settings(self):
@@ -58,7 +58,7 @@ class Scripted(Bench):
         self.wait(2.5)
 
 
-class Pipe(Bench):
+class Pipe(OperatorBench):
     """A device file that the test writes to."""
 
     def settings(self):
@@ -108,7 +108,7 @@ class Mouse(Pipe):
         self.send(bytes([0x09, 0, 0]))
 
 
-class Keyboard(Bench):
+class Keyboard(OperatorBench):
     name = "keyboard"
 
     def settings(self):
@@ -147,7 +147,7 @@ def _compiled_stand_in():
     return folder / "libHD.so"
 
 
-class Touch(Bench):
+class Touch(OperatorBench):
     name = "touch"
     clock_type = MonotonicClock
     oldest_s = 60.0
@@ -191,7 +191,7 @@ class Touch(Bench):
         self.library.stand_in_press(0)
 
 
-class LeaderArm(Bench):
+class LeaderArm(OperatorBench):
     name = "leader_arm"
 
     def settings(self):

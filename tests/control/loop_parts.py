@@ -19,7 +19,7 @@ TICK = tick_stream(JOINTS).dtype  # making it takes longer than the rest of a ti
 WIDTHS = [column.width for column in tick_stream(JOINTS).columns]
 
 
-class Arm:
+class MockArm:
     """The mock robot, configured, with its guard; what it was sent is kept, and its bus can be made to fail.
 
     Args:

@@ -18,7 +18,7 @@ WIDE = (np.full(3, -3.1), np.full(3, 3.1))
 
 
 @dataclass
-class Recording:
+class ProbingRecord:
     """One row a tick; forces are the plant's own."""
 
     time_s: np.ndarray
@@ -76,7 +76,7 @@ def push(plant: Plant, force_n: Callable[[], float]) -> None:
     plant.measure = measure
 
 
-def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> Recording:
+def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> ProbingRecord:
     measurement: Measurement = plant.measure()
     task.start(measurement)
     rows, outputs, events = [], [], []
@@ -89,7 +89,7 @@ def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> Recor
         rows.append((plant.time_s, plant.contact_force_n(), *plant.position_rad))
         plant.advance(output.command.joint_torque_nm, TICK_S)
     time_s, force_n, *position = np.array(rows).T
-    return Recording(
+    return ProbingRecord(
         time_s,
         force_n,
         np.array([output.phase for output in outputs]),

@@ -36,7 +36,7 @@ def test_between_the_thresholds_nothing_changes():
     assert states(touching, [0.4, 0.4, 0.4]) == [True, True, False]
 
 
-class Bench:
+class HybridBench:
     """The controller on the reference plant, along a line under the tip."""
 
     def __init__(self, height_m: float = 0.06, **plant) -> None:
@@ -60,7 +60,7 @@ class Bench:
         return next(i for i in range(1, len(self.contact)) if self.contact[i] is to != self.contact[i - 1])
 
 
-def press_and_leave(bench: Bench, speed_m_s: float = 0.06) -> Bench:
+def press_and_leave(bench: HybridBench, speed_m_s: float = 0.06) -> HybridBench:
     approach = SpeedBlend(LineState(0.0), speed_m_s, 3.0)
     load = ForceGoal(10.0, speed_m_s, hold=False)
     for tick in range(500):
@@ -81,7 +81,7 @@ def press_and_leave(bench: Bench, speed_m_s: float = 0.06) -> Bench:
     ("stiffness", "damping"), [(100.0, 0.0), (500.0, 20.0), (2000.0, 50.0), (10_000.0, 0.0)]
 )
 def test_the_switch_is_bumpless_both_ways(stiffness, damping):
-    bench = press_and_leave(Bench(stiffness_n_m=stiffness, damping_n_s_m=damping))
+    bench = press_and_leave(HybridBench(stiffness_n_m=stiffness, damping_n_s_m=damping))
     torques, forces = np.array(bench.torques), np.array(bench.forces)
     # The torques balance the measured force; what the controller itself adds at the switch is a bump.
     reach_m = 0.6
@@ -98,7 +98,7 @@ def test_the_switch_is_bumpless_both_ways(stiffness, damping):
 
 
 def test_without_force_goal_it_follows_the_motion_even_in_contact():
-    bench = Bench(height_m=0.055, stiffness_n_m=500.0)
+    bench = HybridBench(height_m=0.055, stiffness_n_m=500.0)
     down = SpeedBlend(LineState(0.0), 0.03, 3.0)
     for tick in range(400):
         bench.tick(HybridReference(free=down.at(tick * TICK_S)))
@@ -107,7 +107,7 @@ def test_without_force_goal_it_follows_the_motion_even_in_contact():
 
 
 def test_a_stale_force_proves_no_contact():
-    bench = Bench()
+    bench = HybridBench()
     bench.plant.force_bias_n = 5.0
     measurement = bench.plant.measure()
     still = HybridReference(free=LineState(0.0))
@@ -125,6 +125,6 @@ def test_misuse_is_refused():
     control.start(measurement)
     with pytest.raises(InputError, match="set_line"):
         control.step(measurement, HybridReference(free=LineState(0.0)), TICK_S)
-    bench = Bench()
+    bench = HybridBench()
     with pytest.raises(InputError, match="neither a motion nor a force"):
         bench.tick(HybridReference())

@@ -19,7 +19,7 @@ from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.robot import RobotState
 from robot_io.session import Session, SessionMetadata, SessionWriter
 from robot_io.types import Command
-from tests.control.loop_parts import JOINTS, RATE_HZ, Arm, MemoryLog, Swing
+from tests.control.loop_parts import JOINTS, RATE_HZ, MemoryLog, MockArm, Swing
 
 
 def run(arm, task, log=None, **options):
@@ -28,7 +28,7 @@ def run(arm, task, log=None, **options):
 
 
 def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
-    arm, task = Arm(), Swing(done_at=200)
+    arm, task = MockArm(), Swing(done_at=200)
     result, log = run(arm, task)
     assert result.outcome is Outcome.FINISHED
     assert (result.cause, result.ticks, result.overruns) == ("", 200, 0)
@@ -40,7 +40,7 @@ def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
 
 
 def test_records_hold_what_was_measured_wanted_and_sent():
-    arm = Arm()
+    arm = MockArm()
     _, log = run(arm, Swing(done_at=50, torque_nm=0.1))
     assert np.allclose(log.column("torque_commanded_nm"), 0.1)
     assert np.array_equal(log.column("torque_sent_nm"), arm.sent_nm)
@@ -53,7 +53,7 @@ def test_records_hold_what_was_measured_wanted_and_sent():
 
 
 def test_the_events_of_the_task_are_logged_at_their_tick():
-    _, log = run(Arm(), Swing(done_at=10))
+    _, log = run(MockArm(), Swing(done_at=10))
     assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
         (log.column("time_s")[2], "touched")
     ]
@@ -75,12 +75,12 @@ def test_what_a_task_aims_at_is_recorded_where_it_belongs():
 
 def test_each_step_is_one_period_after_the_one_before():
     task = Swing(done_at=30)
-    run(Arm(), task)
+    run(MockArm(), task)
     assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
 
 
 def test_ten_thousand_ticks_end_where_ten_thousand_periods_end():
-    arm = Arm()
+    arm = MockArm()
     arm.plant.advance = lambda time_s: setattr(arm.plant, "time_s", time_s)  # it stands still, quickly
     result, _ = run(arm, Swing(done_at=10_000, torque_nm=0.0), log=_Silent())
     assert result.ticks == 10_000
@@ -105,7 +105,7 @@ class _LateClock(SimulatedClock):
 
 
 def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
-    arm = Arm(clock := _LateClock())
+    arm = MockArm(clock := _LateClock())
     result, log = run(arm, Swing(done_at=30, torque_nm=0.0))
     assert log.column("lateness_s") == pytest.approx(clock.lateness_s, abs=1e-9)
     assert log.column("time_s") - log.column("lateness_s") == pytest.approx(1e-3 * np.arange(1, 31))
@@ -114,7 +114,7 @@ def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
 
 
 def test_what_stop_asks_for_is_a_safe_stop():
-    arm, task = Arm(), Swing()
+    arm, task = MockArm(), Swing()
     result, log = run(arm, task, stop=lambda: "enough is known" * (task.steps >= 40))
     assert result.outcome is Outcome.STOPPED
     assert result.cause == "stopped: enough is known"
@@ -133,7 +133,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
         seen.append((output.run, measurement.force_n))
         return 500.0 + len(seen), 10.0, 0.25
 
-    arm = Arm()
+    arm = MockArm()
     arm.plant.hand_force_n = 3.0
     _, log = run(arm, Swing(done_at=20), observer=observe)
     assert min(force_n for _, force_n in seen) > 2.0
@@ -146,7 +146,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
 def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
     monkeypatch.setattr(control.loop.loop, "perf_counter", lambda: next(looks))
-    result, log = run(Arm(), Swing(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
+    result, log = run(MockArm(), Swing(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
     assert list(result.timing) == list(SECTIONS)
     assert all(section.count == 200 for section in result.timing.values())
     parts = [result.timing[name].max_s for name in SECTIONS if name not in {"tick", "lateness"}]
@@ -159,7 +159,7 @@ def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
 
 
 def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick():
-    arm, left_s = Arm(), {"read": [], "write": []}
+    arm, left_s = MockArm(), {"read": [], "write": []}
 
     def timed(name, call):
         def hooked(deadline_s):
@@ -176,7 +176,7 @@ def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick(
 
 
 def test_an_overrun_is_counted_skipped_and_told_to_the_task():
-    arm, task = Arm(), Swing(done_at=20)
+    arm, task = MockArm(), Swing(done_at=20)
 
     def stall():
         if task.steps == 10:
@@ -193,7 +193,7 @@ def test_an_overrun_is_counted_skipped_and_told_to_the_task():
 
 
 def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
-    arm = Arm()
+    arm = MockArm()
     arm.faults.silent.add("force")
 
     def sample_later():
@@ -208,7 +208,7 @@ def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
 
 
 def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
-    arm = Arm()
+    arm = MockArm()
     arm.faults.silent.add("force")
     with pytest.raises(DeviceTimeoutError, match="after 1 s: force sensor: no sample yet"):
         run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=4.0)
@@ -217,7 +217,7 @@ def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
 
 
 def test_an_arm_that_is_outside_its_limits_is_not_powered():
-    arm = Arm()
+    arm = MockArm()
     arm.plant.angle_rad = np.cumsum([-1.0, 2.7, 1.0])
     result, log = run(arm, Swing())
     assert result.outcome is Outcome.TRIPPED
@@ -229,14 +229,14 @@ def test_an_arm_that_is_outside_its_limits_is_not_powered():
 
 
 def test_a_tripped_guard_is_refused_until_it_is_rearmed():
-    arm = Arm()
+    arm = MockArm()
     arm.guard.trip("the cable was loose")
     with pytest.raises(SafetyTripError, match="the cable was loose"):
         run(arm, Swing())
 
 
 def test_the_same_arm_and_guard_run_again():
-    arm = Arm()
+    arm = MockArm()
     for _ in range(2):
         begun_s = time.perf_counter()
         result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
@@ -268,19 +268,19 @@ def test_one_trouble_is_enough_to_be_told(trouble, words):
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_rate_that_is_none_is_refused(rate_hz):
-    arm = Arm()
+    arm = MockArm()
     with pytest.raises(InputError, match="rate"):
         run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
 def test_a_slow_rate_is_one():
-    arm = Arm()
+    arm = MockArm()
     log = MemoryLog()
     assert run_loop(arm.robot, arm.guard, Swing(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
 
 
 def test_the_rate_limit_starts_afresh_in_each_run():
-    arm = Arm()
+    arm = MockArm()
     run(arm, Swing(done_at=10, torque_nm=5.0))
     first = len(arm.sent_nm)
     run(arm, Swing(done_at=3, torque_nm=5.0))
@@ -288,7 +288,7 @@ def test_the_rate_limit_starts_afresh_in_each_run():
 
 
 def test_a_run_is_read_back_with_units_and_events(tmp_path):
-    arm, path = Arm(), tmp_path / "run.mcap"
+    arm, path = MockArm(), tmp_path / "run.mcap"
     with SessionWriter(path, [tick_stream(JOINTS)], SessionMetadata(), wait_for_room=True) as log:
         result = run_loop(
             arm.robot,

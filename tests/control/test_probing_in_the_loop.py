@@ -12,12 +12,12 @@ from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from tests import mock_robot
-from tests.control.loop_parts import RATE_HZ, Arm, MemoryLog
+from tests.control.loop_parts import RATE_HZ, MemoryLog, MockArm
 from tests.control.simulated_arms import SimulatedArm, kelvin_voigt
 
 
 def test_the_mock_robot_is_probed_through_the_interfaces_alone():
-    arm, log = Arm(), MemoryLog()
+    arm, log = MockArm(), MemoryLog()
     robot_file = mock_robot.mock_robot_file()
     body = RigidBody.from_urdf(mock_robot.URDF, robot_file.tip_frame)
     limits = (np.array(robot_file.limits.position_min_rad), np.array(robot_file.limits.position_max_rad))

@@ -156,7 +156,7 @@ def plan_of(targets, clearance_m, **more) -> ProbingPlan:
     )
 
 
-class Bench:
+class ProbingBench:
     """Sites and ways of a shipped arm that stands at home."""
 
     def __init__(self, name: str, plan: ProbingPlan) -> None:
@@ -183,7 +183,7 @@ class Bench:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("x1", "x2", "clearance_m"), FAR_APART)
 def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
-    bench = Bench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
+    bench = ProbingBench(name, plan_of([(x1, SURFACE_M), (x2, SURFACE_M)], clearance_m))
     passage = bench.routes.find(*bench.places)
     assert passage.too_low_m == 0.0
     assert passage.points_rad[0] is bench.places[0].position_rad
@@ -194,14 +194,14 @@ def test_half_of_the_clearance_is_kept_on_the_way(name, x1, x2, clearance_m):
 
 
 def test_straight_where_that_is_clear():
-    bench = Bench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
+    bench = ProbingBench("follower", plan_of([(0.4, SURFACE_M), (0.44, SURFACE_M)], 0.03))
     assert len(bench.routes.find(*bench.places).points_rad) == 2
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_up_a_step_before_it_and_down_a_step_behind_it(order):
     low, high = (0.36, SURFACE_M), (0.42, SURFACE_M + 0.06)
-    bench = Bench("follower", plan_of([low, high][::order], 0.02))
+    bench = ProbingBench("follower", plan_of([low, high][::order], 0.02))
     points = bench.routes.find(*bench.places).points_rad
     tips = np.array([bench.body.tip_pose(point)[0] for point in points])
     beside = np.argmin(tips[:, 2])  # at the low target; the way goes straight up from there
@@ -228,7 +228,7 @@ def test_nothing_is_touched_on_the_way(x1, x2, clearance_m):
 
 def test_targets_between_which_the_tip_cannot_be_lifted_are_refused():
     plan = plan_of([(0.2, SURFACE_M), (0.5, SURFACE_M)], 0.015, search_depth_m=0.02, max_depth_m=0.01)
-    bench = Bench("follower", plan)
+    bench = ProbingBench("follower", plan)
     pressed = [
         site.line.joint_motion(LineState(0.03), near_rad).position_rad for near_rad, site in bench.places
     ]

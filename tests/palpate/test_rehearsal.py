@@ -25,7 +25,7 @@ def test_palpates_own_effects_pass(name, kind):
     rehearse(watched(EFFECTS[name]()), replace(DATA, kind=kind))
 
 
-class Sound(AdditiveEffect):
+class SoundEffect(AdditiveEffect):
     """What the effects of the table spoil in one way each."""
 
     name = "mine"
@@ -50,7 +50,7 @@ SPOILT = {
 def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
     if "0.2 s" in said:  # the others may take their time on a busy machine
         monkeypatch.setattr(palpate.study, "LIMIT_S", 0.2)
-    spoilt = type("Spoilt", (Sound,), {"columns": lambda self, data, inner: SPOILT[said](data)})
+    spoilt = type("Spoilt", (SoundEffect,), {"columns": lambda self, data, inner: SPOILT[said](data)})
     with pytest.raises(InputError, match=f"Spoilt: .*{said}"):
         Study([DATA], effects=[spoilt()])
 

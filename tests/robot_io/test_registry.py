@@ -27,7 +27,7 @@ class Circle(Shape):
     name = "{name}"
     def area(self): return 3.0
 
-class Nameless(Circle):
+class NamelessShape(Circle):
     "A base for others: states no name of its own."
 """
 

@@ -9,7 +9,7 @@ from robot_io.drivers.joint_bus import RequestQueue
 TICK_S, MARGIN_S, LATEST_S = 1e-3, 0.5e-3, 0.05
 
 
-class Line:
+class RequestLine:
     """A device that is asked once a tick, and answers `delay_s(tick)` later in the order of the requests.
 
     Attributes:
@@ -42,7 +42,7 @@ class Line:
 @pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 4.2, 30.0])
 @pytest.mark.parametrize("from_tick", [0, 50])
 def test_answers_that_are_or_become_late_are_as_old_as_their_requests(delay_ms, from_tick):
-    line = Line(200, lambda tick: 1e-3 * delay_ms if tick >= from_tick else 0.3e-3)
+    line = RequestLine(200, lambda tick: 1e-3 * delay_ms if tick >= from_tick else 0.3e-3)
     assert all(dated_s == true_s for dated_s, true_s in line.dates)
     assert line.dates[-1][1] >= (198 - delay_ms) * TICK_S
     assert len(line.asked) >= 197  # one is left out while a delay is not yet told from a loss
@@ -50,7 +50,7 @@ def test_answers_that_are_or_become_late_are_as_old_as_their_requests(delay_ms, 
 
 @pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 2.4])
 def test_after_a_loss_answers_are_soon_dated_right_again(delay_ms):
-    line = Line(100, lambda tick: 1e-3 * delay_ms, lost=[50])
+    line = RequestLine(100, lambda tick: 1e-3 * delay_ms, lost=[50])
     assert all(dated_s == true_s for dated_s, true_s in line.dates)
     ages_s = [tick * TICK_S - true_s for tick, (_, true_s) in enumerate(line.dates) if true_s is not None]
     assert max(ages_s) <= (4 + 2 * delay_ms) * TICK_S
@@ -61,7 +61,7 @@ def test_after_a_loss_answers_are_soon_dated_right_again(delay_ms):
 @pytest.mark.parametrize("delay_ms", [0.0, 0.4, 1.4, 2.4])
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_after_several_losses_answers_are_dated_a_little_too_early_at_most(delay_ms, count):
-    line = Line(100, lambda tick: 1e-3 * delay_ms, lost=range(50, 50 + count))
+    line = RequestLine(100, lambda tick: 1e-3 * delay_ms, lost=range(50, 50 + count))
     assert all(0.0 <= true_s - dated_s <= count * TICK_S + 1e-9 for dated_s, true_s in line.dates[51:])
 
 
@@ -74,7 +74,7 @@ def test_after_several_losses_answers_are_dated_a_little_too_early_at_most(delay
 def test_no_answer_is_dated_later_than_its_request(before_s, after_s, lost, from_tick):
     """A delay that changes once, and answers that are lost, but where a loss and a change come together."""
     lost = {tick for tick in lost if not from_tick - 20 <= tick <= from_tick + 30}
-    line = Line(150, lambda tick: after_s if tick >= from_tick else before_s, lost)
+    line = RequestLine(150, lambda tick: after_s if tick >= from_tick else before_s, lost)
     assert all(dated_s <= true_s for dated_s, true_s in line.dates if dated_s is not None)
 
 

@@ -18,7 +18,7 @@ PLAN = ProbingPlan(speeds_m_s=(0.1, 0.05), hold_s=0.1, settle_s=0.05, free_air_s
 NEAR = target(0, 0.42)
 
 
-class Rig:
+class FollowerRig:
     """A follower on the reference plant; `until` runs it."""
 
     def __init__(self, on_silence: OnSilence = OnSilence.FINISH) -> None:
@@ -64,7 +64,7 @@ def in_phase(phase: Phase):
 
 
 def test_targets_are_probed_in_order_and_runs_are_numbered_through():
-    rig = Rig()
+    rig = FollowerRig()
     rig.queue.take(intent(NEAR, target(1, 0.40), ended=True))
     rig.until(lambda output: output.done)
     assert rig.queue.states() == {0: TargetState.DONE, 1: TargetState.DONE}
@@ -75,7 +75,7 @@ def test_targets_are_probed_in_order_and_runs_are_numbered_through():
 
 
 def test_the_tool_keeps_its_direction_in_contact():
-    rig = Rig()
+    rig = FollowerRig()
     rig.queue.take(intent(NEAR, ended=True))
     body, tilts = test_arm(), []
 
@@ -91,7 +91,7 @@ def test_the_tool_keeps_its_direction_in_contact():
 
 
 def test_without_a_word_from_the_leader_nothing_is_begun():
-    rig = Rig()
+    rig = FollowerRig()
     rig.queue.take(intent(NEAR))
     rig.queue.linked = False
     rig.hold(0.5)
@@ -106,7 +106,7 @@ def test_without_a_word_from_the_leader_nothing_is_begun():
     [(OnSilence.FINISH, TargetState.DONE), (OnSilence.RETREAT, TargetState.CANCELLED)],
 )
 def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence, state):
-    rig = Rig(on_silence)
+    rig = FollowerRig(on_silence)
     rig.queue.take(intent(NEAR, target(1, 0.40)))
     rig.until(in_phase(Phase.HOLD))
     rig.queue.linked = False
@@ -119,7 +119,7 @@ def test_a_cut_link_in_contact_ends_as_configured_and_the_rest_waits(on_silence,
 
 @pytest.mark.parametrize("phase", [Phase.MOVE, Phase.FREE_AIR, Phase.APPROACH, Phase.LOADING, Phase.HOLD])
 def test_a_target_can_be_called_off_at_any_time(phase):
-    rig = Rig()
+    rig = FollowerRig()
     rig.queue.take(intent(NEAR))
     rig.until(in_phase(phase))
     rig.queue.take(intent(cancelled=(0,)))
@@ -130,7 +130,7 @@ def test_a_target_can_be_called_off_at_any_time(phase):
 
 
 def test_a_target_out_of_reach_is_refused_and_the_next_one_probed():
-    rig = Rig()
+    rig = FollowerRig()
     rig.queue.take(intent(target(0, 5.0), target(1, 0.42), ended=True))
     rig.until(lambda output: output.done)
     assert rig.queue.states() == {0: TargetState.REFUSED, 1: TargetState.DONE}

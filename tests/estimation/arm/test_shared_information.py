@@ -28,7 +28,7 @@ EXTRA = {
 }
 
 
-class Arm:
+class SharedArm:
     def __init__(self):
         rng, self.body = np.random.default_rng(7), panda()
         self.base = base_parameters(self.body)
@@ -71,7 +71,7 @@ class Arm:
 
 @pytest.fixture(scope="module")
 def arm():
-    return Arm()
+    return SharedArm()
 
 
 def training(arm):

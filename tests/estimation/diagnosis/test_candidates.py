@@ -50,7 +50,7 @@ def gain(name="g", lower=0.0, upper=10.0):
     return Parameter(name, "N", lower, upper, (1.0, 2.0))
 
 
-class Line:
+class LinearProblem:
     """A bench that fits columns by least squares, on 100 blocks of one run at 128 Hz."""
 
     blocked = SimpleNamespace(data=SimpleNamespace(time_s=np.arange(100) / 128, run=np.zeros(100, dtype=int)))
@@ -93,7 +93,7 @@ def test_an_inner_parameter_was_found_within_its_range_and_a_time_is_no_less_tha
     parameter, value, possible
 ):
     effect = Made(gain(), inner=(parameter,))
-    assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), Line()) is possible
+    assert is_possible(effect, tried(effect, [5.0], [ONES], inner=[value]), LinearProblem()) is possible
 
 
 @pytest.mark.parametrize("name", ["presliding_friction", "bouc_wen_hysteresis", "dry_friction"])
@@ -105,7 +105,7 @@ def test_a_path_that_makes_an_effect_what_it_is_is_no_less_than_half_an_encoder_
     made = tried(
         effect, [0.1] * len(effect.gains), [ONES] * len(effect.gains), inner=[path] * len(effect.inner)
     )
-    problem = SimpleNamespace(blocked=SimpleNamespace(data=data), solve=Line().solve)
+    problem = SimpleNamespace(blocked=SimpleNamespace(data=data), solve=LinearProblem().solve)
     assert is_possible(effect, made, problem) is (possible or name == "dry_friction")
 
 
@@ -116,7 +116,7 @@ def test_what_makes_an_effect_what_it_is_takes_away_a_fiftieth_of_the_squared_er
         np.tile([1.0, 1.0, -1.0, -1.0], 25),
     )
     found = tried(effect, [5.0, np.sqrt(share)], [ONES, wave], noise=1.0)
-    assert is_possible(effect, found, Line()) is possible
+    assert is_possible(effect, found, LinearProblem()) is possible
 
 
 def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves():

@@ -13,7 +13,7 @@ from tests.robot_io.link.link_parts import intent, report, target
 WAIT_S = 120.0  # for a machine that has much else to do
 
 
-class Side:
+class ScriptedPeer:
     """`until` talks until something is heard."""
 
     def __init__(self, role: str, port: int) -> None:
@@ -39,7 +39,7 @@ class Side:
 
 def lead_until_hold(port: int, reached) -> None:
     """Ask for two places, and say when the first one is held; for a process of its own."""
-    side, wanted = Side("leader", port), intent(target(0, 0.40), target(1, 0.42))
+    side, wanted = ScriptedPeer("leader", port), intent(target(0, 0.40), target(1, 0.42))
     side.until(lambda _: wanted, lambda side: isinstance(side.last, Report) and side.last.phase == Phase.HOLD)
     reached.set()
     side.until(lambda _: wanted, lambda _: False)
@@ -47,7 +47,7 @@ def lead_until_hold(port: int, reached) -> None:
 
 def follow_until_asked(port: int, reached) -> None:
     """Report from an arm that stands still, and say when a target is wanted; for a process of its own."""
-    side, moment = Side("follower", port), report(target=-1, targets=(), states=())
+    side, moment = ScriptedPeer("follower", port), report(target=-1, targets=(), states=())
     side.until(lambda _: moment, lambda side: bool(getattr(side.last, "targets", ())))
     reached.set()
     side.until(lambda _: moment, lambda _: False)

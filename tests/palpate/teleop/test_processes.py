@@ -16,7 +16,13 @@ from palpate.teleop.merged_sessions import merge_sessions
 from robot_io.session import Session
 from tests.free_port import free_port
 from tests.palpate.cli import assert_refused, done, run
-from tests.palpate.teleop.sides import WAIT_S, Side, follow_until_asked, killed_when_reached, lead_until_hold
+from tests.palpate.teleop.sides import (
+    WAIT_S,
+    ScriptedPeer,
+    follow_until_asked,
+    killed_when_reached,
+    lead_until_hold,
+)
 from tests.robot_io.link.link_parts import intent
 
 pytestmark = pytest.mark.slow
@@ -51,7 +57,7 @@ def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, 
             assert time.monotonic() < end_s
             time.sleep(0.5)
         assert process.poll() is None
-        second = Side("leader", port)
+        second = ScriptedPeer("leader", port)
         second.until(lambda _: intent(ended=True), lambda side: getattr(side.last, "ended", False))
         output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, output

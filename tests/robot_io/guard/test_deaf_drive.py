@@ -40,7 +40,7 @@ def gravity(k):
     return 2.1 - 2.6 * pressed + 0.1 * math.sin(0.9 * k)
 
 
-class Sound:
+class HealthyDrive:
     """A drive as others are: what was sent, through everything that may be wrong with its reading."""
 
     def __init__(
@@ -64,7 +64,7 @@ class Sound:
 
 def deaf(since, *, until=math.inf, turns=0.0, **wear):
     """What a drive shows that exerts nothing between two ticks, or what was sent times `turns`."""
-    drive = Sound(**({"noise": 0.01} | wear))
+    drive = HealthyDrive(**({"noise": 0.01} | wear))
     return lambda k, sent: drive.show(k, turns * sent if since <= k < until else sent)
 
 
@@ -106,7 +106,7 @@ WEAR = {
 @pytest.mark.parametrize(("seed", "every"), [(0, 1), (1, 4), (2, 1)])  # ticks from sample to sample
 @pytest.mark.parametrize("wear", WEAR)
 def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
-    drive = Sound(seed, **WEAR[wear])
+    drive = HealthyDrive(seed, **WEAR[wear])
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, every=every) is None
 
 
@@ -117,7 +117,7 @@ def test_a_drive_that_shows_its_torque_badly_is_not_accused(wear, seed, every):
     ids=str,
 )
 def test_what_a_reading_is_always_off_is_known_before_it_is_held_against_a_large_torque(wear, side):
-    drive = Sound(noise=0.01, **wear)
+    drive = HealthyDrive(noise=0.01, **wear)
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, lambda k: side * 5.0, count=3000) is None
 
 
@@ -142,7 +142,7 @@ def test_a_small_drive_that_swallows_small_torques_is_not_accused(wear, seed):
         reached = min((k % 400) / 50, 1.0)
         return levels[k // 400] + (levels[k // 400 + 1] - levels[k // 400]) * reached
 
-    drive = Sound(seed, noise=0.005, **SMALL_WEAR[wear])
+    drive = HealthyDrive(seed, noise=0.005, **SMALL_WEAR[wear])
     assert ticks_until_named(UnresponsiveDrives(limits), drive.show, sent, count=8000) is None
 
 
@@ -182,8 +182,8 @@ def test_how_much_may_be_missing_is_as_it_says(limit_nm, sent, shown, then_sent,
 @pytest.mark.parametrize("at", [75, 150, 700, 2300])
 @pytest.mark.parametrize("wear", ["good", "zero a little off", "late", "follows slowly"])
 def test_a_drive_that_restarts_is_named_in_time(wear, at, side):
-    drive = Sound(**WEAR[wear])
-    off = Sound(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
+    drive = HealthyDrive(**WEAR[wear])
+    off = HealthyDrive(bias=WEAR[wear].get("bias", 0.0), noise=0.01)
     tick, said = ticks_until_named(
         UnresponsiveDrives(LIMITS),
         lambda k, sent: side * (drive.show(k, side * sent) if k < at else off.show(k, 0.0)),
@@ -260,7 +260,7 @@ def test_after_a_tenth_of_a_second_without_a_command_it_goes_on():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(side):
-    drive = Sound(noise=0.01)
+    drive = HealthyDrive(noise=0.01)
     shows = lambda k, sent: drive.show(k, sent if side * sent > 0.0 else 0.0)  # noqa: E731
     turns = lambda k: 2.0 if k % 1000 < 500 else -2.0  # noqa: E731
     assert ticks_until_named(UnresponsiveDrives(LIMITS), shows, turns) is None
@@ -269,19 +269,19 @@ def test_a_drive_that_swallows_small_torques_on_one_side_only_is_not_accused(sid
 @pytest.mark.parametrize("phase", range(0, 100, 20))
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_reading_may_be_late_when_the_command_jumps(phase, side):
-    drive = Sound(late=90, noise=0.01)
+    drive = HealthyDrive(late=90, noise=0.01)
     sent = lambda k: side * (1.0 if k < 300 + phase else 6.0)  # noqa: E731
     assert ticks_until_named(UnresponsiveDrives(LIMITS), drive.show, sent, count=600) is None
 
 
 def test_single_bad_samples_do_not_add_up():
-    drive = Sound(noise=0.01)
+    drive = HealthyDrive(noise=0.01)
     two = lambda k, sent: drive.show(k, 0.0 if k % 240 in range(100, 116) else sent)  # noqa: E731
     assert ticks_until_named(UnresponsiveDrives(LIMITS), two, lambda k: 3.0, every=8) is None
 
 
 def test_the_same_old_sample_proves_nothing():
-    check, drive = UnresponsiveDrives(LIMITS), Sound(noise=0.01)
+    check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
         assert check.problem(measured(k * DT, [0.0, 0.0], at_s=0.3)) is None
@@ -289,7 +289,7 @@ def test_the_same_old_sample_proves_nothing():
 
 
 def test_a_drive_at_the_end_of_its_range_is_not_accused():
-    check, drive = UnresponsiveDrives(LIMITS), Sound(noise=0.01)
+    check, drive = UnresponsiveDrives(LIMITS), HealthyDrive(noise=0.01)
     assert ticks_until_named(check, drive.show, lambda k: 3.0, count=300) is None
     for k in range(300, 400):
         shown = measured(k * DT, [1.0 + 0.01 * (k % 2), 0.0], status=Status.SATURATED)
@@ -312,7 +312,7 @@ def test_without_commands_nothing_is_expected():
 
 class TestInTheGuard:
     def run(self, guard, first, count, obeys):
-        drive = Sound(noise=0.01)
+        drive = HealthyDrive(noise=0.01)
         for k in range(first, first + count):
             shown = drive.show(k, 3.0 if obeys(k) else 0.0)
             measurement = measured(k * DT, [shown, 0.0])

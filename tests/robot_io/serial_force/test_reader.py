@@ -12,7 +12,7 @@ from robot_io.drivers.serial_force.line import SerialReader
 from robot_io.drivers.serial_force.lorenz import LorenzStream
 
 
-class Line:
+class ReadingLine:
     """A sensor's line without a sensor; each line arrives 1 ms after the one before."""
 
     def __init__(self):
@@ -37,7 +37,7 @@ class Line:
 
 @pytest.fixture
 def line():
-    made = Line()
+    made = ReadingLine()
     yield made
     made.close()
 

@@ -55,7 +55,7 @@ class Observed:
     session_events: list[str]  # texts of the session's events
 
 
-class Rig:
+class FaultRig:
     """An arm on emulated wires, its probing run, and the row's fault.
 
     Args:

@@ -7,7 +7,7 @@ import pytest
 
 from robot_io.errors import DeviceError
 from tests.wire.fault_matrix.document import DOCUMENT, document
-from tests.wire.fault_matrix.rig import Rig
+from tests.wire.fault_matrix.rig import FaultRig
 from tests.wire.fault_matrix.rows import HOLDS, Program, Row, rows
 
 ROWS = tuple(rows())
@@ -56,7 +56,7 @@ def test_what_runs_soon_is_in_the_matrix():
 def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
     if row.fault is Program.DISK_FULL and not sys.platform.startswith("linux"):
         pytest.skip("fills the disk of another process as Linux lets it")
-    rig = Rig(row, tmp_path)
+    rig = FaultRig(row, tmp_path)
     try:
         seen = rig.run()
     finally:
