@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from palpate.render.build import result_view
 from palpate.render.estimates import estimates_view
 from palpate.render.recording.file import take_picture
 from palpate.render.report import fall_figure, position_figure
+from palpate.study import Study
 from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from sim_backend.scenario import load_scenario
 
@@ -37,6 +39,7 @@ def main(data_dir: Path | None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         draw_simulated(Path(folder))
         draw_hidden(Path(folder))
+        draw_lessons(Path(folder))
         if data_dir is not None:
             draw_measured(data_dir / SOFT, Path(folder))
 
@@ -57,6 +60,20 @@ def draw_hidden(folder: Path) -> None:
     draw(fall_figure(result_view(demo.result)), 760, PICTURES / "waterfall.png", folder)
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
     shoot(demo.files["report"], (1120, 1500), PICTURES / "report.png", folder)
+
+
+def draw_lessons(folder: Path) -> None:
+    """The data of two lessons, and the model before and after the missing effect is added."""
+    with chdir(folder):
+        page = (Path(__file__).parent / "tutorial" / "your-own-file.md").read_text(encoding="utf-8")
+        exec(page.split("```python\n")[1].split("```")[0], {})  # noqa: S102, the page's own code
+        probe = ("palpate", "probe", "--hidden", "random", "--seed", "7", "-o", "riddle.mcap")
+        subprocess.run(probe, check=True)  # noqa: S603, our own command
+        for file, effect in (("press.csv", "stress_relaxation"), ("riddle.mcap", "layered_stiffness")):
+            study = Study(file, keep=False)
+            study.add(effect, channel="contact")
+            figure = study.plot("contact").update_layout(height=620)
+            draw(figure, 1200, PICTURES / f"{Path(file).stem}.png", folder)
 
 
 def draw_measured(file: Path, folder: Path) -> None:
