@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.stress_relaxation import StressRelaxation
+from estimation.effects.time_memory import StressRelaxation
 from estimation.model import Model
 from estimation.signals.blocks import time_in_run
 from estimation.study.fitting import fit_base

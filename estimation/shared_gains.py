@@ -16,7 +16,7 @@ from estimation.arm.normal_equations import arranged, information_of_others, sha
 from estimation.arm.prior import consistent_information
 from estimation.channel import ChannelData, SharedGains
 from estimation.data_quality import reject_reason, usable
-from estimation.effects.rigid_body_fitted import RigidBodyFitted
+from estimation.effects.gravity_load import RigidBodyFitted
 from estimation.fit.fit_result import FitResult, fit_model
 from estimation.model import Model
 

@@ -19,7 +19,7 @@ from estimation.diagnosis.bootstrap import SMALL
 from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
 from estimation.diagnosis.search import Search
 from estimation.effect import Effect
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunVariation
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.fit_result import FitResult
 from estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias

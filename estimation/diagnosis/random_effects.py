@@ -11,9 +11,7 @@ import numpy as np
 
 from estimation.diagnosis.result import ParameterValue
 from estimation.diagnosis.search import Search
-from estimation.effects.run_gain import RunGain
-from estimation.effects.run_offset import RunOffset
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunGain, RunOffset, RunVariation
 from estimation.fit.fit_result import FitResult
 from estimation.fit.run_heterogeneity import run_heterogeneity
 

@@ -22,7 +22,7 @@ from estimation.diagnosis.candidates import (
     screen_effects,
 )
 from estimation.effect import Effect, Inner, SensorEffect
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunVariation
 from estimation.fit.blocks import BlockedData, decimate, merge_blocks
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import Solution, solve_gains

@@ -29,7 +29,7 @@ from estimation.diagnosis.result import (
     stage_numbers,
 )
 from estimation.diagnosis.search import Search
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunVariation
 from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_model import MeasurementModel
 from estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise

@@ -1,5 +1,6 @@
-"""Physical effects, one per file."""
+"""Physical effects in families by kind of physics; a new effect is one new class here."""
 
-from estimation.effects.registry import EFFECTS
+from estimation.effect import Effect
+from robot_io.registry import Registry
 
-__all__ = ["EFFECTS"]
+EFFECTS: Registry[Effect] = Registry("effect", Effect, "estimation.effects")

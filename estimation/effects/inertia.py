@@ -1,7 +1,12 @@
-"""A mass, or a moment of inertia."""
+"""Inertia of a joint, its rotor and a coupled neighbour."""
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from estimation.kinds import Kind
 from robot_io.types import FloatArray
 
@@ -26,3 +31,112 @@ class Inertia(AdditiveEffect):
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         return data.acceleration[:, None]
+
+
+class Armature(AdditiveEffect):
+    """effort = Ja a of the joint itself."""
+
+    name = "armature"
+    kind = Kind.INERTIA
+    physics = "The motor's rotor must be accelerated too, by the square of the gear ratio."
+    equation = "effort = Ja a"
+    source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
+    signature = "effort follows the joint's own acceleration, in any posture"
+    signals = ("acceleration",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),)
+    confused_with = {
+        "lag": "move at two frequencies",
+        "payload": "hold still in several postures: a rotor has no weight",
+        "inertia": "none in one channel: a rotor adds to the inertia of its joint",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return data.acceleration[:, None]
+
+
+_FELT = 0.2  # of the joint's own speed, that its neighbour must add
+
+
+class JointCoupling(AdditiveEffect):
+    """effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j) / transition).
+
+    Where a gear train passes through a wrist, the motor of joint i turns by the sum of two joints' angles,
+    and its rotor and its friction follow that sum. The own part of it is that of `armature`,
+    `viscous_friction` and `coulomb_friction`; what only the coupling brings goes with joint j.
+
+    Args:
+        neighbour: number of joint j from 0, which `suited_to` finds.
+    """
+
+    name = "joint_coupling"
+    kind = Kind.INERTIA
+    physics = "The motor of this joint also turns when its neighbour moves, as in the wrists of many arms."
+    equation = "effort = J (a_i + r a_j) + d (v_i + r v_j) + f tanh((v_i + r v_j)/transition), j beside i"
+    source = (
+        "M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Systems Tech. 21 (2013): coupling of "
+        "joints 5 and 6 of the TX40"
+    )
+    signature = "effort while this joint rests and its neighbour moves, in any posture"
+    signals = ("other joints", "velocity", "direction", "acceleration")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),
+        Parameter("viscous", "{effort} s/{position}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+    )
+    inner = (
+        Parameter("ratio", "1", -5.0, 5.0, (-1.0, 1.0)),
+        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
+    )
+    needs = ("joint_velocity", "joint_acceleration")
+    confused_with = {
+        "coulomb_friction": "hold this joint still and move its neighbour",
+        "viscous_friction": "hold this joint still and move its neighbour",
+        "rigid_body_fitted": "move slowly: friction of the coupling stays, inertia of the links does not",
+    }
+
+    def __init__(self, neighbour: int = 0) -> None:
+        self._neighbour = neighbour
+
+    def suited_to(self, data: ChannelData) -> "JointCoupling":
+        """See `Effect.suited_to`: with the neighbour whose motion explains more of the effort."""
+        velocity = data.context["joint_velocity"]
+        own = int(np.argmin(np.sum((velocity - data.velocity[:, None]) ** 2, axis=0)))
+        beside = [j for j in (own + 1, own - 1) if 0 <= j < velocity.shape[1]]
+        if not beside:
+            return self
+        return JointCoupling(min(beside, key=lambda j: _left(data, own, j)))
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: an arm of two joints or more."""
+        if not super().applies_to(data):
+            return False
+        velocity = data.context["joint_velocity"]
+        return velocity.ndim == 2 and velocity.shape[1] > 1
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        v = data.velocity + inner["ratio"] * data.context["joint_velocity"][:, self._neighbour]
+        a = data.acceleration + inner["ratio"] * data.context["joint_acceleration"][:, self._neighbour]
+        return np.column_stack([a, v, np.tanh(v / inner["transition"])])
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: a neighbour that hardly turns this motor leaves plain friction."""
+        turned = parameters[f"{self.name}.ratio"] * data.context["joint_velocity"][:, self._neighbour]
+        return float(np.mean(turned**2)) < _FELT**2 * float(np.mean(data.velocity**2))
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: turning with the neighbour or against it."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        values = product((1.0, -1.0, 0.4, -0.4), (0.01, 0.05))
+        return tuple({"ratio": ratio, "transition": min(share * speed, 1.0)} for ratio, share in values)
+
+
+def _left(data: ChannelData, own: int, other: int) -> float:
+    """What linear least squares by the motion of two joints leaves of the effort."""
+    v, a = (data.context[f"joint_{what}"][:, [own, other]] for what in ("velocity", "acceleration"))
+    columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
+    gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]
+    return float(np.sum((data.effort - columns @ gains) ** 2))

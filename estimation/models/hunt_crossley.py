@@ -2,8 +2,8 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
-from estimation.effects.contact_offset import ContactOffset
-from estimation.effects.hunt_crossley import HuntCrossley
+from estimation.effects.contact_geometry import ContactOffset
+from estimation.effects.rate_dependence import HuntCrossley
 from estimation.model import Model
 
 

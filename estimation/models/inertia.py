@@ -3,7 +3,7 @@
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
 from estimation.effects.inertia import Inertia
-from estimation.effects.viscous_friction import ViscousFriction
+from estimation.effects.rate_dependence import ViscousFriction
 from estimation.model import Model
 
 

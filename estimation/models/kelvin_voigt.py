@@ -2,9 +2,9 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
-from estimation.effects.contact_offset import ContactOffset
-from estimation.effects.damping import Damping
-from estimation.effects.stiffness import Stiffness
+from estimation.effects.contact_geometry import ContactOffset
+from estimation.effects.elastic_shape import Stiffness
+from estimation.effects.rate_dependence import Damping
 from estimation.model import Model
 
 

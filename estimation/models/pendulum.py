@@ -2,8 +2,8 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelKind
-from estimation.effects.pendulum import Pendulum
-from estimation.effects.viscous_friction import ViscousFriction
+from estimation.effects.gravity_load import Pendulum
+from estimation.effects.rate_dependence import ViscousFriction
 from estimation.model import Model
 
 

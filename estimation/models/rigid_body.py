@@ -2,7 +2,7 @@
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.rigid_body import RigidBody
+from estimation.effects.gravity_load import KnownRigidBody
 from estimation.model import Model
 from estimation.models.arm import arm_of
 from estimation.signals.arm_signals import with_rigid_body
@@ -16,7 +16,7 @@ class RigidBodyModel(BaseModel):
 
     def build(self, context: ModelContext) -> Model:
         arm_of(context, self.name)
-        return Model(self.name, (RigidBody(),))
+        return Model(self.name, (KnownRigidBody(),))
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         return with_rigid_body(data, *arm_of(context, self.name))

@@ -3,8 +3,8 @@
 from estimation.arm.base_parameters import base_parameters
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.rigid_body_fitted import RigidBodyFitted
-from estimation.effects.viscous_friction import ViscousFriction
+from estimation.effects.gravity_load import RigidBodyFitted
+from estimation.effects.rate_dependence import ViscousFriction
 from estimation.model import Model
 from estimation.models.arm import arm_of
 from estimation.signals.arm_signals import with_rigid_body

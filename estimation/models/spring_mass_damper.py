@@ -6,10 +6,10 @@ import numpy as np
 
 from estimation.base_model import BaseModel, ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.contact_offset import ContactOffset
-from estimation.effects.damping import Damping
+from estimation.effects.contact_geometry import ContactOffset
+from estimation.effects.elastic_shape import Stiffness
 from estimation.effects.inertia import Inertia
-from estimation.effects.stiffness import Stiffness
+from estimation.effects.rate_dependence import Damping
 from estimation.model import Model
 from estimation.statistics.correlation import correlation_coefficient
 

@@ -21,7 +21,7 @@ from estimation.diagnosis.extension import PackedFit, fit_extended
 from estimation.diagnosis.result import ParameterValue
 from estimation.display import DisplayTable, TableDisplay
 from estimation.effect import Effect
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunVariation
 from estimation.fit.fit_problem import NOT_HELD
 from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_noise import MeasurementNoise, measurement_noise

@@ -8,7 +8,7 @@ import typer
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.effects.stress_relaxation import StressRelaxation
+from estimation.effects.time_memory import StressRelaxation
 from estimation.fresh_runs import relaxes_afresh
 from estimation.study import StudyDiagnosis
 from estimation.study.channels import ALL_CHANNELS

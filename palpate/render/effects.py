@@ -12,7 +12,7 @@ from rich.text import Text
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Effect, SensorEffect
 from estimation.effects import EFFECTS
-from estimation.effects.run_variation import RunVariation
+from estimation.effects.run_differences import RunVariation
 from estimation.fit.fit_result import FitResult
 from estimation.model import Model
 from palpate.common.console import table

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from estimation.diagnosis.forms import Form
 from estimation.diagnosis.result import Accepted
-from estimation.effects.contact_offset import ContactOffset
+from estimation.effects.contact_geometry import ContactOffset
 from estimation.study import Revision
 from palpate.common.console import natural_width, table
 from palpate.common.formatting import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant

@@ -56,7 +56,7 @@ def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may sta
     """Attributes with what is wrong with each."""
     missing = [what for what in STATED if not hasattr(found, what)]
     if missing:
-        yield "", f"states no {', '.join(missing)}; estimation/effects/bias.py is a short example"
+        yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
         return
     if not (isinstance(found.name, str) and _NAME.fullmatch(found.name)):
         problem = f"its name is {found.name!r}; wanted are small letters, digits and _, such as 'my_effect'"

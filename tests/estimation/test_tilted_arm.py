@@ -11,7 +11,7 @@ from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import Verdict, diagnose
 from estimation.effects import EFFECTS
-from estimation.effects.rigid_body import RigidBody as KnownArm
+from estimation.effects.gravity_load import KnownRigidBody
 from estimation.model import Model
 from estimation.signals.arm_signals import with_rigid_body
 
@@ -50,7 +50,7 @@ def test_a_turned_base_takes_what_a_turned_gravity_takes(joint, dip_rad):
 def test_a_tilt_is_no_spring_though_the_joint_moves_little():
     """A tenth of a radian of swing, and 1 % of the weight that the tilt takes off: more than half of it."""
     data = swinging(0, dip_rad=0.14, noise_nm=0.01)
-    found = diagnose(data, Model("arm", (KnownArm(),)), rng=np.random.default_rng(1)).channels[0]
+    found = diagnose(data, Model("arm", (KnownRigidBody(),)), rng=np.random.default_rng(1)).channels[0]
     assert found.verdict is Verdict.MISSING
     (entry,) = found.accepted
     assert entry.effect == "gravity_tilt"

@@ -59,7 +59,7 @@ def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(load, "LIMIT_S", 0.2)
     file = tmp_path / "waits.py"
     file.write_text(
-        "import time\nfrom estimation.effects.bias import Bias\n"
+        "import time\nfrom estimation.effects.sensor_statics import Bias\n"
         "class Waits(Bias):\n    name = 'waits'\n    def __init__(self):\n        time.sleep(9)\n"
     )
     with pytest.raises(InputError, match=r"Waits.*: cannot be made: has not come to an end in 0\.2 s"):

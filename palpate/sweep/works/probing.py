@@ -16,7 +16,7 @@ from estimation.channel import ChannelData
 from estimation.contact_estimator import ContactEstimator, ContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.data.tick_channels import contact_channels, joint_channels
-from estimation.effects.contact_offset import ContactOffset
+from estimation.effects.contact_geometry import ContactOffset
 from estimation.estimate_channel import estimate_channel, fitting_rows
 from estimation.estimator import Estimator
 from estimation.estimators import ESTIMATORS

@@ -5,9 +5,8 @@ import pytest
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.derivatives import differentiate
-from estimation.effects.cubic_stiffness import CubicStiffness
-from estimation.effects.damping import Damping
-from estimation.effects.stiffness import Stiffness
+from estimation.effects.elastic_shape import CubicStiffness, Stiffness
+from estimation.effects.rate_dependence import Damping
 from estimation.fit import long_data
 from estimation.fit.blocks import block_average
 from estimation.fit.long_data import shortened, within_blocks

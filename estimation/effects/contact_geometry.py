@@ -1,4 +1,4 @@
-"""The object keeps a dent."""
+"""Contact geometry: where the surface lies, and what holds on to it."""
 
 from dataclasses import replace
 from itertools import product
@@ -6,10 +6,65 @@ from itertools import product
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Inner, MotionEffect, Parameter
+from estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter
 from estimation.kinds import Kind
 from estimation.signals.blocks import runs_by_time
+from estimation.signals.runwise import running_max
 from robot_io.types import FloatArray
+
+
+class ContactOffset(MotionEffect):
+    """The true depth is x - offset: positive where the surface lies deeper than assumed."""
+
+    name = "contact_offset"
+    kind = Kind.CONTACT_GEOMETRY
+    physics = "The object's surface lies deeper or higher than assumed."
+    equation = "x_true = x - offset"
+    source = "geometry of the probe and the object"
+    signature = "all force-depth curves are shifted along the depth, while the force in free air is zero"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.CONTACT})
+    inner = (Parameter("offset", "{position}", -0.02, 0.02, (-1e-3, 1e-3)),)
+    confused_with = {
+        "bias": "record free air: a sensor's bias is there too, an offset is not",
+        "adhesion": "watch the force just before contact is lost: adhesion pulls",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        return replace(data, position=data.position - inner["offset"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the deepest indentation, either way."""
+        deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
+        shares = (-0.5, -0.2, -0.08, -0.03, -0.01, 0.01, 0.03, 0.08, 0.2, 0.5)
+        return tuple({"offset": share * deepest} for share in shares)
+
+
+class Adhesion(AdditiveEffect):
+    """F = -f while in contact, fading as exp(x / reach) where the tool has left the surface again (x < 0)."""
+
+    name = "adhesion"
+    kind = Kind.CONTACT_GEOMETRY
+    physics = "Once touched, the object pulls the tool back, and lets go only beyond the surface."
+    equation = "F = -f s, s = 1 for x > 0, exp(x/reach) for x < 0 after contact, 0 before"
+    source = "B. V. Derjaguin, V. M. Muller, Yu. P. Toporov, J. Colloid Interface Sci. 53 (1975)"
+    signature = "on leaving the object the force goes below that of free air before it returns"
+    signals = ("position", "past motion")
+    channels = frozenset({ChannelKind.CONTACT})
+    one_sided = False
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
+    inner = (Parameter("reach", "{position}", 1e-05, 0.02, (0.0001, 0.005), log=True),)
+    confused_with = {
+        "contact_offset": "retract slowly beyond the surface: only adhesion pulls there",
+        "bias": "record free air before the touch: a bias is there too",
+        "dry_friction": "retract slowly beyond the surface: friction ends with the contact",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        touched = running_max(data.engaged.astype(np.float64), data.run)
+        neck = np.exp(np.minimum(data.position, 0.0) / inner["reach"])
+        return -(touched * neck)[:, None]
+
 
 _TOUCHING = 1e-300  # depth that strains nothing
 

@@ -1,0 +1,295 @@
+"""Elastic shape: springs in parallel with the object, and springs in series with it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.derivatives import Motion, differentiate
+from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
+from estimation.signals.blocks import number_stretches
+from estimation.signals.cache_by_array import cache_by_channel_arrays
+from estimation.signals.shifted_motion import shifted_motion
+from robot_io.types import FloatArray
+
+
+class Stiffness(AdditiveEffect):
+    """F = k x; in a contact the spring pushes only while it is pressed (x > 0)."""
+
+    name = "stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "A spring pushes back in proportion to how far it is displaced."
+    equation = "F = k x"
+    source = "R. Hooke, De Potentia Restitutiva (1678); the elastic half of the Kelvin-Voigt body"
+    signature = "effort grows in proportion to displacement, at any speed and on the way in as on the way out"
+    signals = ("position",)
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "{effort}/{position}", 0.0, 1e12, (10.0, 2e4)),)
+    elastic = ("k",)
+    confused_with = {
+        "cubic_stiffness": "press to several depths: a linear spring has the same slope everywhere",
+        "contact_offset": "press to several depths from a known surface",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.where(data.engaged, data.position, 0.0)[:, None]
+
+
+class CubicStiffness(AdditiveEffect):
+    """F = k3 x^3; in a contact only while pressed."""
+
+    name = "cubic_stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "The spring gets stiffer (or softer) the further it is displaced."
+    equation = "F = k3 x^3"
+    source = "G. Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
+    signature = (
+        "the slope of effort over position grows with displacement, equally on both sides, at any speed"
+    )
+    signals = ("position",)
+    channels = frozenset(ChannelKind)
+    gains = (
+        Parameter("k3", "{effort}/{position}^3", -10000000000000.0, 10000000000000.0, (1.0, 1000000000.0)),
+    )
+    elastic = ("k3",)
+    confused_with = {
+        "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",
+        "power_law_stiffness": "press deeper: a power law and a cubic part ways",
+        "hunt_crossley": "press deeper: a power law and a cubic part ways",
+        "layered_stiffness": "press deeper: a layer has a kink where the slope jumps, a cubic has none",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.where(data.engaged, data.position, 0.0)[:, None] ** 3
+
+
+_STRAIGHT = 0.1  # from a power of one, within which the law is a straight line
+
+
+class PowerLawStiffness(AdditiveEffect):
+    """F = k |x|^n sign(x), beside whatever other stiffness there is; in a contact only while pressed.
+
+    With n = 1.5 it is Hertz's contact of a sphere, with n = 2 Sneddon's of a cone; below 1 it softens, as
+    rubber does in tension (L. R. G. Treloar, The Physics of Rubber Elasticity (1975)).
+    """
+
+    name = "power_law_stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = (
+        "The more it is pressed the more of the object carries, or the less; its force bends with depth."
+    )
+    equation = "F = k |x|^n sign(x)"
+    source = (
+        "H. Hertz, J. reine angew. Mathematik 92 (1882): n = 3/2; I. N. Sneddon, Int. J. Engineering Sci. 3 "
+        "(1965): n by the shape of the indenter"
+    )
+    signature = "effort over position is a straight line on logarithmic paper, the same at any speed"
+    signals = ("position",)
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "{effort}/{position}^n", 0.0, 1e40, (10.0, 1e12)),)
+    elastic = ("k",)
+    inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
+    confused_with = {
+        "cubic_stiffness": "press deeper: a power law and a cubic part ways",
+        "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
+        "hunt_crossley": "press at two speeds: its damping grows with depth",
+        "layered_stiffness": "press deeper: layers have a kink, a power law has none",
+        "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
+    }
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: a power of about one is a straight spring."""
+        return abs(parameters[f"{self.name}.n"] - 1.0) < _STRAIGHT
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        pressed = np.where(data.engaged, data.position, 0.0)
+        return (np.sign(pressed) * np.abs(pressed) ** inner["n"])[:, None]
+
+
+_CLEARLY = 2.0  # standard errors
+_SHOWN = 0.03  # of the press of the upper layer, that a sensor must show
+_OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
+
+
+class LayeredStiffness(AdditiveEffect):
+    """F = k2 max(x - d, 0): a second spring from depth d on."""
+
+    name = "layered_stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "Below a certain depth a second, stiffer (or softer) layer begins to carry load."
+    equation = "F = k2 max(x - d, 0)"
+    source = (
+        "piecewise-linear (bilinear) contact stiffness; S. Timoshenko, Vibration Problems in "
+        "Engineering (1937), ch. II"
+    )
+    signature = "the slope of force over depth jumps at one depth, the same on the way in and out"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("k2", "{effort}/{position}", -1e12, 1e12, (10.0, 20000.0)),)
+    elastic = ("k2",)
+    inner = (Parameter("depth", "{position}", 0.0, 0.2, (0.001, 0.02)),)
+    confused_with = {
+        "exponential_stiffness": "press deeper: beyond the kink a layer is straight",
+        "cubic_stiffness": "press deeper: beyond the kink a layer is straight, a cubic bends on",
+        "hunt_crossley": "press deeper: beyond the kink a layer is straight, a power law bends on",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.maximum(data.position - inner["depth"], 0.0)[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: fractions of the deepest indentation."""
+        deepest = max(float(np.max(data.position, initial=0.0)), 1e-9)
+        return tuple({"depth": float(part * deepest)} for part in np.linspace(0.1, 0.85, 11))
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: one of the two layers is not seen to press back.
+
+        Without the upper one it is a gap or a dead band, without the lower one the end of the sensor's range.
+        Nor is the upper one seen where the sensor's dead band swallows next to all of its press: what is left
+        is an object that begins at the kink, a surface that lies deeper. Where something else than a spring
+        and its cubic is elastic too, nothing is said.
+        """
+        if "stiffness.k" not in parameters or _OTHER_SPRINGS & parameters.keys():
+            return False
+        k, k2, kink = (parameters[name] for name in ("stiffness.k", f"{self.name}.k2", f"{self.name}.depth"))
+        k3, deepest = parameters.get("cubic_stiffness.k3", 0.0), float(np.max(data.position))
+        upper = k * kink + k3 * kink**3
+        lower = (k + k2) * (deepest - kink) + k3 * (deepest**3 - kink**3)
+        shown = upper - parameters.get("deadband.width", 0.0)
+        if min(shown, lower) < noise or shown < _SHOWN * upper:
+            return True
+        if k3 != 0.0:
+            return False  # no single slope then tells what a layer carries
+        known = errors()
+        return not (_presses(k, known["stiffness.k"]) and _presses(k + k2, known[f"{self.name}.k2"]))
+
+
+def _presses(slope: float, std_err: float) -> bool:
+    """Whether a layer's slope is clearly above nothing; by its sign alone where its error is not known."""
+    return slope >= (0.0 if np.isnan(std_err) else _CLEARLY * std_err)
+
+
+class JointSpring(AdditiveEffect):
+    """effort = k q + p: a spring at rest where q = -p / k."""
+
+    name = "joint_spring"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "A balancing spring, or a cable that is bent with the joint, pulls it towards one place."
+    equation = "effort = k q + p, at rest where q = -p/k"
+    source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
+    signature = "effort grows in proportion to position, whatever the speed"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("k", "{effort}/{position}", -1e12, 1e12, (0.01, 1000.0)),
+        Parameter("preload", "{effort}", -1e12, 1e12, (-10.0, 10.0)),
+    )
+    essential = ("k",)
+    confused_with = {
+        "bias": "move over a wide range: a bias is the same everywhere",
+        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "cubic_stiffness": "move over a wide range",
+        "stiffness": "none in one channel: it is the same term, named for a contact",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.column_stack([data.position, np.ones(len(data))])
+
+
+class JointElasticity(MotionEffect):
+    """q_true = q - load / k: the link stands behind the motor that the encoder reads."""
+
+    name = "joint_elasticity"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "Gears, shafts and belts twist under the load, so that the link lags the motor."
+    equation = "q_true = q - c load, with its derivatives"
+    source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
+    signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
+    signals = ("load",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
+    needs = ("load",)
+    confused_with = {
+        "lag": "move slowly under a large load: a spring yields at rest too",
+        "inertia": "move at two frequencies: elasticity grows with the fourth power",
+    }
+
+    def __init__(self, form: int = 0) -> None:
+        """`form`: by how many of `HALF_WINDOWS` the windows of the load's derivatives are wider."""
+        self.form = form
+
+    def forms(self) -> tuple["JointElasticity", ...]:
+        """See `Effect.forms`: how far errors of the load's acceleration reach is not known."""
+        return tuple(JointElasticity(wider) for wider in _CHANGES)
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        c, load = inner["compliance"], data.context["load"]
+        changes = _CHANGES[self.form](data)
+        return shifted_motion(
+            data, position=-c * load, velocity=-c * changes.velocity, acceleration=-c * changes.acceleration
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: winding up by from a thousandth to a third of the range of motion."""
+        load = float(np.std(data.context["load"])) or 1.0
+        span = float(np.std(data.position)) or 1.0
+        return tuple({"compliance": float(part * span / load)} for part in np.geomspace(3e-4, 0.3, 10))
+
+
+def _changes(data: ChannelData, wider: int) -> Motion:
+    """First and second derivative of the load."""
+    return differentiate(data.time_s, data.context["load"], data.run, rounding=0.0, wider=wider)
+
+
+_CHANGES = {
+    wider: cache_by_channel_arrays("time_s", "run", "load")(partial(_changes, wider=wider))
+    for wider in (0, 2, 4, 6)
+}
+
+
+class ToolCompliance(MotionEffect):
+    """x_true = x - c F: the tip goes less deep than the encoders say."""
+
+    name = "tool_compliance"
+    kind = Kind.ELASTIC_SHAPE
+    also = frozenset({Kind.TIME_MEMORY})  # in series with a damper it relaxes
+    physics = "Tool, sensor and links bend, so that the object sees less than the encoders report."
+    equation = "x_true = x - c F, v_true = v - c dF/dt"
+    source = "two springs in series; A. Albu-Schäffer et al., Int. J. Robotics Research 26 (2007)"
+    signature = "the object seems softer the harder it is pressed, and less damped than it is"
+    signals = ("position", "effort")
+    channels = frozenset({ChannelKind.CONTACT})
+    inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-06, 0.001), log=True),)
+    confused_with = {
+        "cubic_stiffness": "press a rigid block: what yields is the tool",
+        "damping": "press a rigid block: what yields is the tool",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        force = _smooth_force(data)
+        return replace(
+            data,
+            position=data.position - inner["compliance"] * force.position,
+            velocity=data.velocity - inner["compliance"] * force.velocity,
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: yielding by from a thousandth of the depth to as much as that."""
+        yielding = float(np.ptp(data.position) / (np.ptp(data.effort) or 1.0))
+        return tuple({"compliance": float(part * yielding)} for part in np.geomspace(1e-3, 1.0, 7))
+
+
+@cache_by_channel_arrays("time_s", "run", "effort", "position", "touching")
+def _smooth_force(data: ChannelData) -> Motion:
+    """The force and its rate, by a window that its own noise calls for."""
+    return differentiate(
+        data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, calm=False
+    )

@@ -1,0 +1,242 @@
+"""Dry friction as a function of the present motion."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
+from robot_io.types import FloatArray
+
+
+class CoulombFriction(AdditiveEffect):
+    """effort = f tanh(v / transition): a constant against the motion."""
+
+    name = "coulomb_friction"
+    kind = Kind.FRICTION
+    physics = "Dry surfaces rub with a constant force against the motion."
+    equation = "effort = f tanh(v/transition)"
+    source = (
+        "C. A. Coulomb, Théorie des machines simples (1785); smoothed as in Andersson et al., "
+        "Tribology Int. 40 (2007)"
+    )
+    signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
+    signals: ClassVar[tuple[str, ...]] = ("direction",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
+    inner: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
+    )
+    confused_with = {
+        "position_dependent_friction": "move over a wide range",
+        "presliding_friction": "stop and creep back and forth: a path, not a speed, counts",
+        "stribeck_friction": "move very slowly: Stribeck friction rises towards zero speed",
+        "load_dependent_friction": "repeat with another load: Coulomb friction stays",
+        "asymmetric_friction": "let the joint rest: a bias beside Coulomb friction stays",
+        "hysteresis": "reverse slowly at several loads",
+        "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.tanh(data.velocity / inner["transition"])[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: smoothing at a small share of the usual speed."""
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple({"transition": part * speed} for part in (0.003, 0.01, 0.03, 0.08))
+
+
+class AsymmetricFriction(CoulombFriction):
+    """effort = f+ for v > 0, -f- for v < 0, plus viscous parts d+ v and d- v of their own."""
+
+    name = "asymmetric_friction"
+    kind = Kind.FRICTION
+    physics = "Gears and seals rub differently forwards and backwards."
+    equation = "effort = f+ (v>0) - f- (v<0) + d+ v (v>0) + d- v (v<0)"
+    source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), sec. 2"
+    signature = "the jump at reversal and the rise with speed differ between the two directions"
+    signals = ("velocity", "direction")
+    gains = (
+        Parameter("forward", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("backward", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("viscous_forward", "{effort} s/{position}", -1e12, 1e12, (0.001, 50.0)),
+        Parameter("viscous_backward", "{effort} s/{position}", -1e12, 1e12, (0.001, 50.0)),
+    )
+    confused_with = {
+        "bias": "let the joint rest: a bias stays, friction does not push",
+        "coulomb_friction": "move equally in both directions",
+    }
+    parts = ("coulomb_friction", "bias")
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        direction = np.tanh(data.velocity / inner["transition"])
+        forward, backward = np.maximum(direction, 0.0), np.minimum(direction, 0.0)  # at rest nothing pushes
+        return np.column_stack([forward, backward, forward * data.velocity, -backward * data.velocity])
+
+    def simpler(self, columns: FloatArray) -> FloatArray:
+        """See `Effect.simpler`: alike in both directions beside a bias, which differs at rest alone."""
+        both = np.column_stack([columns[:, 0] + columns[:, 1], columns[:, 2] + columns[:, 3]])
+        return np.column_stack([both, np.ones(len(both))])
+
+
+_LUMPED = "lumped_inertia_effort"  # which a joint has whose rotor and link are one inertia in its model
+_SHARES = (1.0, 0.6)
+
+
+class LoadDependentFriction(CoulombFriction):
+    """effort = mu |load| tanh(v / transition), load the effort that the joint carries apart from friction.
+
+    What accelerates the rotor does not pass through the gear (Hamon et al. take it off the load, too). Where
+    the model has one inertia for rotor and link, the share of it that is the link's is a parameter.
+    """
+
+    name = "load_dependent_friction"
+    kind = Kind.FRICTION
+    physics = "Gear teeth and bearings rub in proportion to the load they carry."
+    equation = "effort = mu |load| tanh(v/transition); of a pendulum, load = weight + link_share J a"
+    source = (
+        "A. C. Bittencourt, S. Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012); "
+        "P. Hamon, M. Gautier, P. Garrec, IEEE/RSJ IROS (2010)"
+    )
+    signature = "the jump at reversal is larger where the joint carries more"
+    signals = ("direction", "load")
+    gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
+    needs = ("load",)
+    confused_with = {
+        "load_dependent_presliding": "stop under load: presliding friction keeps its last value at rest",
+        "coulomb_friction": "repeat with another load",
+        "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return super().columns(data, inner) * np.abs(self._load(data, inner))[:, None]
+
+    def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.asarray(data.context["load"])
+
+    def suited_to(self, data: ChannelData) -> "LoadDependentFriction":
+        return _WithRotor() if _LUMPED in data.context else self
+
+
+class _WithRotor(LoadDependentFriction):
+    inner = (*LoadDependentFriction.inner, Parameter("link_share", "1", 0.0, 1.0, (0.3, 1.0)))
+
+    def _load(self, data: ChannelData, inner: Inner) -> FloatArray:
+        rotor = (1.0 - inner["link_share"]) * data.context[_LUMPED]
+        return np.asarray(data.context["load"] - rotor)
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        sliding = super().starts(data)
+        return tuple({**start, "link_share": share} for share in _SHARES for start in sliding)
+
+
+class PositionDependentFriction(AdditiveEffect):
+    """effort = (f + s sin(n q) + c cos(n q)) tanh(v / transition).
+
+    Periodic with n = 1 once a turn (an eccentric seal, a bent shaft) or faster; with less than a wave within
+    the range of motion it is any friction that varies smoothly along it.
+    """
+
+    name = "position_dependent_friction"
+    kind = Kind.FRICTION
+    physics = "Eccentric gears, bent guides and worn tracks rub more at some places than at others."
+    equation = "effort = (level + sine sin(n q) + cosine cos(n q)) tanh(v/transition)"
+    source = "B. Armstrong-Hélouvry, Control of Machines with Friction (1991), ch. 5: friction by position"
+    signature = "the difference between the two directions of motion varies with position, at any speed"
+    signals = ("position", "direction")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("level", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("sine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
+        Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
+    )
+    essential = ("sine", "cosine")
+    inner = (
+        Parameter("cycles", "1/{position}", 1e-3, 1e5, (0.5, 10.0), log=True),
+        Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
+    )
+    confused_with = {
+        "torque_ripple": "compare both directions: ripple has one sign, friction turns with the motion",
+        "load_dependent_friction": "repeat with another load at the same places",
+        "coulomb_friction": "move over a wide range",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        sliding = np.tanh(data.velocity / inner["transition"])
+        angle = inner["cycles"] * data.position
+        return np.column_stack([sliding, sliding * np.sin(angle), sliding * np.cos(angle)])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from half a wave to ten within the range of motion."""
+        span = float(np.ptp(data.position)) or 1.0
+        speed = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        waves = product((0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0), (0.01, 0.05))
+        return tuple(
+            {"cycles": float(2.0 * np.pi * count / span), "transition": float(share * speed)}
+            for count, share in waves
+        )
+
+
+# Of the rise, that friction must really exceed its level at speed by. By the equation that takes a speed of
+# the rise three to four times that of the transition (twice, for a rise far larger than the level).
+_SEEN = 0.5
+
+
+class StribeckFriction(AdditiveEffect):
+    """effort = (fc + (fs - fc) exp(-(v/vs)^2)) tanh(v / transition); gains: fc and the rise fs - fc."""
+
+    name = "stribeck_friction"
+    kind = Kind.FRICTION
+    physics = "At low speed the lubricant film breaks down and friction rises."
+    equation = "effort = (fc + rise exp(-(v/vs)^2)) tanh(v/transition)"
+    source = (
+        "R. Stribeck, VDI-Zeitschrift 46 (1902); B. Armstrong-Hélouvry, Control of Machines with "
+        "Friction (1991)"
+    )
+    signature = "effort falls with rising speed just after each reversal, then levels off"
+    signals = ("velocity", "direction")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (
+        Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
+        Parameter("rise", "{effort}", -1e12, 1e12, (0.001, 50.0)),
+    )
+    essential = ("rise",)
+    inner = (
+        Parameter("speed", "{position}/s", 1e-09, 10.0, (0.001, 1.0), log=True),
+        Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
+    )
+    confused_with = {
+        "coulomb_friction": "move very slowly, and at several speeds",
+        "viscous_friction": "move very slowly, and at several speeds",
+        "asymmetric_friction": "move equally in both directions",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        sliding = np.tanh(data.velocity / inner["transition"])
+        return np.column_stack([sliding, sliding * np.exp(-((data.velocity / inner["speed"]) ** 2))])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the usual speed."""
+        usual = float(np.sqrt(np.mean(data.velocity**2))) or 1.0
+        return tuple(
+            {"speed": float(part * usual), "transition": float(share * usual)}
+            for part in np.geomspace(0.04, 1.2, 6)
+            for share in (0.003, 0.01, 0.03)
+        )
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: friction does not rise, since all of the rise is within the transition.
+
+        What is left then is Coulomb friction, whose transition has a shape of its own.
+        """
+        level, rise, speed, transition = (
+            parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner)
+        )
+        v = np.linspace(0.0, 3.0 * (speed + transition), 500)
+        friction = (level + rise * np.exp(-((v / speed) ** 2))) * np.tanh(v / transition)
+        return float(friction.max()) - level < _SEEN * abs(rise)

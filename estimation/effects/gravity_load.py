@@ -1,0 +1,222 @@
+"""Gravity and load: rigid bodies, payload, and the arm's mounting."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Inner, Parameter
+from estimation.kinds import Kind
+from robot_io.types import FloatArray
+
+
+class KnownRigidBody(AdditiveEffect):
+    """torque = ID(q, v, a) of the URDF as it is, the signal `rigid_body_torque`; and J^T F of the tip."""
+
+    name = "rigid_body"
+    kind = Kind.GRAVITY_LOAD
+    physics = "Inertia, Coriolis forces and weight of the links load the joint."
+    equation = "tau = M(q) a + C(q, v) v + g(q), row of the joint"
+    source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5: RNEA"
+    signature = "torque follows posture and acceleration of all joints"
+    signals = ("position", "velocity", "acceleration", "other joints")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    needs = ("rigid_body_torque",)
+    confused_with = {
+        "payload": "weigh the tool: a payload acts on all joints in proportion",
+        "torque_gain": "hold a known weight: a wrong gain changes its torque too",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, 0): nothing is free."""
+        return np.zeros((len(data), 0))
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return data.context["rigid_body_torque"] + data.context.get("contact_torque", 0.0)
+
+
+class RigidBodyFitted(AdditiveEffect):
+    """torque = Y(q, v, a) pi; the signal `rigid_body_regressor`; and J^T F where the tip presses.
+
+    The gains are base parameters of the whole arm: of one name in all its joints, they are one parameter.
+
+    Args:
+        chosen: columns of the regressor, ten a link (`control.arm.rigid_body.RigidBody.regressor`), of the
+            arm's base parameters that the joint feels (`estimation.arm.base_parameters`).
+        arm: all base parameters of the arm; None where joints are fitted each by itself.
+        urdf: inertial parameters of its URDF, shape (10 links,).
+    """
+
+    name = "rigid_body_fitted"
+    kind = Kind.GRAVITY_LOAD
+    physics = "Inertia, Coriolis forces and weight of the links load the joint, by as much as the data say."
+    equation = "tau = Y(q, v, a) pi, row of the joint, pi the base parameters of the arm"
+    source = (
+        "C. G. Atkeson, C. H. An, J. M. Hollerbach, IJRR 5(3) (1986); M. Gautier, J. Robotic "
+        "Systems 8 (1991): numerical calculation of the base inertial parameters"
+    )
+    signature = "torque follows posture and acceleration of all joints"
+    signals = ("position", "velocity", "acceleration", "other joints")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    needs = ("rigid_body_regressor",)
+    confused_with = {"payload": "none in one recording: a payload belongs to the last link's parameters"}
+
+    def __init__(
+        self,
+        chosen: tuple[int, ...] = (),
+        arm: BaseParameters | None = None,
+        urdf: FloatArray | None = None,
+    ) -> None:
+        self.arm, self.urdf = arm, urdf
+        self._chosen = list(chosen)
+        self.gains = tuple(  # type: ignore[misc]  # how many there are depends on the arm
+            Parameter(inertial_name(i), inertial_unit(i), -1e3, 1e3, (-5.0, 5.0)) for i in chosen
+        )
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `AdditiveEffect.columns`; shape (n, len(chosen))."""
+        return data.context["rigid_body_regressor"][:, self._chosen]
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return data.context.get("contact_torque", np.zeros(len(data)))
+
+
+_STARTS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad, to either side
+_OF_TILT = ("tilt_effort_per_rad", "weight_effort")
+_OF_ARM = "payload_effort_per_kg"  # which every joint of an arm has whose kinematics are known
+
+
+class GravityTilt(AdditiveEffect):
+    """effort = tilt * cos(q) beside a pendulum, whose own sin(q) takes up what the tilt takes off its weight.
+
+    An arm of known weight g has nothing to take that up: with the base turned by t about the axis of the
+    first joint, effort = sin(t) dg/dt + (cos(t) - 1) g.
+    """
+
+    name = "gravity_tilt"
+    kind = Kind.GRAVITY_LOAD
+    physics = "Gravity pulls from another direction than the model assumes."
+    equation = "effort = sin(t) dg(q)/dtilt + (cos(t) - 1) g(q); for a pendulum t cos(q)"
+    source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
+    signature = "an error that depends on posture alone, a quarter turn out of step with gravity"
+    signals = ("position", "other joints")
+    channels = frozenset({ChannelKind.REVOLUTE})
+    gains: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("tilt", "{effort} per unit", -1e12, 1e12, (0.001, 5.0)),
+    )
+    confused_with = {
+        "bias": "move over a wide range: a bias is the same in every posture",
+        "joint_spring": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "payload": "change the posture: weight and tilt are a quarter turn apart",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.cos(data.position)[:, None]
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; an arm of several joints is no pendulum: its own form, or none."""
+        return super().applies_to(data) and (_OF_ARM not in data.context or _is_known(data))
+
+    def suited_to(self, data: ChannelData) -> "GravityTilt":
+        return _TiltOfKnownArm() if _is_known(data) else self
+
+
+class _TiltOfKnownArm(GravityTilt):
+    needs = _OF_TILT
+    gains = ()
+    inner = (Parameter("tilt", "rad", -np.pi, np.pi, (-0.3, 0.3)),)
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.zeros((len(data), 0))
+
+    def known(self, data: ChannelData, inner: Inner) -> FloatArray:
+        across, along = (data.context[name] for name in _OF_TILT)
+        turned: FloatArray = np.sin(inner["tilt"]) * across + (np.cos(inner["tilt"]) - 1.0) * along
+        return turned
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        return tuple({"tilt": side * start} for side in (-1.0, 1.0) for start in _STARTS)
+
+
+def _is_known(data: ChannelData) -> bool:
+    """Whether it was computed what the tilt takes; that is not done where the first axis is not level."""
+    return set(_OF_TILT) <= set(data.context)
+
+
+class Payload(AdditiveEffect):
+    """effort = m * (effort per kilogram at the tip), from the arm's kinematics."""
+
+    name = "payload"
+    kind = Kind.GRAVITY_LOAD
+    physics = "The arm carries something: its weight and inertia load every joint."
+    equation = "effort_i = m J_i^T (a_tip - g)"
+    source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 12"
+    signature = "all joints are off by what one mass at the tip would take, most with the arm stretched out"
+    signals = ("position", "acceleration", "other joints")
+    channels = frozenset({ChannelKind.REVOLUTE})
+    gains = (Parameter("mass", "kg", -50.0, 50.0, (0.01, 5.0)),)
+    needs = ("payload_effort_per_kg",)
+    confused_with = {
+        "torque_gain": "change the posture: a payload loads the joints by posture",
+        "gravity_tilt": "change the posture",
+        "bias": "judge all joints together: a payload is in all of them; or change the posture",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return data.context["payload_effort_per_kg"][:, None]
+
+
+class Pendulum(AdditiveEffect):
+    """torque = J a + g1 sin(q), q = 0 hanging straight down."""
+
+    name = "pendulum"
+    kind = Kind.GRAVITY_LOAD
+    physics = "A body turns about a horizontal axis."
+    equation = "torque = J a + g1 sin(q)"
+    source = "C. Huygens, Horologium Oscillatorium (1673)"
+    signature = "torque follows the sine of the angle, whatever the speed"
+    signals = ("position", "acceleration")
+    channels = frozenset({ChannelKind.REVOLUTE})
+    gains = (
+        Parameter("inertia", "kg m^2", 0.0, 10000.0, (0.0001, 5.0)),
+        Parameter("gravity", "N m", -1e12, 1e12, (0.05, 50.0)),
+    )
+    confused_with = {
+        "gravity_tilt": "turn the base by a known angle",
+        "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.column_stack([data.acceleration, np.sin(data.position)])
+
+
+class Weight(AdditiveEffect):
+    """torque = g1 sin(q) + g2 cos(q), whatever angle is called zero.
+
+    For a joint whose model has no weight; that of an arm is in its kinematics.
+    """
+
+    name = "weight"
+    kind = Kind.GRAVITY_LOAD
+    physics = "The joint's axis is not upright, and what it carries has its centre off the axis."
+    equation = "torque = g1 sin(q) + g2 cos(q)"
+    source = "C. Huygens, Horologium Oscillatorium (1673)"
+    signature = "effort follows the sine of the angle, whatever the speed, and comes back with each turn"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.REVOLUTE})
+    gains = (
+        Parameter("g1", "N m", -1e12, 1e12, (-50.0, 50.0)),
+        Parameter("g2", "N m", -1e12, 1e12, (-50.0, 50.0)),
+    )
+    confused_with = {
+        "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",
+        "cubic_stiffness": "swing by more than 90 degrees: a sine turns back, a cubic does not",
+        "bias": "move over a wide range: a bias is the same everywhere",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.column_stack([np.sin(data.position), np.cos(data.position)])
+
+    def applies_to(self, data: ChannelData) -> bool:
+        return super().applies_to(data) and "payload_effort_per_kg" not in data.context

@@ -1,0 +1,296 @@
+"""Dry friction and play that depend on the past path."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from estimation.kinds import Kind
+from estimation.signals.blocks import number_stretches
+from estimation.signals.bouc_wen import bouc_wen
+from estimation.signals.runwise import direction, play, smooth_jitter
+from estimation.signals.shifted_motion import shifted_motion
+from robot_io.types import FloatArray
+
+_PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen
+
+
+class PreslidingFriction(AdditiveEffect):
+    """effort = f s; s goes to the sign of motion over the path `presliding`, and keeps its value at rest."""
+
+    name = "presliding_friction"
+    kind = Kind.FRICTION
+    physics = "Asperities and cables stretch like springs before they slide, and stay stretched at rest."
+    equation = "effort = f s, ds/dq = (1 - s sign(v))/presliding, s = 0 at first"
+    source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
+    signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
+    signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
+    inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
+    path = "presliding"
+    confused_with = {
+        "coulomb_friction": "stop and creep back and forth: a path, not a speed, counts",
+        "load_dependent_presliding": "repeat with another load",
+        "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
+        "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
+        "hysteresis": "reverse slowly at several loads",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        way = smooth_jitter(data.position, data.time_s, data.run)
+        return direction(way, data.run, inner["presliding"])[:, None]
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: over a path too short to be seen it is friction that just turns round."""
+        (path,) = self.inner
+        built, plain = (
+            self.columns(data, {path.name: length})
+            for length in (parameters[f"{self.name}.{path.name}"], path.lower)
+        )
+        return float(np.sum((built - plain) ** 2)) < _PLAIN * float(np.sum(built**2))
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a thousandth to a third of the range of motion."""
+        span = float(np.ptp(data.position)) or 1.0
+        return tuple({"presliding": float(part * span)} for part in np.geomspace(1e-3, 0.3, 9))
+
+
+class LoadDependentPresliding(PreslidingFriction):
+    """effort = mu |load| s; s as in `presliding_friction`."""
+
+    name = "load_dependent_presliding"
+    kind = Kind.FRICTION
+    physics = "Cables over pulleys and loaded teeth rub as much as they carry, and stay stretched at rest."
+    equation = "effort = mu |load| s, ds/dq = (1 - s sign(v))/presliding"
+    source = (
+        "P. R. Dahl, Aerospace Corp. TOR-158 (1968); L. Euler, Mém. Acad. Berlin 18 (1762): capstan; "
+        "M. Kaneko et al., IEEE ICRA (1991): tendon drives"
+    )
+    signature = "the jump at reversal grows with the load, is spread over a path, and stays at rest"
+    signals = ("direction", "past motion", "load")
+    gains = (Parameter("mu", "1", 0.0, 2.0, (0.01, 0.5)),)
+    needs = ("load",)
+    confused_with = {
+        "load_dependent_friction": "stop under load: presliding friction keeps its last value at rest",
+        "presliding_friction": "repeat with another load",
+        "torque_gain": "lift and lower the same load: friction changes sign with the motion, a gain does not",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return super().columns(data, inner) * np.abs(data.context["load"])[:, None]
+
+
+class DryFriction(AdditiveEffect):
+    """F = f s; the direction of motion s takes a short path to turn round, and stays at rest.
+
+    Each touch begins unstrained, s = 0: what rubs has nothing to hold on to before. Slower than `transition`,
+    a film between the surfaces gives way, and s goes to less than the sign of the motion. With the shortest
+    path that may be, there is nothing but the film: s = tanh(v/transition), also at rest.
+    """
+
+    name = "dry_friction"
+    kind = Kind.FRICTION
+    physics = "Tool and object, or the layers of the object, rub with a force that does not depend on speed."
+    equation = "F = f s, ds/dx = (tanh(v/transition) - s) sign(v)/presliding while pressed, s = 0 at touch"
+    source = (
+        "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968); "
+        "Andersson et al., Tribology Int. 40 (2007)"
+    )
+    signature = (
+        "force is higher by a constant while moving in than while moving out at the same depth, at any speed"
+    )
+    signals = ("direction", "past motion")
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.05, 5.0)),)
+    inner = (
+        Parameter("presliding", "{position}", 1e-07, 0.01, (1e-06, 0.001), log=True),
+        Parameter("transition", "{position}/s", 1e-07, 0.1, (1e-05, 0.01), log=True),
+    )
+    confused_with = {
+        "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
+        "damping": "probe at two speeds: friction does not grow with speed",
+        "hysteresis": "press a spring alone: the sensor keeps its hysteresis there",
+        "adhesion": "retract slowly beyond the surface",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        s = np.tanh(data.velocity / inner["transition"])
+        if inner["presliding"] > self.inner[0].lower:
+            touch = number_stretches(data.engaged, data.run)
+            s = direction(smooth_jitter(data.position, data.time_s, data.run), touch, inner["presliding"], s)
+        return np.where(data.engaged, s, 0.0)[:, None]
+
+    def forms(self) -> tuple["DryFriction", ...]:
+        """See `Effect.forms`: of layers within the object, which can only push, or at the tool's sides."""
+        return self, _AtTheSides()
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: a path up to a tenth of the depth, or a small share of the usual speed."""
+        depth = max(float(np.max(data.position, initial=0.0)), 1e-9)
+        speed = float(np.sqrt(np.mean(data.velocity[data.engaged] ** 2))) if data.engaged.any() else 1.0
+        paths = [(part, 1e-3) for part in np.geomspace(1e-3, 1e-1, 5)]
+        speeds = [(0.0, part) for part in (0.003, 0.01, 0.03, 0.1)]
+        return tuple(
+            {
+                "presliding": max(float(path * depth), self.inner[0].lower),
+                "transition": float(share * speed) or 1e-7,
+            }
+            for path, share in (*paths, *speeds)
+        )
+
+
+class _AtTheSides(DryFriction):
+    one_sided = False
+    form = 1
+
+
+class BoucWenHysteresis(AdditiveEffect):
+    """effort = f w, with w in [-1, 1] the normalised state of Bouc and Wen; see `bouc_wen`.
+
+    In a contact only while pressed, and each touch begins unstrained. With sharpness 1 and unloading 1 it is
+    Dahl's law, with a high sharpness an elastic and perfectly plastic spring.
+    """
+
+    name = "bouc_wen_hysteresis"
+    kind = Kind.FRICTION
+    physics = "Inner friction of rubber, wire rope or structure makes a spring that yields."
+    equation = (
+        "effort = f w, dw/dx = (1 - |w|^n)/path while it grows, (1 + unloading |w|^n)/path on its return"
+    )
+    source = (
+        "Y.-K. Wen, J. Eng. Mech. Div. ASCE 102 (1976); normalised as in F. Ikhouane, J. Rodellar, Systems "
+        "with Hysteresis (2007), ch. 2"
+    )
+    signature = "loops of effort over position of the same height at any speed, small ones inside large ones"
+    signals = ("direction", "past motion")
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
+    inner = (
+        Parameter("path", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
+        Parameter("sharpness", "1", 0.5, 20.0, (1.0, 5.0), log=True),
+        Parameter("unloading", "1", 0.0, 1.0, (0.0, 1.0)),
+    )
+    path = "path"
+    confused_with = {
+        "presliding_friction": "reverse half way: the curves of Dahl's friction are exponentials",
+        "dry_friction": "reverse half way: the curves of Dahl's friction are exponentials",
+        "hysteresis": "reverse slowly at several loads: a hysteresis of the sensor is one of effort",
+        "stress_relaxation": "hold: relaxation goes on at rest, hysteresis does not",
+        "damping": "probe at two speeds: hysteresis does not depend on speed",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        way = smooth_jitter(data.position, data.time_s, data.run)
+        touch, pressed = number_stretches(data.engaged, data.run), np.flatnonzero(data.engaged)
+        column = np.zeros((len(data), 1))
+        shape = inner["path"], inner["sharpness"], inner["unloading"]
+        column[pressed, 0] = bouc_wen(way[pressed], touch[pressed], *shape)
+        return column
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a hundredth to half of the range of motion."""
+        span = float(np.ptp(data.position)) or 1.0
+        values = product(np.geomspace(0.01, 0.5, 5) * span, (1.0, 3.0), (0.0, 1.0))
+        return tuple({"path": float(path), "sharpness": n, "unloading": back} for path, n, back in values)
+
+
+class Backlash(MotionEffect):
+    """The load follows the encoder only after the gap is crossed: q_true = play(q, gap/2).
+
+    The motor turns on: its shares of inertia and viscous friction are moved as the encoder says.
+    """
+
+    name = "backlash"
+    kind = Kind.FRICTION
+    physics = "Teeth, couplings and keys have a gap that must be crossed at each reversal."
+    equation = "q_true = play(q, gap/2); it rests inside the gap, the motor's inertia and friction do not"
+    source = "M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002)"
+    signature = (
+        "just after a reversal the load's share of the effort is missing until the gap is crossed; "
+        "the resting place depends on the last direction"
+    )
+    signals = ("direction", "past motion")
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (
+        Parameter("gap", "{position}", 1e-07, 10.0, (0.0001, 0.1), log=True),
+        Parameter("motor_inertia", "1", 0.0, 1.0, (0.0, 1.0)),
+        Parameter("motor_friction", "1", 0.0, 1.0, (0.0, 1.0)),
+    )
+    confused_with = {
+        "presliding_friction": "reverse slowly: friction changes sign, through a gap effort is nothing",
+        "loaded_backlash": "reverse the motion with the load to one side: the link then stays on its flank",
+        "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
+        "coulomb_friction": "reverse slowly",
+        "joint_elasticity": "press against a stop: a spring yields in proportion, a gap by a fixed amount",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        followed = play(data.position, data.run, 0.5 * inner["gap"])
+        behind = data.position - followed
+        pushed = (np.abs(behind) > 0.498 * inner["gap"]) & (behind * data.velocity > 0.0)
+        return shifted_motion(
+            data,
+            position=-behind,
+            velocity=np.where(pushed, 0.0, (inner["motor_friction"] - 1.0) * data.velocity),
+            acceleration=np.where(pushed, 0.0, (inner["motor_inertia"] - 1.0) * data.acceleration),
+        )
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a thousandth to a third of the range; with and without a motor."""
+        span = float(np.ptp(data.position)) or 1.0
+        return tuple(
+            {"gap": float(part * span), "motor_inertia": 0.5 * motor, "motor_friction": motor}
+            for part in np.geomspace(1e-3, 0.35, 10)
+            for motor in (0.0, 1.0)
+        )
+
+
+class LoadedBacklash(MotionEffect):
+    """q_true = q - gap/2 s; s goes to 1 as the load exceeds `threshold`, to -1 below -threshold.
+
+    Between the two friction holds the link where it is: s is the load's play operator, cut off at the flanks,
+    and goes over between half and one and a half times the threshold. A load that always pulls one way keeps
+    the link on one flank, and nothing of the gap is seen. The link's own motion across is not modelled.
+    """
+
+    name = "loaded_backlash"
+    kind = Kind.FRICTION
+    physics = "Within the play of a gear the load pulls the link to one flank or to the other."
+    equation = "q_true = q - gap/2 s, s = clip(2 play(load, threshold)/threshold, -1, 1)"
+    source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"
+    signature = "the resting place depends on which way the load pulled last, and not on the motion"
+    signals = ("load",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (
+        Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
+        Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),
+    )
+    needs = ("load",)
+    confused_with = {
+        "backlash": "reverse the motion with the load to one side: the link then stays on its flank",
+        "joint_elasticity": "load it more: a spring yields in proportion, a gap by a fixed amount",
+        "presliding_friction": "hold still and change the load",
+    }
+
+    def move(self, data: ChannelData, inner: Inner) -> ChannelData:
+        threshold = inner["threshold"]
+        held = play(data.context["load"], data.run, threshold)
+        side = np.clip(2.0 * held / threshold, -1.0, 1.0)
+        still = np.zeros(len(data))
+        return shifted_motion(data, position=-0.5 * inner["gap"] * side, velocity=still, acceleration=still)
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the range of motion and of the largest load."""
+        span = float(np.ptp(data.position)) or 1.0
+        most = float(np.max(np.abs(data.context["load"]))) or 1.0
+        return tuple(
+            {"gap": float(part * span), "threshold": share * most}
+            for part in np.geomspace(1e-3, 2.0, 10)
+            for share in (0.003, 0.03, 0.1, 0.3)
+        )

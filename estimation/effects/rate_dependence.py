@@ -1,0 +1,147 @@
+"""Rate dependence: viscous forces of contacts and joints."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from estimation.kinds import Kind
+from robot_io.types import FloatArray
+
+
+class Damping(AdditiveEffect):
+    """F = c v; in a contact the damper acts only while the object is pressed (x > 0)."""
+
+    name = "damping"
+    kind = Kind.RATE_DEPENDENCE
+    physics = "A dashpot resists in proportion to speed."
+    equation = "F = c v"
+    source = "the viscous half of the Kelvin-Voigt body; W. Flügge, Viscoelasticity (1975), ch. 1"
+    signature = "effort is higher while moving in than while moving out at the same depth, more so with speed"
+    signals = ("velocity",)
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
+    confused_with = {
+        "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
+        "viscous_friction": "none in one channel: it is the same term, named for a joint",
+        "stress_relaxation": "hold: relaxation goes on at rest, damping does not",
+        "hysteresis": "probe at two speeds: hysteresis does not depend on speed",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.where(data.engaged, data.velocity, 0.0)[:, None]
+
+
+class ViscousFriction(AdditiveEffect):
+    """effort = d v."""
+
+    name = "viscous_friction"
+    kind = Kind.RATE_DEPENDENCE
+    physics = "Oil and bearings resist in proportion to speed."
+    equation = "effort = d v"
+    source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"
+    signature = "effort is higher by an amount in proportion to speed, in either direction"
+    signals = ("velocity",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("d", "{effort} s/{position}", 0.0, 1e12, (0.001, 500.0)),)
+    confused_with = {
+        "joint_coupling": "hold this joint still and move its neighbour",
+        "delay": "move at two speeds with the same acceleration",
+        "lag": "move at two speeds with the same acceleration",
+        "damping": "none in one channel: it is the same term, named for a contact",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return data.velocity[:, None]
+
+
+class QuadraticDamping(AdditiveEffect):
+    """F = c2 v |v| while pressed."""
+
+    name = "quadratic_damping"
+    kind = Kind.RATE_DEPENDENCE
+    physics = "Fluid pushed out of the way resists with the square of speed."
+    equation = "F = c2 v |v|"
+    source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
+    signature = "the gap between in and out grows faster than in proportion to speed"
+    signals = ("velocity",)
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("c2", "{effort} s^2/{position}^2", 0.0, 1e12, (1.0, 10000.0)),)
+    confused_with = {
+        "damping": "probe at three speeds: twice the speed gives four times the force",
+        "dry_friction": "probe at three speeds: friction does not depend on speed",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.where(data.engaged, data.velocity * np.abs(data.velocity), 0.0)[:, None]
+
+
+class QuadraticFriction(AdditiveEffect):
+    """effort = d2 v |v|."""
+
+    name = "quadratic_friction"
+    kind = Kind.RATE_DEPENDENCE
+    physics = "Air, oil churning and motor fans resist with the square of speed."
+    equation = "effort = d2 v |v|"
+    source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
+    signature = "effort rises faster than in proportion to speed"
+    signals = ("velocity",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("d2", "{effort} s^2/{position}^2", 0.0, 1e12, (0.0001, 50.0)),)
+    confused_with = {
+        "viscous_friction": "move at three speeds",
+        "stribeck_friction": "move very slowly and very fast",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return (data.velocity * np.abs(data.velocity))[:, None]
+
+
+class HuntCrossley(AdditiveEffect):
+    """F = k x^n + b x^n v for x > 0: spring and damper both grow with depth, so that touch brings no jump."""
+
+    name = "hunt_crossley"
+    kind = Kind.RATE_DEPENDENCE
+    also = frozenset({Kind.ELASTIC_SHAPE})
+    physics = "Contact grows with depth, and spring and damping grow with the contact."
+    equation = "F = k x^n + b x^n v"
+    source = (
+        "K. H. Hunt, F. R. E. Crossley, Coefficient of Restitution Interpreted as Damping in Vibroimpact, "
+        "J. Appl. Mech. 42 (1975)"
+    )
+    signature = "effort curves upwards with depth, and the difference between in and out grows with depth too"
+    signals = ("position", "velocity")
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (
+        Parameter("k", "{effort}/{position}^n", 0.0, 1e12, (10.0, 1e6)),
+        Parameter("b", "{effort} s/{position}^(n+1)", 0.0, 1e12, (1.0, 1e6)),
+    )
+    elastic = ("k",)
+    essential = ("b",)
+    inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
+    confused_with = {
+        "power_law_stiffness": "press at two speeds: its damping grows with depth",
+        "cubic_stiffness": "press deeper: a power law and a cubic part ways",
+        "layered_stiffness": "press deeper: layers have a kink, a power law has none",
+        "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        power = np.maximum(data.position, 0.0) ** inner["n"]
+        return np.column_stack([power, power * data.velocity])
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: the damper shows a power of the depth that the spring does not have."""
+        k, b, n = (parameters[f"{self.name}.{p.name}"] for p in (*self.gains, *self.inner))
+        depth = np.maximum(data.position, 0.0)
+        spring, damper = (_bent(depth**n * by, depth * by) for by in (np.ones(len(data)), data.velocity))
+        return bool(abs(b) * damper > noise > abs(k) * spring)
+
+
+def _bent(signal: FloatArray, straight: FloatArray) -> float:
+    """Root mean square of a signal (n,) less what is proportional to another."""
+    share = float(signal @ straight) / max(float(straight @ straight), 1e-300)
+    return float(np.sqrt(np.mean((signal - share * straight) ** 2)))

@@ -1,0 +1,123 @@
+"""Sensor dynamics and drift: delay, lag and a wandering zero."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
+from estimation.signals.exponential_memory import low_pass
+from estimation.signals.free_air import is_one_way, zero_in_free_air
+from estimation.signals.runwise import sample_time, shift
+from robot_io.types import FloatArray
+
+
+class Delay(SensorEffect):
+    """reading(t) = effort(t - T), also by a part of a sample, such as between converters that take turns.
+
+    T < 0, the motion later than the effort, by no more than a sample: beyond, it only bends the effort.
+    """
+
+    name = "delay"
+    kind = Kind.SENSOR_DYNAMICS
+    physics = "Conversion, bus and buffers hold every reading back by the same time."
+    equation = "reading(t) = effort(t - T)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: dead time"
+    signature = "readings keep their shape and come late against the motion"
+    signals = ("past effort",)
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("time", "s", -0.5, 2.0, (0.001, 0.1)),)
+    confused_with = {
+        "lag": "make a sharp touch: a lag rounds it, a delay only shifts it",
+        "damping": "hold and probe at two speeds",
+        "viscous_friction": "move at two speeds with the same acceleration",
+    }
+    linear = True
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return shift(effort, data.time_s, data.run, inner["time"])
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: the effort comes ahead of the motion by more than a sample."""
+        return parameters[f"{self.name}.time"] < -sample_time(data.time_s, data.run)
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a quarter of a sample to 150 samples, and to one the other way."""
+        step = sample_time(data.time_s, data.run)
+        late = np.geomspace(0.25, 150.0, 13)
+        return tuple({"time": float(step * n)} for n in (*-late[late < 1.0][::-1], 0.0, *late))
+
+
+class Lag(SensorEffect):
+    """reading' = (effort - reading) / tau."""
+
+    name = "lag"
+    kind = Kind.SENSOR_DYNAMICS
+    physics = "A filter in the sensor smooths and delays."
+    equation = "reading' = (effort - reading)/tau"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 3: first-order instrument"
+    signature = "readings come late and rounded, the more the faster the effort changes"
+    signals = ("past effort",)
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("tau", "s", 1e-05, 1.0, (0.001, 0.2), log=True),)
+    confused_with = {
+        "delay": "make a sharp touch: a lag rounds it, a delay only shifts it",
+        "damping": "hold and probe at two speeds",
+        "inertia": "move at two frequencies",
+    }
+    linear = True
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return low_pass(effort, data.time_s, data.run, inner["tau"])
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from a fraction of a sample to 400 samples."""
+        step = sample_time(data.time_s, data.run)
+        return tuple({"tau": float(step * n)} for n in np.geomspace(0.2, 400.0, 14))
+
+
+_OFF = 0.5  # of the rate, by which readings in free air may differ from it
+_SIGMAS = 3.0  # the same in standard errors
+
+
+class Drift(AdditiveEffect):
+    """reading = effort + d (t - t0), t over the whole session."""
+
+    name = "drift"
+    kind = Kind.DRIFT
+    physics = "Warming up or creep of the sensor moves its zero steadily."
+    equation = "reading = effort + d (t - t0)"
+    source = "JCGM 200:2012 (VIM), 4.21: instrumental drift"
+    signature = "free air and every run shift steadily with the time of day, not with the time since contact"
+    signals = ("time",)
+    channels = frozenset(ChannelKind)
+    one_sided = False
+    gains = (
+        Parameter("rate", "{effort}/s", -1e12, 1e12, (-0.01, 0.01)),
+        Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),
+    )
+    essential = ("rate",)
+    confused_with = {
+        "stress_relaxation": "free air: drift goes on there, relaxation does not",
+        "bias": "wait: a bias stays",
+    }
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`: the motion returns, else time cannot be told from position."""
+        return super().applies_to(data) and not is_one_way(data.position, data.run)
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: readings before and after the contact do not drift at that rate."""
+        zero = zero_in_free_air(data)
+        if zero is None or zero.rate is None:
+            return False
+        rate = parameters[f"{self.name}.rate"]
+        return abs(zero.rate - rate) > max(_OFF * abs(rate), _SIGMAS * zero.rate_std_err)
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.column_stack([data.time_s - data.time_s[0], np.ones(len(data))])

@@ -1,0 +1,349 @@
+"""Sensor statics: zero, gain, range, dead band, hysteresis and steps of the reader."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from estimation.kinds import Kind
+from estimation.signals.blocks import block_index
+from estimation.signals.runwise import play
+from robot_io.types import FloatArray
+
+
+class Bias(AdditiveEffect):
+    """reading = effort + b."""
+
+    name = "bias"
+    kind = Kind.SENSOR_STATICS
+    physics = "The sensor shows something when nothing acts."
+    equation = "reading = effort + b"
+    source = "JCGM 200:2012 (VIM), 4.20: instrumental bias"
+    signature = "all readings are off by one amount, in free air too"
+    signals = ("offset",)
+    channels = frozenset(ChannelKind)
+    one_sided = False
+    gains = (Parameter("offset", "{effort}", -1e12, 1e12, (-1.0, 1.0)),)
+    confused_with = {
+        "run_offset": "record more runs: a bias is the same in all",
+        "contact_offset": "record free air: a bias is there too",
+        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "payload": "judge all joints together: a payload is in all of them; or change the posture",
+        "drift": "wait: a bias stays",
+        "asymmetric_friction": "let the joint rest: a bias stays",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.ones((len(data), 1))
+
+
+class TorqueGain(SensorEffect):
+    """reading = gain * effort."""
+
+    name = "torque_gain"
+    kind = Kind.SENSOR_STATICS
+    physics = "The torque constant or the gear ratio in use is not the real one."
+    equation = "reading = gain effort"
+    source = (
+        "M. Gautier, S. Briot, J. Dyn. Sys. Meas. Control 136 (2014): global identification of drive gains"
+    )
+    signature = "all of the effort is off by one factor; only a model with a known mass can show it"
+    signals = ("effort",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    inner = (Parameter("gain", "1", 0.2, 5.0, (0.6, 1.6), log=True),)
+    confused_with = {
+        "run_gain": "record more runs: a wrong constant is the same in all",
+        "payload": "change the posture",
+        "load_dependent_friction": "lift and lower the same load",
+        "bias": "lift two loads: a gain grows with the load",
+    }
+    linear = True
+    pointwise = True
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: closer and closer to one, since few constants are far off."""
+        off = np.array([0.003, 0.01, 0.03, 0.1, 0.25, 0.5])
+        return tuple({"gain": float(gain)} for gain in np.exp([*-off[::-1], *off]))
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return inner["gain"] * effort
+
+
+class ForceSensorError(AdditiveEffect):
+    """effort = share J^T p e, e the force beyond the reading that all other joints carry, see `arm_signals`.
+
+    Whatever a force sensor does (it lags, it hangs behind, it is cut off), all joints carry the same
+    difference to its reading. The contact's own diagnosis says what it is.
+    """
+
+    name = "force_sensor_error"
+    kind = Kind.SENSOR_STATICS
+    physics = "The force sensor is off; all joints carry the true force."
+    equation = "effort = share J^T p e, e by the other joints"
+    source = "J. J. Craig, Introduction to Robotics (2005), ch. 5.10: forces at the tip and torques of joints"
+    signature = "in contact, all joints are off by what one and the same force at the tip takes"
+    signals = ("load",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    # About one: noise of the other joints' torques lowers it.
+    gains = (Parameter("share", "1", 0.5, 1.5, (0.9, 1.1)),)
+    needs = ("contact_torque_per_newton", "force_beyond_reading")
+    confused_with = {
+        "force_deadband": "press at several forces: a dead band takes the same from all",
+        "payload": "compare free air with contact: a payload is there in both",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return (data.context["contact_torque_per_newton"] * data.context["force_beyond_reading"])[:, None]
+
+
+class Deadband(SensorEffect):
+    """reading = effort - width * sat(effort / width)."""
+
+    name = "deadband"
+    kind = Kind.SENSOR_STATICS
+    physics = "Friction or a threshold in the sensor swallows the first part of any effort."
+    equation = "reading = effort - clip(effort, -width, width)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold"
+    signature = "readings stay at zero near zero and are short by one amount elsewhere"
+    signals = ("effort",)
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    confused_with = {
+        "contact_offset": "probe slowly near the surface",
+        "bias": "look at both signs of effort",
+        "coulomb_friction": "hold still under several loads",
+    }
+    linear = False
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return effort - np.clip(effort, -inner["width"], inner["width"])
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: none within the width."""
+        return np.where(np.abs(effort) > inner["width"], 1.0, 0.0)[:, None] * columns
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the largest reading."""
+        peak = float(np.max(np.abs(data.effort))) or 1.0
+        return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.4, 8))
+
+
+class ForceDeadband(AdditiveEffect):
+    """effort = w J^T p while the tip touches, p the press direction: what the force sensor swallows.
+
+    To the contact, a dead band of its sensor is a surface that lies deeper; the joints carry the difference.
+    """
+
+    name = "force_deadband"
+    kind = Kind.SENSOR_STATICS
+    physics = "The force sensor swallows the first part of any force; the joints carry it all the same."
+    equation = "effort = w J^T p while touching"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: threshold; J^T F by virtual work"
+    signature = (
+        "in contact, all joints carry what one more force at the tip would take, however hard it pushes"
+    )
+    signals = ("load",)
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    gains = (Parameter("width", "N", 0.0, 1e12, (0.01, 10.0)),)
+    needs = ("contact_torque_per_newton", "touching")
+    confused_with = {
+        "torque_gain": "press at several forces: a dead band takes the same from all",
+        "force_sensor_error": "press at several forces: a dead band takes the same from all",
+        "payload": "compare free air with contact: a payload is there in both",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        return (data.context["contact_torque_per_newton"] * data.context["touching"])[:, None]
+
+
+_NOISE, _OF_THOSE = 4.0, 0.05  # times the noise, and share of the readings beyond the limit
+
+
+class Saturation(SensorEffect):
+    """reading = clip(effort, -limit, limit)."""
+
+    name = "saturation"
+    kind = Kind.SENSOR_STATICS
+    physics = "Beyond its range the sensor shows the end of the range."
+    equation = "reading = clip(effort, -limit, limit)"
+    source = "E. O. Doebelin, Measurement Systems (2003), ch. 2: span"
+    signature = "the largest readings are cut off flat at one value"
+    signals = ("effort",)
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("limit", "{effort}", 1e-06, 100000.0, (0.1, 100.0), log=True),)
+    confused_with = {
+        "layered_stiffness": "press less: below the limit nothing is missing",
+        "cubic_stiffness": "press less: below the limit nothing is missing",
+    }
+    linear = False
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        return np.clip(effort, -inner["limit"], inner["limit"])
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: none beyond the limit."""
+        return np.where(np.abs(effort) < inner["limit"], 1.0, 0.0)[:, None] * columns
+
+    def is_misnamed(
+        self, data: ChannelData, parameters: Mapping[str, float], errors: Errors, noise: float
+    ) -> bool:
+        """See `Effect.is_misnamed`: readings go on beyond the limit, by more than noise."""
+        above = np.abs(data.effort) - parameters[f"{self.name}.limit"]
+        return bool(np.sum(above > _NOISE * noise) > _OF_THOSE * np.sum(above > 0.0))
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the largest reading."""
+        peak = float(np.max(np.abs(data.effort))) or 1.0
+        return tuple({"limit": float(part * peak)} for part in (0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 0.99))
+
+
+_STILL = 0.1  # of the width, within which an effort has not moved
+
+
+class Hysteresis(SensorEffect):
+    """reading = play(effort, width): it follows after a gap of twice the width is crossed.
+
+    Where in the gap a run begins depends on what came before it (a reading stays up after a press), so that
+    is taken from the reading in free air; a joint has no such rest, and starts in the middle of the gap.
+    """
+
+    name = "hysteresis"
+    kind = Kind.SENSOR_STATICS
+    physics = "Inner friction of the sensor holds its reading back at each reversal of the effort."
+    equation = "reading = play(effort, width)"
+    source = "M. A. Krasnoselskii, A. V. Pokrovskii, Systems with Hysteresis (1989): play operator"
+    signature = "readings are low while the effort rises and high while it falls, at any speed"
+    signals = ("past effort",)
+    channels = frozenset(ChannelKind)
+    inner = (Parameter("width", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),)
+    confused_with = {
+        "bouc_wen_hysteresis": "reverse slowly at several loads: the sensor's loops have one width",
+        "backlash": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
+        "dry_friction": "reverse slowly at several depths",
+        "coulomb_friction": "reverse slowly at several loads",
+        "damping": "probe at two speeds",
+    }
+    linear = False
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        width = inner["width"]
+        at_first = _first_readings(effort, data, width) if data.kind is ChannelKind.CONTACT else None
+        return play(effort, data.run, width, at_first)
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: while the reading is held, that of the moment when it last followed.
+
+        None before it first did.
+        """
+        return self.follow(effort, columns, data, inner)[0]
+
+    def follow(
+        self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner
+    ) -> tuple[FloatArray, FloatArray]:
+        reading = self.sense(effort, data, inner)
+        held = np.abs(effort - reading) < inner["width"] * (1.0 - 1e-9)
+        first = np.append(True, np.diff(data.run) != 0)
+        last = np.maximum.accumulate(np.where(held & ~first, 0, np.arange(len(effort))))
+        unmoved = held & first & (data.kind is ChannelKind.CONTACT)
+        return np.where(unmoved[last][:, None], 0.0, columns[last]), reading
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: shares of the largest reading."""
+        peak = float(np.max(np.abs(data.effort))) or 1.0
+        return tuple({"width": float(part * peak)} for part in np.geomspace(0.01, 0.3, 7))
+
+
+def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> FloatArray:
+    """Mean reading of each run until the effort first moves, shape (runs,) or (runs, p) with p columns.
+
+    Of a run that is held out these readings are used too: where its sensor stood before it was pressed, which
+    no other run tells.
+    """
+    starts, piece = block_index(data.run)
+    moved = np.abs(effort - effort[starts][piece]) > _STILL * width
+    reading, number = data.effort, np.arange(len(data))
+    if effort.ndim == 2:
+        reading, number = reading[:, None], number[:, None]
+    until = np.minimum.reduceat(np.where(moved, number, len(data)), starts)
+    still = number < until[piece]
+    found: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
+    return found / np.add.reduceat(still.astype(np.float64), starts)
+
+
+_EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps
+_FURTHEST = 8.5  # standard deviations that noise carries anything; beyond, it is less than rounding
+_SMOOTH = 0.5  # noise in steps, from which on the treads are gone
+_REACH, _TREAD = 0.2, 0.1  # in steps, about an edge where it is steep; slope elsewhere, so that none is free
+_REPEATED = 0.5  # distinct readings of all
+_SHARES = (0.01, 0.05, 0.2)  # of a step, of noise
+
+
+class Quantisation(SensorEffect):
+    """reading = step * round((effort + noise) / step), on the average over the noise ahead of the steps.
+
+    Near an edge the noise decides which of two steps is shown; between edges it is not seen at all.
+    """
+
+    name = "quantisation"
+    kind = Kind.SENSOR_STATICS
+    physics = "The converter knows only whole steps."
+    equation = "reading = step round((effort + noise)/step), expected"
+    source = "B. Widrow, I. Kollár, Quantization Noise (2008)"
+    signature = "readings take few values, with flat treads between jumps"
+    signals = ("effort",)
+    channels = frozenset(ChannelKind)
+    inner = (
+        Parameter("step", "{effort}", 1e-09, 10000.0, (0.001, 1.0), log=True),
+        Parameter("noise", "{effort}", 1e-12, 10000.0, (0.0001, 0.1), log=True),
+    )
+    confused_with = {
+        "deadband": "vary the effort slowly over several steps",
+        "saturation": "vary the effort slowly over several steps",
+    }
+    linear = False
+
+    def applies_to(self, data: ChannelData) -> bool:
+        """See `Effect.applies_to`; where hardly a reading comes twice there are no steps to see."""
+        return super().applies_to(data) and len(np.unique(data.effort)) < _REPEATED * len(data)
+
+    def sense(self, effort: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        step = inner["step"]
+        noise = min(inner["noise"] / step, _SMOOTH)
+        steps = effort / step
+        whole = np.round(steps)
+        steps -= whole
+        return np.asarray(step * (whole + _carried_over(steps, noise) - _carried_over(-steps, noise)))
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: the mean distance between neighbouring readings, and shares of it.
+
+        A single distance would not do: readings that are rounded once more lie at uneven distances.
+        """
+        levels = np.unique(data.effort)
+        if len(levels) < 2:
+            return ({"step": 1.0, "noise": _SHARES[0]},)
+        apart = np.diff(levels)
+        count = np.sum(np.round(apart / np.median(apart)))
+        step = max(float(np.ptp(levels) / max(count, 1.0)), 1e-9)
+        return tuple({"step": step, "noise": share * step} for share in _SHARES)
+
+    def slope(self, effort: FloatArray, columns: FloatArray, data: ChannelData, inner: Inner) -> FloatArray:
+        """See `SensorEffect.slope`: steep about an edge, next to nothing on a tread, one on average.
+
+        What is held on a tread says nothing of the effort, however long it lasts; only where edges are does.
+        """
+        reach = _REACH * inner["step"]
+        ahead, behind = (self.sense(effort + side * reach, data, inner) for side in (1.0, -1.0))
+        steepness = _TREAD + (1.0 - _TREAD) * (ahead - behind) / (2.0 * reach)
+        return steepness[:, None] * columns
+
+
+def _carried_over(part: FloatArray, noise: float) -> FloatArray:
+    """Edges above `part` that noise carries it over, expected, same shape; both in steps."""
+    over = np.zeros_like(part)
+    for edge in _EDGES:
+        near = part > edge - _FURTHEST * noise
+        over[near] += scipy.special.ndtr((part[near] - edge) / noise)
+    return over
