@@ -224,7 +224,9 @@ def fit_arm(motion: ArmMotion, bodies: GravityBodies) -> ArmFit:
     inertial, gravity = _means(inertial), _means(gravity)
     motion = ArmMotion(*(_means(getattr(motion, field.name)) for field in fields(motion)))
     _check(moving, inertial + gravity @ fall(np.zeros(2)))
-    solver = _Solver(motion, inertial, gravity, moving, _felt(gravity))
+    size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
+    felt = np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
+    solver = _Solver(motion, inertial, gravity, moving, felt)
     return _unpacked(solver, *solver.solve())
 
 
@@ -338,12 +340,6 @@ def _means(values: FloatArray) -> FloatArray:
     """
     count = len(values) // BLOCK
     return np.asarray(values[: count * BLOCK].reshape(count, BLOCK, *values.shape[1:]).mean(axis=1))
-
-
-def _felt(gravity: FloatArray) -> BoolArray:
-    """Which of pitch and roll change the torques of a level arm enough to be identified."""
-    size = np.linalg.norm((gravity @ fall_slopes(np.zeros(2))).reshape(-1, 2), axis=0)
-    return np.asarray(size > _UNFELT * max(float(size.max()), _FEWEST_LOADED))
 
 
 def _check(moving: BoolArray, torque_nm: FloatArray) -> None:

@@ -262,7 +262,12 @@ class StopTask:
             self._reference_rad = self._reference_rad + speed * dt_s
         motion = JointMotion(self._reference_rad.copy(), speed, np.zeros_like(speed))
         torque_nm = self._pushed(measurement, motion, dt_s)
-        self._note_stillness(measurement, ahead, dt_s)
+        position_rad = float(measurement.joint_position_rad[self._approach.joint])
+        pushed = ahead >= 0.9 * self._settings.lead_rad[self._approach.joint]
+        if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
+            self._still_s += dt_s
+        else:
+            self._still_s, self._still_rad = 0.0, position_rad
         at_stop = self._still_s >= _STILL_S
         self._held_s += dt_s if at_stop else 0.0
         phase, run = (Phase.HOLD, self._touch) if at_stop else (Phase.APPROACH, NO_RUN)
@@ -295,14 +300,6 @@ class StopTask:
         push_nm = spring_nm_rad * float(ahead) + damping_nms_rad * float(faster)
         torque_nm[joint] += clip(push_nm, -most_nm, most_nm)
         return torque_nm
-
-    def _note_stillness(self, measurement: Measurement, ahead_rad: float, dt_s: float) -> None:
-        position_rad = float(measurement.joint_position_rad[self._approach.joint])
-        pushed = ahead_rad >= 0.9 * self._settings.lead_rad[self._approach.joint]
-        if pushed and abs(position_rad - self._still_rad) < _STILL_RAD:
-            self._still_s += dt_s
-        else:
-            self._still_s, self._still_rad = 0.0, position_rad
 
     def _check_stop(self, position_rad: float, at_stop: bool) -> None:
         """Trip for a stop that is too far from where it should be."""

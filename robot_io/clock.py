@@ -66,13 +66,10 @@ class SimulatedClock(Clock):
         if not time_s > self._time_s:  # nor for NaN
             return
         if self._pace:
-            self._keep_step(self._pace, time_s)
+            now_s = self._pace.now_s()
+            if self._pace_ahead_s is None or now_s - (self._pace_ahead_s + time_s) > _STALL_S:
+                self._pace_ahead_s = now_s - self._time_s
+            self._pace.sleep_until(self._pace_ahead_s + time_s)
         self._time_s = time_s
         for on_advance in self._listeners:
             on_advance(time_s)
-
-    def _keep_step(self, pace: Clock, time_s: float) -> None:
-        now_s = pace.now_s()
-        if self._pace_ahead_s is None or now_s - (self._pace_ahead_s + time_s) > _STALL_S:
-            self._pace_ahead_s = now_s - self._time_s
-        pace.sleep_until(self._pace_ahead_s + time_s)

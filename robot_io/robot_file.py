@@ -176,14 +176,6 @@ def parse_robot_file(text: str, origin: str | Path) -> RobotFile:
 def _from_document(document: YamlDocument) -> RobotFile:
     robot_file = validate(RobotFile, document.data, document)
     robot_file._document = document
-    _check_joint_counts(robot_file)
-    _check_rotors(robot_file)
-    _check_home(robot_file)
-    _check_buses(robot_file)
-    return robot_file
-
-
-def _check_joint_counts(robot_file: RobotFile) -> None:
     count = robot_file.joint_count
     for key_path, values in (
         (("limits", "torque_nm"), robot_file.limits.torque_nm),
@@ -193,6 +185,14 @@ def _check_joint_counts(robot_file: RobotFile) -> None:
         if len(values) != count:
             problem = f"has {len(values)} values, home_rad has {count}: one per joint"
             raise input_error(robot_file.document, key_path, problem, list(values))
+    _check_rotors(robot_file)
+    _check_home(robot_file)
+    for key in ("encoder", "torque", "force"):
+        bus = getattr(robot_file, key).bus
+        if bus is not None and bus not in robot_file.buses:
+            valid = ", ".join(robot_file.buses) or "(none: 'buses' is empty)"
+            raise input_error(robot_file.document, (key, "bus"), f"is not in 'buses'. Valid: {valid}", bus)
+    return robot_file
 
 
 def _check_rotors(robot_file: RobotFile) -> None:
@@ -223,11 +223,3 @@ def _check_ports(robot_file: RobotFile) -> None:
         if first != name:
             problem = f"is the port of '{first}' too: give each bus a port of its own"
             raise input_error(robot_file.document, ("buses", name, "port"), problem, port)
-
-
-def _check_buses(robot_file: RobotFile) -> None:
-    for key in ("encoder", "torque", "force"):
-        bus = getattr(robot_file, key).bus
-        if bus is not None and bus not in robot_file.buses:
-            valid = ", ".join(robot_file.buses) or "(none: 'buses' is empty)"
-            raise input_error(robot_file.document, (key, "bus"), f"is not in 'buses'. Valid: {valid}", bus)

@@ -165,7 +165,8 @@ class SerialPort:
             DeviceError: the port is closed or gone.
         """
         if isinstance(self._clock, SimulatedClock):
-            data = self._watch_in_simulated_time(deadline_s)
+            while not (data := self.read()) and self._clock.now_s() < deadline_s:
+                self._clock.sleep_until(min(deadline_s, self._clock.now_s() + _LOOK_S))
             if data:
                 return data
         remaining_s = max(0.0, deadline_s - self._clock.now_s())
@@ -188,11 +189,6 @@ class SerialPort:
         while data := self.read():
             received += data
         return received
-
-    def _watch_in_simulated_time(self, deadline_s: float) -> bytes:
-        while not (data := self.read()) and self._clock.now_s() < deadline_s:
-            self._clock.sleep_until(min(deadline_s, self._clock.now_s() + _LOOK_S))
-        return data
 
     def _usable(self) -> int:
         if self._fd < 0:

@@ -210,7 +210,14 @@ class World:
         """Compute the torques that reach the links in the next step (n) [N m]; set that step's friction."""
         if not self._alters_joints:
             return self._torque_nm
-        state, torque = self._joint_state(), self._torque_nm
+        n, joints = self.joint_count, self._joint_values()
+        position = joints[:n]
+        mass_matrix = partial(self._engine.mass_matrix, position)
+        bias_torque_nm = partial(self._engine.inverse_dynamics, position, joints[n:], [0.0] * n)
+        state = JointStepState(
+            self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix, bias_torque_nm
+        )
+        torque = self._torque_nm
         for effect in self._effects.joint:
             torque = effect.joint_torque_nm(state, torque)
         if self._effects.friction:
@@ -219,15 +226,6 @@ class World:
                 limit = friction.friction_nm(state, limit)
             self._engine.brake(limit)
         return torque
-
-    def _joint_state(self) -> JointStepState:
-        n, joints = self.joint_count, self._joint_values()
-        position = joints[:n]
-        mass_matrix = partial(self._engine.mass_matrix, position)
-        bias_torque_nm = partial(self._engine.inverse_dynamics, position, joints[n:], [0.0] * n)
-        return JointStepState(
-            self.time_s, self._step_s, position, joints[n:], self._torque_nm, mass_matrix, bias_torque_nm
-        )
 
     def _joint_values(self) -> list[float]:
         """Positions and velocities (2n) of the present state; the engine is asked once for it."""

@@ -338,7 +338,12 @@ class OdriveBus(MotorBus):
                 _, torque_nm = odrive.decode_torques(frame)
                 self._keep_torque(joint, torque_nm, at_s)
             case OdriveCommand.HEARTBEAT:
-                self._keep_heartbeat(joint, odrive.decode_heartbeat(frame, self._own.firmware), at_s)
+                beat = odrive.decode_heartbeat(frame, self._own.firmware)
+                self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
+                names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
+                self._motion_is_wrong[joint] = (
+                    "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(names)
+                )
             case OdriveCommand.BUS_VOLTAGE_CURRENT:
                 self._supply_v[joint], _ = odrive.decode_bus_voltage_current(frame)
                 self._answered_at_s[joint] = at_s
@@ -357,13 +362,6 @@ class OdriveBus(MotorBus):
         self._short_nm[joint] = motor_torque_nm
         self._torque_nm[joint] = motor_torque_nm * self._axes[joint].signed_ratio
         self._torque_at_s[joint] = at_s - self._latency_s[joint]
-
-    def _keep_heartbeat(self, joint: int, beat: Heartbeat, at_s: float) -> None:
-        self._heartbeats[joint], self._heartbeat_at_s[joint] = beat, at_s
-        names = odrive.axis_error_names(beat.axis_error, self._own.firmware)
-        self._motion_is_wrong[joint] = "encoder" in beat.component_errors or not _ENCODER_ERRORS.isdisjoint(
-            names
-        )
 
     def _encode_torque(self, joint: int, torque_nm: float) -> tuple[CanFrame, float]:
         axis = self._axes[joint]

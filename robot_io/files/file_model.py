@@ -142,23 +142,19 @@ def _value(node: yaml.Node, key_path: KeyPath, lines: dict[KeyPath, int]) -> obj
     """The value of `node`; records the line of everything inside it."""
     lines.setdefault(key_path, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
-        return _mapping(node, key_path, lines)
+        mapping: dict[str, object] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise _error("a key must be a plain word", key_node)
+            key: str = key_node.value
+            if key in mapping:
+                raise _error(f"the key '{key:.60}' appears twice", key_node)
+            lines[(*key_path, key)] = key_node.start_mark.line + 1
+            mapping[key] = _value(value_node, (*key_path, key), lines)
+        return mapping
     if isinstance(node, yaml.SequenceNode):
         return [_value(item, (*key_path, index), lines) for index, item in enumerate(node.value)]
     return _scalar(cast("yaml.ScalarNode", node))
-
-
-def _mapping(node: yaml.MappingNode, key_path: KeyPath, lines: dict[KeyPath, int]) -> dict[str, object]:
-    mapping: dict[str, object] = {}
-    for key_node, value_node in node.value:
-        if not isinstance(key_node, yaml.ScalarNode):
-            raise _error("a key must be a plain word", key_node)
-        key: str = key_node.value
-        if key in mapping:
-            raise _error(f"the key '{key:.60}' appears twice", key_node)
-        lines[(*key_path, key)] = key_node.start_mark.line + 1
-        mapping[key] = _value(value_node, (*key_path, key), lines)
-    return mapping
 
 
 _WORDS = {"": None, "~": None, "null": None, "true": True, "false": False}

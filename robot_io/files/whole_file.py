@@ -55,22 +55,18 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         if replace:
             unfinished.replace(path)
         else:
-            _give_free_name(unfinished, path)
+            # Rename a file to an unused name; of several programs that try at once, one succeeds.
+            try:
+                os.link(unfinished, path)
+            except FileExistsError:
+                raise
+            except OSError:  # a file system without links
+                with held_name(path):
+                    if path.exists():
+                        raise FileExistsError(path) from None
+                    unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
-
-
-def _give_free_name(unfinished: Path, path: Path) -> None:
-    """Rename a file to an unused name; of several programs that try at once, one succeeds."""
-    try:
-        os.link(unfinished, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        with held_name(path):
-            if path.exists():
-                raise FileExistsError(path) from None
-            unfinished.replace(path)
 
 
 @contextmanager

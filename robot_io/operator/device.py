@@ -178,18 +178,13 @@ class ModelledHand(OperatorDevice):
         for _ in range(steps):
             self._time_s += dt_s
             goal, velocity, select = self._goal(self._time_s)
-            self._position = self._advance(self._position, goal, velocity, dt_s)
+            # Implicit Euler: stable for any hand. The new position (3,) [m].
+            hand = self.settings
+            push = hand.stiffness_n_m * (goal - self._position) + hand.damping_n_s_m * velocity + self._force
+            inertia_kg = hand.mass_kg + dt_s * (hand.damping_n_s_m + dt_s * hand.stiffness_n_m)
+            self._velocity = (hand.mass_kg * self._velocity + dt_s * push) / inertia_kg
+            self._position = self._position + dt_s * self._velocity
         return HandState(self._position.copy(), self._velocity.copy(), now_s, select)
-
-    def _advance(
-        self, position: FloatArray, goal: FloatArray, velocity: FloatArray, dt_s: float
-    ) -> FloatArray:
-        """Implicit Euler: stable for any hand. The new position (3,) [m]."""
-        hand = self.settings
-        push = hand.stiffness_n_m * (goal - position) + hand.damping_n_s_m * velocity + self._force
-        inertia_kg = hand.mass_kg + dt_s * (hand.damping_n_s_m + dt_s * hand.stiffness_n_m)
-        self._velocity = (hand.mass_kg * self._velocity + dt_s * push) / inertia_kg
-        return position + dt_s * self._velocity
 
     def _power(self, *, on: bool) -> None:
         self._force = np.zeros(3)

@@ -290,7 +290,12 @@ class TouchDevice(OperatorDevice):
         self._check("cannot be opened")
         if self._handle == _INVALID_DEVICE:
             raise DeviceError(f"touch: no device is called '{name or 'default'}'")
-        _calibrate(library)
+        if library.hdCheckCalibration() == _CALIBRATION_NEEDS_UPDATE:
+            style = ctypes.c_int()
+            library.hdGetIntegerv(_CALIBRATION_STYLE, ctypes.byref(style))
+            library.hdUpdateCalibration(style.value)
+        if library.hdCheckCalibration() != _CALIBRATION_OK:
+            raise DeviceError("touch: not calibrated; put the stylus into its inkwell and try again")
         most = _Vector()
         library.hdGetDoublev(_MAX_FORCE, most)
         self._most_n = most[0]
@@ -369,15 +374,6 @@ class TouchDevice(OperatorDevice):
 
     def _because(self) -> str:
         return f" ({self._problem})" if self._problem else ""
-
-
-def _calibrate(library: ctypes.CDLL) -> None:
-    if library.hdCheckCalibration() == _CALIBRATION_NEEDS_UPDATE:
-        style = ctypes.c_int()
-        library.hdGetIntegerv(_CALIBRATION_STYLE, ctypes.byref(style))
-        library.hdUpdateCalibration(style.value)
-    if library.hdCheckCalibration() != _CALIBRATION_OK:
-        raise DeviceError("touch: not calibrated; put the stylus into its inkwell and try again")
 
 
 def _load(path: str) -> ctypes.CDLL:

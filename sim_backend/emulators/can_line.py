@@ -59,7 +59,13 @@ class CanWire(FrameWire[can.Message]):
                 self._deliver_all(node, node.hear(message, now_s), now_s)
 
     def send(self, now_s: float) -> None:
-        if self._is_unplugged(now_s):
+        unplugged = self.faults.strikes(FaultKind.UNPLUG, "bus", now_s) is not None
+        if unplugged and not self._unplugged:
+            self._put(
+                can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8)), now_s
+            )
+        self._unplugged = unplugged
+        if unplugged:
             for node in self._nodes:
                 node.tell(now_s)  # to nobody; its watchdog runs all the same
             return
@@ -70,15 +76,6 @@ class CanWire(FrameWire[can.Message]):
 
     def close(self) -> None:
         self._bus.shutdown()
-
-    def _is_unplugged(self, now_s: float) -> bool:
-        unplugged = self.faults.strikes(FaultKind.UNPLUG, "bus", now_s) is not None
-        if unplugged and not self._unplugged:
-            self._put(
-                can.Message(arbitration_id=_BUS_OFF_ERROR_FRAME, is_error_frame=True, data=bytes(8)), now_s
-            )
-        self._unplugged = unplugged
-        return unplugged
 
     def _strike(self, node: CanNode, now_s: float) -> None:
         for kind in (FaultKind.ALERT, FaultKind.REBOOT, FaultKind.STUCK):

@@ -4,34 +4,30 @@ Written from the ROBOTIS e-manual, "DYNAMIXEL Protocol 2.0" (packet structure, p
 and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with the driver.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.dynamixel_servo import GOALS, EmulatedServo, Error, Mounting
+from sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
 from sim_backend.emulators.faults import FaultKind, Faults
-from sim_backend.emulators.servo_wire import REBOOT_S, Answer, LineServo, ServoWire, on_shafts
+from sim_backend.emulators.servo_wire import (
+    BROADCAST,
+    REBOOT_S,
+    Answer,
+    Instruction,
+    LineServo,
+    Receiver,
+    ServoWire,
+    on_shafts,
+)
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STATUS_INSTRUCTION = 0x55
-BROADCAST = 0xFE
 _START = bytes((0xFF, 0xFF, 0xFD))
 _STUFFING = 0xFD
 _STUFFED = bytes((*_START, _STUFFING))
 _TOO_LONG = 0x3FF  # no servo takes more
-
-
-@dataclass(frozen=True)
-class Instruction:
-    """An instruction packet as a servo has understood it."""
-
-    target: int  # id of the servo, or `BROADCAST`
-    code: int  # what to do
-    parameters: bytes  # with what, stuffing removed
-    intact: bool  # whether the checksum was right
-    wire_bytes: int  # bytes that it took on the wire
 
 
 def checksum(data: bytes) -> int:
@@ -55,17 +51,8 @@ def _divide(byte: int) -> int:
 _QUOTIENTS = [_divide(byte) for byte in range(256)]
 
 
-class Receiver:
+class DynamixelReceiver(Receiver):
     """Picks instructions out of what comes over the wire."""
-
-    def __init__(self) -> None:
-        self._pending = bytearray()
-
-    def take(self, data: bytes) -> Iterator[Instruction]:
-        """The instructions that are complete with `data`."""
-        self._pending += data
-        while (instruction := self._next()) is not None:
-            yield instruction
 
     def _next(self) -> Instruction | None:
         pending = self._pending
@@ -85,14 +72,10 @@ class Receiver:
                 return None
             packet = bytes(pending[: 7 + length])
             del pending[: 7 + length]
-            return _understand(packet)
-
-
-def _understand(packet: bytes) -> Instruction:
-    sent = packet[-2] + 256 * packet[-1]
-    body = packet[7:-2].replace(_STUFFED, _START)
-    intact = checksum(packet[:-2]) == sent
-    return Instruction(packet[4], body[0], body[1:], intact, len(packet))
+            sent = packet[-2] + 256 * packet[-1]
+            body = packet[7:-2].replace(_STUFFED, _START)
+            intact = checksum(packet[:-2]) == sent
+            return Instruction(packet[4], body[0], body[1:], len(packet), intact)
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
@@ -126,7 +109,7 @@ _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 
 
-class DynamixelLine(ServoWire):
+class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
     """Servos of one line, see `ServoWire`.
 
     Each turns the joint at its place in the list, with its second one.
@@ -136,43 +119,22 @@ class DynamixelLine(ServoWire):
 
     def __init__(
         self,
-        mountings: Sequence[Mounting],
+        mountings: Sequence[DynamixelMounting],
         plant: Plant,
         faults: Faults | None = None,
         *,
         baud_rate: int | None = 4_000_000,
         start_s: float = 0.0,
     ) -> None:
-        self.servos = {
+        servos = {
             mounting.id: EmulatedServo(mounting, shaft, start_s)
             for mounting, shaft in on_shafts(mountings, plant)
         }
-        super().__init__(self.servos, faults, baud_rate, start_s)
-        self._receiver = Receiver()
+        super().__init__(servos, DynamixelReceiver(), faults, baud_rate, start_s)
 
-    def _hear(self, data: bytes, now_s: float) -> None:
-        for instruction in self._receiver.take(data):
-            self._obey(instruction, now_s)
-
-    def _obey(self, instruction: Instruction, now_s: float) -> None:
-        awake = {servo_id: servo for servo_id, servo in self.servos.items() if servo.is_awake(now_s)}
-        for servo in awake.values():
-            servo.hear(now_s)
-        self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
+    def _obey(self, instruction: Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
         if not instruction.intact:
-            target = awake.get(instruction.target)
-            if target is not None:
-                self._answer([Answer(target, error=Error.CRC)], now_s)
-            return
-        if instruction.target == BROADCAST:
-            self._obey_all(instruction, awake, now_s)
-        elif instruction.target in awake:
-            servo = awake[instruction.target]
-            answer = self._obey_one(instruction, servo, now_s)
-            if answer:
-                self._answer([answer], now_s)
-
-    def _obey_one(self, instruction: Instruction, servo: EmulatedServo, now_s: float) -> Answer | None:
+            return Answer(servo, error=Error.CRC)
         code, parameters = instruction.code, instruction.parameters
         if code == _PING:
             return Answer(servo, servo.ping())
@@ -225,22 +187,19 @@ class DynamixelLine(ServoWire):
             parts.append((self._said_id(answer.servo.id, now_s), answer.error | answer.servo.alert, data))
             speaking.append(answer.servo)
         if parts:
-            packet = fast_status(self._swapped(parts, now_s), len(answers))
+            for k in range(len(parts) - 1):
+                if self.faults.strikes(FaultKind.REORDER, parts[k][0], now_s):
+                    parts[k], parts[k + 1] = parts[k + 1], parts[k]
+            packet = fast_status(parts, len(answers))
             self._outgoing.append(self._transmit(speaking, packet, now_s))
-
-    def _swapped(self, parts: list[tuple[int, int, bytes]], now_s: float) -> list[tuple[int, int, bytes]]:
-        for k in range(len(parts) - 1):
-            if self.faults.strikes(FaultKind.REORDER, parts[k][0], now_s):
-                parts[k], parts[k + 1] = parts[k + 1], parts[k]
-        return parts
 
 
 def _word(data: bytes) -> int:
     return data[0] + 256 * data[1]
 
 
-class _Settings(FileModel, extra="ignore"):
-    servos: tuple[Mounting, ...]
+class _DynamixelSettings(FileModel, extra="ignore"):
+    servos: tuple[DynamixelMounting, ...]
     baud_rate: int = 4_000_000
 
 
@@ -250,8 +209,8 @@ class DynamixelWires(WireMaker):
     name = "dynamixel_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_Settings, request.section.settings)
-        line = DynamixelLine(
+        own = validate(_DynamixelSettings, request.section.settings)
+        line = EmulatedDynamixelLine(
             own.servos, request.plant, request.faults, baud_rate=own.baud_rate, start_s=request.start_s
         )
         return line, {"port": line.path}

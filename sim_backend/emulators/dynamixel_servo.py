@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from robot_io.files.file_model import Positive
 from sim_backend.emulators.bench import Shaft
-from sim_backend.emulators.servo_wire import LineServo, ServoMounting
+from sim_backend.emulators.servo_wire import EmulatedMounting, LineServo
 
 EEPROM_END = 64  # below, values outlive a reboot
 
@@ -42,7 +42,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Model:
+class DynamixelModel:
     """What is particular to a model."""
 
     number: int  # model number
@@ -57,18 +57,18 @@ class Model:
 
 
 MODELS = {
-    "XM430-W350": Model(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
-    "XM430-W210": Model(1030, 0.00269, 1193, 3.0 / 2.3, 224, 28, 52, 120, (95, 160)),
-    "XM540-W150": Model(1130, 0.00269, 2047, 7.3 / 4.4, 224, 28, 52, 120, (95, 160)),
-    "XM540-W270": Model(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
-    "XH540-W150": Model(1110, 0.00269, 2047, 7.1 / 4.9, 224, 28, 52, 120, (95, 160)),
-    "XH540-W270": Model(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
-    "XL330-M077": Model(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
-    "XL330-M288": Model(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
-    "XC330-T181": Model(1210, 0.001, 910, 0.76 / 0.80, 208, 20, 52, 111, (55, 140)),
-    "XC330-T288": Model(1220, 0.001, 910, 0.92 / 0.80, 208, 20, 52, 111, (55, 140)),
-    "XC330-M181": Model(1230, 0.001, 2352, 0.60 / 1.80, 208, 20, 52, 50, (35, 70)),
-    "XC330-M288": Model(1240, 0.001, 2352, 0.93 / 1.80, 208, 20, 52, 50, (35, 70)),
+    "XM430-W350": DynamixelModel(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM430-W210": DynamixelModel(1030, 0.00269, 1193, 3.0 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM540-W150": DynamixelModel(1130, 0.00269, 2047, 7.3 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XM540-W270": DynamixelModel(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XH540-W150": DynamixelModel(1110, 0.00269, 2047, 7.1 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XH540-W270": DynamixelModel(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XL330-M077": DynamixelModel(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XL330-M288": DynamixelModel(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XC330-T181": DynamixelModel(1210, 0.001, 910, 0.76 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-T288": DynamixelModel(1220, 0.001, 910, 0.92 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-M181": DynamixelModel(1230, 0.001, 2352, 0.60 / 1.80, 208, 20, 52, 50, (35, 70)),
+    "XC330-M288": DynamixelModel(1240, 0.001, 2352, 0.93 / 1.80, 208, 20, 52, 50, (35, 70)),
 }
 
 INDIRECT_ADDRESS = 168
@@ -79,7 +79,7 @@ PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
 GOALS = range(100, 120)
 
 
-def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
+def items_of(model: DynamixelModel, servo_id: int, firmware: int) -> dict[int, Item]:
     """The rows of a model's table by address; rows that nothing here depends on are left out."""
     rows = [
         Item(0, 2, False, model.number),
@@ -131,7 +131,7 @@ def items_of(model: Model, servo_id: int, firmware: int) -> dict[int, Item]:
 class Memory:
     """One servo's memory, from the rows of its control table by address."""
 
-    def __init__(self, items: dict[int, Item], model: Model) -> None:
+    def __init__(self, items: dict[int, Item], model: DynamixelModel) -> None:
         self._items = items
         self._indirect = range(model.indirect_data, model.indirect_data + model.indirect_count)
         self._bytes = bytearray(self._indirect.stop)
@@ -201,7 +201,7 @@ def _outside(item: Item, value: int) -> Error:
     return Error.NONE
 
 
-class Mounting(ServoMounting):
+class DynamixelMounting(EmulatedMounting):
     """One servo as it is bolted to the arm."""
 
     emulated: ClassVar[Collection[str]] = MODELS
@@ -225,19 +225,14 @@ class EmulatedServo(LineServo):
 
     shaft: Shaft
 
-    def __init__(self, mounting: Mounting, shaft: Shaft, now_s: float) -> None:
+    def __init__(self, mounting: DynamixelMounting, shaft: Shaft, now_s: float) -> None:
         super().__init__(mounting, shaft, now_s)
         self._model = MODELS[mounting.model]
         self.memory = Memory(items_of(self._model, mounting.id, mounting.firmware), self._model)
         self.memory.put(HOMING_OFFSET, mounting.homing_offset or 0)
         per_ampere = mounting.torque_constant_nm_a or self._model.torque_per_ampere_nm
         self._count_nm = self._direction * per_ampere * self._model.current_unit_a
-        self._heard_s = now_s
         self._turn_counts: int | None = None
-
-    def hear(self, now_s: float) -> None:
-        """Any instruction on the line, for whomever, shows that the controller lives."""
-        self._heard_s = now_s
 
     @property
     def alert(self) -> int:

@@ -6,53 +6,44 @@ it shares no code with the driver. How the duty cycle follows from the position 
 out. Values below address 40 outlive a restart if they were written while the lock was 0.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from math import isfinite, pi
 from typing import Any, ClassVar
 
 from robot_io.files.file_model import FileModel, validate
 from sim_backend.emulators.bench import EmulatedWire, Plant, Shaft
 from sim_backend.emulators.faults import Faults
-from sim_backend.emulators.servo_wire import Answer, Frame, LineServo, ServoMounting, ServoWire, on_shafts
+from sim_backend.emulators.servo_wire import (
+    Answer,
+    EmulatedMounting,
+    Instruction,
+    LineServo,
+    Receiver,
+    ServoWire,
+    on_shafts,
+)
 from sim_backend.emulators.wiring import WireMaker, WireRequest
 
-BROADCAST = 0xFE
 
-
-@dataclass(frozen=True)
-class Instruction:
-    """An instruction packet as a servo has understood it."""
-
-    target: int  # id of the servo, or `BROADCAST`
-    code: int  # what to do
-    parameters: bytes  # with what
-    wire_bytes: int  # bytes that it took on the wire
-
-
-class Receiver:
+class FeetechReceiver(Receiver):
     """Picks instructions out of what comes over the wire; servos say nothing to damaged ones."""
 
-    def __init__(self) -> None:
-        self._pending = bytearray()
-
-    def take(self, data: bytes) -> Iterator[Instruction]:
-        """The instructions that are complete with `data`."""
+    def _next(self) -> Instruction | None:
         pending = self._pending
-        pending += data
         while len(pending) >= 6:
             if pending[0] != 0xFF or pending[1] != 0xFF or pending[3] < 2:
                 del pending[0]
                 continue
             total = pending[3] + 4
             if len(pending) < total:
-                return
+                return None
             if inverted_sum(pending[2 : total - 1]) != pending[total - 1]:
                 del pending[0]
                 continue
             packet = bytes(pending[:total])
             del pending[:total]
-            yield Instruction(packet[2], packet[4], packet[5:-1], total)
+            return Instruction(packet[2], packet[4], packet[5:-1], total)
+        return None
 
 
 def inverted_sum(content: bytes | bytearray) -> int:
@@ -102,7 +93,7 @@ _TABLE = (
 _READ_ONLY = {0, 1, 3, 4, *range(56, 71)}
 
 
-class Mounting(ServoMounting):
+class FeetechMounting(EmulatedMounting):
     """One servo as it is bolted to the arm."""
 
     emulated: ClassVar[Collection[str]] = MODELS
@@ -120,7 +111,7 @@ class EmulatedSts(LineServo):
         duty_per_rad: duty cycle for a position error and a P coefficient of 1 [1/rad].
     """
 
-    def __init__(self, mounting: Mounting, shaft: Shaft | None, now_s: float) -> None:
+    def __init__(self, mounting: FeetechMounting, shaft: Shaft | None, now_s: float) -> None:
         super().__init__(mounting, shaft, now_s)
         self._voltage_v, self.stall_nm, self.no_load_rad_s = MODELS[mounting.model]
         self.duty_per_rad = 0.166
@@ -234,18 +225,17 @@ _GOAL = 42
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 
 
-class FeetechLine(ServoWire):
+class EmulatedFeetechLine(ServoWire[EmulatedSts]):
     """Servos of one line, see `ServoWire`.
 
     Each turns the joint at its place in the list, with its second one; those of the ids `hold` turn nothing.
-    `echoes` is whether the adapter hears what it says, as some do.
     """
 
     _status = staticmethod(status)
 
     def __init__(
         self,
-        mountings: Sequence[Mounting],
+        mountings: Sequence[FeetechMounting],
         plant: Plant,
         faults: Faults | None = None,
         *,
@@ -253,36 +243,23 @@ class FeetechLine(ServoWire):
         baud_rate: int | None = 1_000_000,
         start_s: float = 0.0,
     ) -> None:
-        holding = [(Mounting(id=one, model=mountings[0].model), None) for one in hold]
-        self.servos = {
+        holding = [(FeetechMounting(id=servo_id, model=mountings[0].model), None) for servo_id in hold]
+        servos = {
             mounting.id: EmulatedSts(mounting, shaft, start_s)
             for mounting, shaft in (*on_shafts(mountings, plant), *holding)
         }
-        super().__init__(self.servos, faults, baud_rate, start_s)
-        self._receiver = Receiver()
-        self.echoes = False
+        super().__init__(servos, FeetechReceiver(), faults, baud_rate, start_s)
 
-    def _hear(self, data: bytes, now_s: float) -> None:
-        if self.echoes and data:
-            self._outgoing.append(Frame(0, data, now_s))
-        for instruction in self._receiver.take(data):
-            self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
-            awake = {number: servo for number, servo in self.servos.items() if servo.is_awake(now_s)}
-            if instruction.target == BROADCAST:
-                self._obey_all(instruction, awake, now_s)
-            elif instruction.target in awake:
-                self._obey(instruction, awake[instruction.target], now_s)
-
-    def _obey(self, instruction: Instruction, servo: EmulatedSts, now_s: float) -> None:
+    def _obey(self, instruction: Instruction, servo: EmulatedSts, now_s: float) -> Answer | None:
         code, parameters = instruction.code, instruction.parameters
         if code == _READ and len(parameters) == 2:
-            self._answer([Answer(servo, servo.read(*parameters))], now_s)
-        elif code == _PING:
-            self._answer([Answer(servo)], now_s)
-        elif code == _WRITE and len(parameters) > 1:
+            return Answer(servo, servo.read(*parameters))
+        if code == _PING:
+            return Answer(servo)
+        if code == _WRITE and len(parameters) > 1:
             servo.write(parameters[0], parameters[1:])
-            if servo.get(8, 1):
-                self._answer([Answer(servo)], now_s)
+            return Answer(servo) if servo.get(8, 1) else None
+        return None
 
     def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedSts], now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters
@@ -300,8 +277,8 @@ class FeetechLine(ServoWire):
                     servo.write(address, parameters[start + 1 : start + 1 + size])
 
 
-class _Settings(FileModel, extra="ignore"):
-    servos: tuple[Mounting, ...]
+class _FeetechSettings(FileModel, extra="ignore"):
+    servos: tuple[FeetechMounting, ...]
     hold: tuple[int, ...] = ()
     baud_rate: int = 1_000_000
 
@@ -312,8 +289,8 @@ class FeetechWires(WireMaker):
     name = "feetech_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_Settings, request.section.settings)
-        line = FeetechLine(
+        own = validate(_FeetechSettings, request.section.settings)
+        line = EmulatedFeetechLine(
             own.servos,
             request.plant,
             request.faults,

@@ -87,21 +87,18 @@ class EmulatedMitMotor(EmulatedMotor):
                 self.enabled = data[7] == 0xFC
             self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
         else:
-            self._command = self._unpack(data)
+            bits = int.from_bytes(data, "big")
+            position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
+            damping, torque = bits >> 12 & 0xFFF, bits & 0xFFF
+            self._command = (
+                _to_float(position, -self._position_limit, self._position_limit, 16),
+                _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
+                _to_float(stiffness, 0.0, 500.0, 12),
+                _to_float(damping, 0.0, 5.0, 12),
+                _to_float(torque, -self._torque_limit, self._torque_limit, 12),
+            )
         self._drive()
         return [self._reply()]
-
-    def _unpack(self, data: bytes) -> tuple[float, float, float, float, float]:
-        bits = int.from_bytes(data, "big")
-        position, velocity, stiffness = bits >> 48, bits >> 36 & 0xFFF, bits >> 24 & 0xFFF
-        damping, torque = bits >> 12 & 0xFFF, bits & 0xFFF
-        return (
-            _to_float(position, -self._position_limit, self._position_limit, 16),
-            _to_float(velocity, -self._velocity_limit, self._velocity_limit, 12),
-            _to_float(stiffness, 0.0, 500.0, 12),
-            _to_float(damping, 0.0, 5.0, 12),
-            _to_float(torque, -self._torque_limit, self._torque_limit, 12),
-        )
 
     def _drive(self) -> None:
         torque_nm = 0.0
@@ -244,7 +241,11 @@ class EmulatedRobstride(EmulatedMitMotor):
     _news: list[can.Message]  # to be told unasked
 
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        kind, middle, target = _split(message.arbitration_id)
+        kind, middle, target = (
+            message.arbitration_id >> 24,
+            message.arbitration_id >> 8 & 0xFFFF,
+            message.arbitration_id & 0xFF,
+        )
         data = bytes(message.data)
         whole = message.is_extended_id and not message.is_remote_frame and len(data) == 8
         if not whole or target != self.number or now_s < self._silent_until_s:
@@ -259,22 +260,19 @@ class EmulatedRobstride(EmulatedMitMotor):
             self.enabled = kind == 3 and not self.error
             self._command = (0.0, 0.0, 0.0, 0.0, 0.0)
         elif kind == 1 and self.parameters[_RUN_MODE] == 0:
-            self._command = self._understood(middle, data)
+            position, velocity, stiffness, damping = (share / 65535 for share in struct.unpack(">4H", data))
+            stiff = self._torque_limit > 20.0  # the larger models have ten and twenty times the gains
+            self._command = (
+                (2.0 * position - 1.0) * self._position_limit,
+                (2.0 * velocity - 1.0) * self._velocity_limit,
+                stiffness * (5000.0 if stiff else 500.0),
+                damping * (100.0 if stiff else 5.0),
+                (2.0 * middle / 65535 - 1.0) * self._torque_limit,
+            )
         else:
             return []
         self._drive()
         return [self._reply()]
-
-    def _understood(self, torque: int, data: bytes) -> tuple[float, float, float, float, float]:
-        position, velocity, stiffness, damping = (share / 65535 for share in struct.unpack(">4H", data))
-        stiff = self._torque_limit > 20.0  # the larger models have ten and twenty times the gains
-        return (
-            (2.0 * position - 1.0) * self._position_limit,
-            (2.0 * velocity - 1.0) * self._velocity_limit,
-            stiffness * (5000.0 if stiff else 500.0),
-            damping * (100.0 if stiff else 5.0),
-            (2.0 * torque / 65535 - 1.0) * self._torque_limit,
-        )
 
     def _parameter(self, data: bytes) -> can.Message:
         index = int.from_bytes(data[:2], "little")
@@ -328,18 +326,13 @@ class EmulatedRobstride(EmulatedMitMotor):
         return can.Message(arbitration_id=number, is_extended_id=True, data=data)
 
 
-def _split(number: int) -> tuple[int, int, int]:
-    """Bits 28 to 24, 23 to 8 and 7 to 0 of an id."""
-    return number >> 24, number >> 8 & 0xFFFF, number & 0xFF
-
-
 class _Ranges(FileModel):
     position_rad: Positive
     velocity_rad_s: Positive
     torque_nm: Positive
 
 
-class _Motor(MotorPlace):
+class _MitMotor(MotorPlace):
     motor_id: int
     model: str
     ranges: _Ranges | None = None
@@ -355,8 +348,8 @@ class _Motor(MotorPlace):
         return known[self.model]
 
 
-class _Settings(FileModel, extra="ignore"):
-    motors: tuple[_Motor, ...]
+class _MitSettings(FileModel, extra="ignore"):
+    motors: tuple[_MitMotor, ...]
     maker: str = "cubemars"
     host_id: int | None = None
     watchdog_s: Positive = 0.1
@@ -369,11 +362,11 @@ class MitWires(WireMaker):
     name = "mit_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_Settings, request.section.settings)
+        own = validate(_MitSettings, request.section.settings)
         return wire_of(request, own.motors, lambda joint, motor: _emulated(own, motor, joint, request.plant))
 
 
-def _emulated(own: _Settings, motor: _Motor, joint: int, plant: Plant) -> EmulatedMitMotor:
+def _emulated(own: _MitSettings, motor: _MitMotor, joint: int, plant: Plant) -> EmulatedMitMotor:
     place: tuple[int, int, Plant] = (motor.motor_id, joint, plant)
     mounting: dict[str, Any] = {"limits": motor.limits, **motor.mounting}
     if own.maker == "damiao":

@@ -153,13 +153,13 @@ class EmulatedMoteus(EmulatedMotor):
         self.mode, self.fault = STOPPED, 0
 
 
-class _Motor(MotorPlace):
+class _MoteusMotor(MotorPlace):
     motor_id: int
     max_torque_nm: Positive
 
 
-class _Settings(FileModel, extra="ignore"):
-    motors: tuple[_Motor, ...]
+class _MoteusSettings(FileModel, extra="ignore"):
+    motors: tuple[_MoteusMotor, ...]
 
 
 class MoteusWires(WireMaker):
@@ -168,8 +168,8 @@ class MoteusWires(WireMaker):
     name = "moteus_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        def node(joint: int, motor: _Motor) -> EmulatedMoteus:
+        def node(joint: int, motor: _MoteusMotor) -> EmulatedMoteus:
             limit_nm, plant = motor.max_torque_nm, request.plant
             return EmulatedMoteus(motor.motor_id, joint, plant, max_torque_nm=limit_nm, **motor.mounting)
 
-        return wire_of(request, validate(_Settings, request.section.settings).motors, node)
+        return wire_of(request, validate(_MoteusSettings, request.section.settings).motors, node)

@@ -84,7 +84,7 @@ class EmulatedNetFt(SerialSensor):
         return f'<?xml version="1.0"?>\n<netft>\n{lines}</netft>\n'.encode()
 
 
-class NetFtLine(SensorWire):
+class EmulatedNetFtLine(SensorWire):
     """The network between a sensor and its host, here this machine's own; see `SensorWire`.
 
     It hears requests at `rdt_port`, and its page is at `http_port`. A datagram that is corrupt on its way is
@@ -144,7 +144,7 @@ def _pages(sensor: EmulatedNetFt) -> type[BaseHTTPRequestHandler]:
     return Pages
 
 
-class _Settings(AxisSettings):
+class _NetFtSettings(AxisSettings):
     counts_per_force: Positive
     unit: str = "N"
 
@@ -157,9 +157,9 @@ class NetFtWires(WireMaker):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         if request.force is None or request.force.driver != "net_ft":
             raise InputError("a net_ft_line is emulated with a force sensor of the driver 'net_ft' only")
-        own = validate(_Settings, request.force.settings)
+        own = validate(_NetFtSettings, request.force.settings)
         newtons_per(own.unit)  # refused before the wire is there
         sensor = EmulatedNetFt(own.axis_index, own.capacity_n, own.counts_per_force, own.unit)
         own.signed(sensor)
-        line = NetFtLine(sensor, request.plant, request.faults)
+        line = EmulatedNetFtLine(sensor, request.plant, request.faults)
         return line, {"host": "127.0.0.1", "rdt_port": line.rdt_port, "http_port": line.http_port}

@@ -83,7 +83,11 @@ class EmulatedOdrive(EmulatedMotor):
         if command == 0x02:
             self._disarm(ESTOP_BIT[self._firmware])
         elif command == 0x07 and len(data) >= 4:
-            self._request_state(struct.unpack_from("<I", data)[0])
+            state = struct.unpack_from("<I", data)[0]
+            if state == IDLE:
+                self.state = IDLE
+            elif state == CLOSED_LOOP and not self.error:
+                self.state = CLOSED_LOOP
         elif command == 0x0B and len(data) == 8:
             self._control_mode = struct.unpack("<II", data)[0]
         elif command == 0x0E and len(data) >= 4:
@@ -93,12 +97,6 @@ class EmulatedOdrive(EmulatedMotor):
         elif command == 0x18:
             self.error = 0
         self._drive()
-
-    def _request_state(self, state: int) -> None:
-        if state == IDLE:
-            self.state = IDLE
-        elif state == CLOSED_LOOP and not self.error:
-            self.state = CLOSED_LOOP
 
     def _disarm(self, error: int) -> None:
         self.error |= error
@@ -185,7 +183,7 @@ class _Axis(MotorPlace):
     torque_constant_nm_a: Positive = 1.0
 
 
-class _Settings(FileModel, extra="ignore"):
+class _OdriveSettings(FileModel, extra="ignore"):
     firmware: str
     axes: tuple[_Axis, ...]
     heartbeat_s: Positive = 0.1
@@ -198,7 +196,7 @@ class OdriveWires(WireMaker):
     name = "odrive_bus"
 
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
-        own = validate(_Settings, request.section.settings)
+        own = validate(_OdriveSettings, request.section.settings)
 
         def node(joint: int, axis: _Axis) -> EmulatedOdrive:
             return EmulatedOdrive(

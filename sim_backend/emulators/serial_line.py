@@ -187,14 +187,12 @@ class PtyLine(SensorWire):
                 raise
             return
         if self._in_lock_step:
-            self._wait_until_readable(min(waiting + len(frame), _MOST_READABLE))
+            # The kernel hands bytes on when it finds the time.
+            count = min(waiting + len(frame), _MOST_READABLE)
+            give_up_s = time.monotonic() + _HAND_ON_S
+            while self._readable() < count and time.monotonic() < give_up_s:
+                time.sleep(0)
 
     def _readable(self) -> int:
         """How many bytes the driver could read."""
         return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
-
-    def _wait_until_readable(self, count: int) -> None:
-        """The kernel hands bytes on when it finds the time."""
-        give_up_s = time.monotonic() + _HAND_ON_S
-        while self._readable() < count and time.monotonic() < give_up_s:
-            time.sleep(0)

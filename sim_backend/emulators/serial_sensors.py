@@ -164,25 +164,23 @@ class EmulatedLorenz(SerialSensor):
         if command == 0x40:
             return telegram(0x40, host, b"\x01")
         if command == 0x44 and parameters == b"\x80":
-            return telegram(0x44, host, b"\x80" + self._rotor_header())
+            block = bytearray(28)
+            block[0] = 0x40
+            block[4:8] = (123456).to_bytes(4, "big")
+            block[8] = self._dimension_code
+            block[10:12] = self._load_code.to_bytes(2, "big")
+            total = weighted = 0
+            for byte in block:
+                total = (total + byte) % 65536
+                weighted = (weighted + total) % 65536
+            rotor_header = bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+            return telegram(0x44, host, b"\x80" + rotor_header)
         if command == 0x5A and len(parameters) == 5 and parameters[0] == 3 and parameters[1] > 0:
             self._timer = StreamTimer(1.0 / (parameters[1] * CONFIG_TIME_S))
             self._timer.start(now_s)
             self._counter = 0
             return telegram(0x06, host)
         return telegram(0x15, host, bytes((41,)))
-
-    def _rotor_header(self) -> bytes:
-        block = bytearray(28)
-        block[0] = 0x40
-        block[4:8] = (123456).to_bytes(4, "big")
-        block[8] = self._dimension_code
-        block[10:12] = self._load_code.to_bytes(2, "big")
-        total = weighted = 0
-        for byte in block:
-            total = (total + byte) % 65536
-            weighted = (weighted + total) % 65536
-        return bytes(block) + total.to_bytes(2, "big") + weighted.to_bytes(2, "big")
 
     def reading(self, force_n: float) -> bytes:
         """See `SerialSensor.reading`; a sensor without a value shows the end of its range."""

@@ -5,10 +5,10 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
-from typing import Annotated, ClassVar, NamedTuple, Self, TypeVar
+from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -16,12 +16,13 @@ from robot_io.files.file_model import FileModel, Number
 from sim_backend.emulators.bench import EmulatedWire, JointState, Plant, Shaft, heard_at
 from sim_backend.emulators.faults import Fault, FaultKind, Faults
 
+BROADCAST = 0xFE
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise
 _SLIP_RAD = 0.1
 _HELD = JointState(0.0, 0.0, 0.0)
 
 
-class ServoMounting(FileModel, extra="ignore"):
+class EmulatedMounting(FileModel, extra="ignore"):
     """One servo as it is bolted to the arm, which is not always what the robot file says."""
 
     emulated: ClassVar[Collection[str]]  # models
@@ -47,7 +48,7 @@ class ServoMounting(FileModel, extra="ignore"):
         return name
 
 
-MountingType = TypeVar("MountingType", bound=ServoMounting)
+MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 
 
 def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
@@ -71,10 +72,10 @@ class LineServo(ABC):
         deaf: whether it heeds no goals.
     """
 
-    def __init__(self, mounting: ServoMounting, shaft: Shaft | None, now_s: float) -> None:
+    def __init__(self, mounting: EmulatedMounting, shaft: Shaft | None, now_s: float) -> None:
         self.id, self.shaft = mounting.id, shaft
         self._zero_rad, self._direction = mounting.zero_rad, -1 if mounting.reversed else 1
-        self._awake_s = now_s
+        self._awake_s = self._heard_s = now_s
         self.stuck = self.deaf = False
         self._frozen: JointState | None = None
 
@@ -92,6 +93,10 @@ class LineServo(ABC):
         speed_rad_s = 0.0 if self.stuck else seen.velocity_rad_s
         angle_rad = self._direction * (seen.position_rad - self._zero_rad)
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
+
+    def hear(self, now_s: float) -> None:
+        """Notice an instruction on the line, for whomever: it shows that the controller lives."""
+        self._heard_s = now_s
 
     @property
     @abstractmethod
@@ -116,6 +121,37 @@ class LineServo(ABC):
         """Lose power for `away_s` [s]."""
 
 
+ServoType = TypeVar("ServoType", bound=LineServo)
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """An instruction packet as a servo has understood it."""
+
+    target: int  # id of the servo, or `BROADCAST`
+    code: int  # what to do
+    parameters: bytes  # with what, stuffing removed
+    wire_bytes: int  # bytes that it took on the wire
+    intact: bool = True  # whether the checksum was right
+
+
+class Receiver(ABC):
+    """Picks instructions out of what comes over the wire."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+
+    def take(self, data: bytes) -> Iterator[Instruction]:
+        """The instructions that are complete with `data`."""
+        self._pending += data
+        while (instruction := self._next()) is not None:
+            yield instruction
+
+    @abstractmethod
+    def _next(self) -> Instruction | None:
+        """Take the next instruction off what is pending; None if none is complete."""
+
+
 class Answer(NamedTuple):
     """What one servo wants to say."""
 
@@ -125,7 +161,7 @@ class Answer(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Frame:
+class ServoFrame:
     """Bytes for the wire, from whom, and when the last of them is out."""
 
     device: int
@@ -133,32 +169,46 @@ class Frame:
     due_s: float
 
 
-class ServoWire(EmulatedWire):
+class ServoWire(EmulatedWire, Generic[ServoType]):
     """Servos, by id, on one line; `path` is its device file for the driver.
 
     The baud rate is for the time on the wire [bit/s]; with None bytes take no time. The servos get power at
     `start_s` [s]. Faults may be added at any time; devices are called by their ids.
+
+    Attributes:
+        echoes: whether the adapter hears what it says, as some do.
     """
 
+    echoes = False
+
     def __init__(
-        self, servos: Mapping[int, LineServo], faults: Faults | None, baud_rate: int | None, start_s: float
+        self,
+        servos: Mapping[int, ServoType],
+        receiver: Receiver,
+        faults: Faults | None,
+        baud_rate: int | None,
+        start_s: float,
     ) -> None:
+        self.servos, self._receiver = servos, receiver
         self._master, slave = pty.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
-        self._everybody = tuple(servos.values())
         self.faults = faults or Faults(start_s=start_s)
         self._baud_rate = baud_rate
         self._byte_s = 10.0 / baud_rate if baud_rate else 0.0
-        self._outgoing: list[Frame] = []
+        self._outgoing: list[ServoFrame] = []
         self._in_use = self._befell = False
         self._quiet_s = start_s  # when the line is free again
 
     @abstractmethod
-    def _hear(self, data: bytes, now_s: float) -> None:
-        """Act on what has come over the line."""
+    def _obey(self, instruction: Instruction, servo: ServoType, now_s: float) -> Answer | None:
+        """Do what one servo is told; return what it answers, or None."""
+
+    @abstractmethod
+    def _obey_all(self, instruction: Instruction, awake: dict[int, ServoType], now_s: float) -> None:
+        """Do what all servos are told, those that are awake by id, and answer."""
 
     @staticmethod
     @abstractmethod
@@ -174,14 +224,27 @@ class ServoWire(EmulatedWire):
 
     def receive(self, now_s: float) -> None:
         planned = self.faults.planned
-        for servo in self._everybody:
+        for servo in self.servos.values():
             if planned or self._befell:  # once more after the last: what was stuck is free again
                 self._befall(servo, now_s)
             servo.watch(now_s)
         self._befell = planned
         if self.faults.strikes(FaultKind.UNPLUG, "line", now_s):
             self.close()
-        self._hear(self._incoming(), now_s)
+        data = self._incoming()
+        if self.echoes and data:
+            self._outgoing.append(ServoFrame(0, data, now_s))
+        for instruction in self._receiver.take(data):
+            awake = {servo_id: servo for servo_id, servo in self.servos.items() if servo.is_awake(now_s)}
+            for servo in awake.values():
+                servo.hear(now_s)
+            self._quiet_s = now_s + self._byte_s * instruction.wire_bytes
+            if instruction.target in awake:
+                answer = self._obey(instruction, awake[instruction.target], now_s)
+                if answer:
+                    self._answer([answer], now_s)
+            elif instruction.target == BROADCAST and instruction.intact:
+                self._obey_all(instruction, awake, now_s)
 
     def send(self, now_s: float) -> None:
         due = [frame for frame in self._outgoing if frame.due_s <= now_s]
@@ -233,9 +296,14 @@ class ServoWire(EmulatedWire):
             packet = self._status(self._said_id(servo.id, now_s), error | servo.alert, data)
             if not self.faults.strikes(FaultKind.DROP, servo.id, now_s):
                 frames.append(self._transmit([servo], packet, now_s))
-        self._outgoing += self._misordered(frames, now_s)
+        for k in range(len(frames) - 1):
+            if self.faults.strikes(FaultKind.REORDER, frames[k].device, now_s):
+                first, second = frames[k], frames[k + 1]
+                frames[k] = replace(second, due_s=first.due_s)
+                frames[k + 1] = replace(first, due_s=second.due_s)
+        self._outgoing += frames
 
-    def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> Frame:
+    def _transmit(self, speaking: Sequence[LineServo], packet: bytes, now_s: float) -> ServoFrame:
         """Put what some servos say on the line, after what is on it already."""
 
         def strikes(kind: FaultKind) -> list[Fault]:
@@ -251,16 +319,8 @@ class ServoWire(EmulatedWire):
         self._quiet_s = max(self._quiet_s, now_s) + speaking[0].return_delay_s
         self._quiet_s += self._byte_s * len(packet)
         late_s = max((fault.delay_s for fault in strikes(FaultKind.DELAY)), default=0.0)
-        return Frame(speaking[0].id, packet, self._quiet_s + late_s)
+        return ServoFrame(speaking[0].id, packet, self._quiet_s + late_s)
 
     def _said_id(self, servo_id: int, now_s: float) -> int:
         wrong = self.faults.strikes(FaultKind.WRONG_ID, servo_id, now_s)
         return (servo_id + 100) % 253 if wrong else servo_id
-
-    def _misordered(self, frames: list[Frame], now_s: float) -> list[Frame]:
-        for k in range(len(frames) - 1):
-            if self.faults.strikes(FaultKind.REORDER, frames[k].device, now_s):
-                first, second = frames[k], frames[k + 1]
-                frames[k] = replace(second, due_s=first.due_s)
-                frames[k + 1] = replace(first, due_s=second.due_s)
-        return frames

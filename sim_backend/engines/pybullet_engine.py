@@ -40,21 +40,6 @@ class PyBulletEngine(Engine):
             self.close()
             raise
         self._box: int | None = None
-        self._remove_losses()
-        bullet.setGravity(*gravity_m_s2, self._client)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=step_s, contactSlop=0.0, physicsClientId=self._client)
-
-    def _load(self, urdf_text: str, tip_frame: str) -> None:
-        self._body = body = _load(self._client, urdf_text)
-        links = bullet.getNumJoints(body, self._client)
-        infos = [bullet.getJointInfo(body, i, self._client) for i in range(links)]
-        movable = [info for info in infos if info[2] != bullet.JOINT_FIXED]
-        self._joints = [info[0] for info in movable]
-        self._tip = next((info[0] for info in infos if info[12].decode() == tip_frame), -1)
-        check_serial([info[1].decode() for info in movable], _joints_towards(infos, self._tip))
-        self.torque_limit_nm = [info[10] or np.inf for info in movable]
-
-    def _remove_losses(self) -> None:
         for link in range(-1, bullet.getNumJoints(self._body, self._client)):
             bullet.changeDynamics(
                 self._body,
@@ -73,6 +58,18 @@ class PyBulletEngine(Engine):
         bullet.setJointMotorControlArray(
             self._body, self._joints, bullet.VELOCITY_CONTROL, forces=zeros, physicsClientId=self._client
         )
+        bullet.setGravity(*gravity_m_s2, self._client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=step_s, contactSlop=0.0, physicsClientId=self._client)
+
+    def _load(self, urdf_text: str, tip_frame: str) -> None:
+        self._body = body = _load(self._client, urdf_text)
+        links = bullet.getNumJoints(body, self._client)
+        infos = [bullet.getJointInfo(body, i, self._client) for i in range(links)]
+        movable = [info for info in infos if info[2] != bullet.JOINT_FIXED]
+        self._joints = [info[0] for info in movable]
+        self._tip = next((info[0] for info in infos if info[12].decode() == tip_frame), -1)
+        check_serial([info[1].decode() for info in movable], _joints_towards(infos, self._tip))
+        self.torque_limit_nm = [info[10] or np.inf for info in movable]
 
     def place(self, position_rad: Sequence[float], velocity_rad_s: Sequence[float]) -> None:
         for joint, q, qd in zip(self._joints, position_rad, velocity_rad_s, strict=True):

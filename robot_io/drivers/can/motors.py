@@ -360,7 +360,15 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
             super().poll(deadline_s)
         finally:
             if not self.line.bus_off:
-                self._request_states()
+                # The motors answer the last command, said again for no longer than the watchdog's time.
+                if not self._powered:
+                    self._send_all(
+                        [frame for joint in self._joints_to_ask() for frame in self._questions(joint)]
+                    )
+                elif not self._flushed:
+                    forgotten = self._clock.now_s() - self._commanded_s > self._watchdog_s
+                    frames = self._zero_torque() if forgotten else self._command
+                    self._send_all([frames[joint] for joint in self._joints_to_ask()])
             self._flushed = False
 
     def flush(self, deadline_s: float) -> None:
@@ -372,15 +380,6 @@ class AskedMotorBus(MotorBus, Generic[StateType]):
     def _joints_to_ask(self) -> list[int]:
         """All but those whose motors are to be asked nothing this time, see `RequestQueue.skip`."""
         return [joint for joint, requests in enumerate(self._requests) if not requests.skip()]
-
-    def _request_states(self) -> None:
-        """Make the motors answer: say the last command again, but not for longer than the watchdog's time."""
-        if not self._powered:
-            self._send_all([frame for joint in self._joints_to_ask() for frame in self._questions(joint)])
-        elif not self._flushed:
-            forgotten = self._clock.now_s() - self._commanded_s > self._watchdog_s
-            frames = self._zero_torque() if forgotten else self._command
-            self._send_all([frames[joint] for joint in self._joints_to_ask()])
 
     def _send(self, frame: CanFrame, deadline_s: float) -> None:
         motor_id = self._motor_asked(frame)

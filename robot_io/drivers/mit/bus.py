@@ -41,7 +41,11 @@ class MitExchange(AskedMotorBus[MitState]):
             return False
         motor = self._motors[joint]
         if self._frames.is_about_register(frame, motor.motor_id):
-            self._take_register(joint, frame)
+            if self._register_asked and self._register_asked[0] == joint:
+                with suppress(ProtocolError):  # about another one
+                    register = self._register_asked[1]
+                    value = self._frames.register_value(frame, self._motors[joint].motor_id, register)
+                    self._register_values.append(value)
         elif (alarm := self._frames.alarm(frame)) is not None:
             self._alarms[joint] = alarm
         else:
@@ -50,13 +54,6 @@ class MitExchange(AskedMotorBus[MitState]):
 
     def _motor_asked(self, frame: CanFrame) -> int | None:
         return self._frames.motor_asked(frame)
-
-    def _take_register(self, joint: int, frame: CanFrame) -> None:
-        if self._register_asked and self._register_asked[0] == joint:
-            with suppress(ProtocolError):  # about another one
-                register = self._register_asked[1]
-                value = self._frames.register_value(frame, self._motors[joint].motor_id, register)
-                self._register_values.append(value)
 
     def _condition(self, state: MitState) -> tuple[int, bool | None]:
         return state.error, state.enabled
@@ -132,7 +129,16 @@ class MitBus(MitExchange):
         DeviceError: the adapter cannot be opened, or a motor is silent, or is not what the robot file says.
         """
         self._hear_all()
-        self._check_ranges()
+        # That the numbers on the wire mean what the robot file says. DeviceError: they do not.
+        for joint, ranges in enumerate(self._ranges):
+            all_stated = (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
+            for register, stated in zip(self._dialect.range_registers, all_stated, strict=False):
+                found = self._register(joint, register)
+                if not abs(found - stated) <= _SAME_RANGE * stated:
+                    problem = f"its {register.name} is {found:g}, the robot file says {stated:g}"
+                    raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
+            if self._dialect.position_register:
+                self._check_position(joint, self._dialect.position_register)
 
     def _report(self) -> list[Finding]:
         """See `MotorBus._report`; the protocol tells neither voltage nor firmware."""
@@ -182,18 +188,6 @@ class MitBus(MitExchange):
             self._send_confirmed(frames, "motor mode is not confirmed by", enabled=True)
         self._powered = True
         self._command, self._commanded_s = self._zero_torque(), self._clock.now_s()
-
-    def _check_ranges(self) -> None:
-        """That the numbers on the wire mean what the robot file says. DeviceError: they do not."""
-        for joint, ranges in enumerate(self._ranges):
-            all_stated = (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
-            for register, stated in zip(self._dialect.range_registers, all_stated, strict=False):
-                found = self._register(joint, register)
-                if not abs(found - stated) <= _SAME_RANGE * stated:
-                    problem = f"its {register.name} is {found:g}, the robot file says {stated:g}"
-                    raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
-            if self._dialect.position_register:
-                self._check_position(joint, self._dialect.position_register)
 
     def _check_position(self, joint: int, register: MotorRegister) -> None:
         """That it stands where its states say, on the same turn. DeviceError: it does not."""

@@ -36,7 +36,7 @@ class Maker(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class MitDialect:
     """How one maker's motors speak."""
 
     frames: type[MitFrames]  # what is sent and answered
@@ -84,7 +84,7 @@ _ROBSTRIDE_FAULTS = {
 }
 
 DIALECTS = {
-    Maker.CUBEMARS: Dialect(
+    Maker.CUBEMARS: MitDialect(
         frames=MitFrames,
         models={
             "AK10-9": MitRanges(12.5, 50.0, 65.0),
@@ -107,7 +107,7 @@ DIALECTS = {
         encoder_fault=5,
         largest_id=255,
     ),
-    Maker.DAMIAO: Dialect(
+    Maker.DAMIAO: MitDialect(
         frames=DamiaoFrames,
         models={
             "DM-J3507": MitRanges(12.566, 50.0, 5.0),
@@ -135,7 +135,7 @@ DIALECTS = {
         range_registers=(protocol.POSITION_RANGE, protocol.VELOCITY_RANGE, protocol.TORQUE_RANGE),
         set_up=((protocol.CONTROL_MODE, protocol.MIT_MODE), (protocol.DAMIAO_CAN_TIMEOUT, None)),
     ),
-    Maker.ROBSTRIDE: Dialect(
+    Maker.ROBSTRIDE: MitDialect(
         frames=RobstrideFrames,
         models={
             "RS00": MitRanges(_FOUR_TURNS, 33.0, 14.0),
@@ -243,7 +243,7 @@ class MitBusSettings(CanLineSettings):
             raise ValueError(f"answer id {wrong[0]} is a motor's id, or that of two motors' answers")
 
     @property
-    def dialect(self) -> Dialect:
+    def dialect(self) -> MitDialect:
         """How these motors speak."""
         return DIALECTS[self.maker]
 

@@ -15,7 +15,7 @@ from pydantic import Field, StrictBool
 
 from robot_io.clock import Clock, SimulatedClock
 from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, Stream
+from robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, ReadingStream
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.examination import Finding, ok
 from robot_io.files.file_model import Capacity, FileModel, NotNegative
@@ -64,7 +64,7 @@ class SerialReader:
     def __init__(
         self,
         file_descriptor: int,
-        stream: Stream,
+        stream: ReadingStream,
         clock: Clock,
         capacity_n: float,
         held_back_s: float = 0.0,
@@ -305,7 +305,7 @@ class ForceLine(Bus):
 
     def listen(
         self,
-        stream: Stream,
+        stream: ReadingStream,
         capacity_n: float,
         held_back_s: float = 0.0,
         *,

@@ -145,21 +145,19 @@ def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     ):
         raise ProtocolError("not the configuration block 'rotor header'")
     block = bytes(parameters[1:])
-    if _block_checksums(block[:28]) != block[28:]:
+    content = block[:28]
+    plain = weighted = 0
+    for byte in content:
+        plain = (plain + byte) & 0xFFFF
+        weighted = (weighted + plain) & 0xFFFF
+    block_checksums = plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
+    if block_checksums != block[28:]:
         raise ProtocolError("configuration block 'rotor header': wrong checksum")
     return SensorHeader(
         dimension_code=block[8],
         load_code=int.from_bytes(block[10:12], "big"),
         serial_number=int.from_bytes(block[4:8], "big"),
     )
-
-
-def _block_checksums(content: bytes) -> bytes:
-    plain = weighted = 0
-    for byte in content:
-        plain = (plain + byte) & 0xFFFF
-        weighted = (weighted + plain) & 0xFFFF
-    return plain.to_bytes(2, "big") + weighted.to_bytes(2, "big")
 
 
 _SYNC_SAMPLES = 5  # counters in a row before a stream is accepted
@@ -268,7 +266,11 @@ class Lorenz(SerialForceSensor, Examinable):
         """
         own = self._own
         self._bus.write(STOP_STREAM)
-        self._greet()
+        # Say hello, twice if need be: what ended a stream may have spoilt the first telegram after it.
+        try:
+            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
+        except DeviceError:
+            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
         block = bytes((ROTOR_HEADER_BLOCK,))
         answer = self._ask(LorenzCommand.READ_CONFIG, block, LorenzCommand.READ_CONFIG)
         try:
@@ -285,13 +287,6 @@ class Lorenz(SerialForceSensor, Examinable):
         self._command(encode_start_stream(own.address, own.rate_hz), LorenzCommand.ACK, "the stream")
         stream = LorenzStream(own.nominal_n / own.counts_at_nominal)
         self._bus.listen(stream, own.nominal_n, held_back_s=1.0 / own.rate_hz)
-
-    def _greet(self) -> None:
-        """Say hello, twice if need be: what ended a stream may have spoilt the first telegram after it."""
-        try:
-            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
-        except DeviceError:
-            self._ask(LorenzCommand.HELLO, b"", LorenzCommand.HELLO)
 
     def _ask(self, command: LorenzCommand, parameters: bytes, expected: LorenzCommand) -> Telegram:
         data = encode_telegram(Telegram(command, self._own.address, HOST, parameters))

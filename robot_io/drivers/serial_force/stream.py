@@ -174,7 +174,7 @@ def text_of(line: bytes) -> str:
     return line.decode("ascii").strip()
 
 
-class Stream(Protocol):
+class ReadingStream(Protocol):
     """Makes force samples out of bytes, in any portions. Damaged ones are counted and left out."""
 
     complaint: str  # what the device itself says is wrong with it since its last sample, or nothing
@@ -262,12 +262,7 @@ class LineStream:
             force_n = float(text) * newtons
         except ValueError as error:
             raise ProtocolError(f"not a number: '{text[:40]}'") from error
-        self._check_decimals(len(text.lower().partition("e")[0].partition(".")[2]))
-        if not abs(force_n) <= self._largest_n:  # nor NaN
-            raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")
-        return force_n
-
-    def _check_decimals(self, decimals: int) -> None:
+        decimals = len(text.lower().partition("e")[0].partition(".")[2])
         if decimals == self._decimals:
             self._same += 1
         elif self._same < _FIXED_FORMAT:
@@ -275,3 +270,6 @@ class LineStream:
         else:
             self._same //= 2  # a format that really has changed is learnt anew
             raise ProtocolError(f"{decimals} decimals, where all lines had {self._decimals}")
+        if not abs(force_n) <= self._largest_n:  # nor NaN
+            raise ProtocolError(f"{force_n:g} N is beyond {self._largest_n:g} N")
+        return force_n

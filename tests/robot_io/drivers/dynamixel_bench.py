@@ -8,7 +8,7 @@ from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel.bus import DynamixelBus, DynamixelEncoder, DynamixelTorque
 from robot_io.robot_file import load_robot_file
 from sim_backend.emulators.bench import Bench, Plant
-from sim_backend.emulators.dynamixel import DynamixelLine, Mounting
+from sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from sim_backend.emulators.faults import Fault
 from sim_backend.scenario import load_scenario
 
@@ -28,7 +28,9 @@ class DynamixelBench:
         self.clock = SimulatedClock()
         self.plant = Plant(self.robot_file, load_scenario("default"), 0.0)
         bolted = bolted or {}
-        self._really = [Mounting(**servo | bolted.get(servo["id"], {})) for servo in section["servos"]]
+        self._really = [
+            DynamixelMounting(**servo | bolted.get(servo["id"], {})) for servo in section["servos"]
+        ]
         self._baud_rate, self._link = section["baud_rate"], link
         self._benches = []
         self.plug_in()
@@ -40,7 +42,7 @@ class DynamixelBench:
     def plug_in(self):
         """Put a line of servos that have just got power at the end of the cable."""
         now_s = self.clock.now_s()
-        self.line = DynamixelLine(self._really, self.plant, baud_rate=self._baud_rate, start_s=now_s)
+        self.line = EmulatedDynamixelLine(self._really, self.plant, baud_rate=self._baud_rate, start_s=now_s)
         self._benches.append(Bench(self.plant, [self.line], self.clock))
         if self._link:
             self._link.unlink(missing_ok=True)

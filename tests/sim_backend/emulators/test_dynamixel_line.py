@@ -13,7 +13,7 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHan
 from robot_io.clock import MonotonicClock
 from sim_backend.emulators import dynamixel
 from sim_backend.emulators.bench import Bench, JointState
-from sim_backend.emulators.dynamixel import DynamixelLine, Mounting
+from sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
 from sim_backend.emulators.dynamixel_servo import MODELS
 
 BYTE_S = 10 / 4e6
@@ -45,8 +45,8 @@ class Client:
 
     def __init__(self, ids=(1, 2, 3), faults=None, model="XM430-W350"):
         self.plant = Joints(*[0.1 * servo_id for servo_id in ids])
-        mountings = [Mounting(id=servo_id, model=model) for servo_id in ids]
-        self.line = DynamixelLine(mountings, self.plant, faults)
+        mountings = [DynamixelMounting(id=servo_id, model=model) for servo_id in ids]
+        self.line = EmulatedDynamixelLine(mountings, self.plant, faults)
         self.port = serial.Serial(self.line.path, 4_000_000, timeout=0)
         self.now_s = 0.0
 
@@ -113,7 +113,7 @@ def test_its_packets_are_as_published():
 
 def test_published_requests_are_understood():
     request = bytes.fromhex("ff ff fd 00 fe 11 00 83 74 00 04 00 01 96 00 00 00 02 aa 00 00 00 82 87")
-    (understood,) = dynamixel.Receiver().take(b"\xff\xff\xfd\xfd noise " + request)
+    (understood,) = dynamixel.DynamixelReceiver().take(b"\xff\xff\xfd\xfd noise " + request)
     assert (understood.target, understood.code, understood.intact) == (0xFE, 0x83, True)
     assert understood.parameters == request[8:-2]
 
@@ -267,7 +267,9 @@ def sdk(monkeypatch):
     """The SDK's port and packet handler on a line that runs in real time, on a machine that may be busy."""
     monkeypatch.setattr(PortHandler, "isPacketTimeout", lambda port: port.getTimeSinceStart() > 10e3)
     plant = Joints(0.1, -0.2, 0.3)
-    line = DynamixelLine([Mounting(id=i, model="XM430-W350") for i in (1, 2, 3)], plant, baud_rate=None)
+    line = EmulatedDynamixelLine(
+        [DynamixelMounting(id=i, model="XM430-W350") for i in (1, 2, 3)], plant, baud_rate=None
+    )
     bench = Bench(plant, [line], MonotonicClock())
     bench.start()
     port = PortHandler(line.path)
