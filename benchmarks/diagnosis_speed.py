@@ -19,7 +19,7 @@ from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import diagnose
 from estimation.models import MODELS
-from estimation.study import Study
+from estimation.study import ModelStudy
 from estimation.study.channels import ALL_CHANNELS
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
@@ -68,7 +68,7 @@ def probed(path: Path, hidden: list[Imperfection], repeats: int) -> Path:
 
 def diagnosed(path: Path, channel: str) -> str:
     """Read a session, diagnose it over the whole library, and say in short what came out."""
-    study = Study(path)
+    study = ModelStudy(path)
     channels = study.diagnose(channel).channels
     span_s = max(float(np.ptp(channel_state.data.time_s)) for channel_state in study.channels)
     told = (
@@ -104,7 +104,7 @@ def hour_of_joint(swing_hz: float, moving_s: float) -> str:
     torque = 0.05 * np.gradient(velocity, step_s) + 0.2 * velocity + 1.5 * np.sin(position)
     torque += 0.1 * np.tanh(velocity / 1e-3) + 0.02 * rng.standard_normal(len(time_s))
     read = position + 1e-5 * rng.standard_normal(len(time_s))
-    study = Study({"time_s": time_s, "position_rad": read, "torque_Nm": torque}, model="pendulum")
+    study = ModelStudy({"time_s": time_s, "position_rad": read, "torque_Nm": torque}, model="pendulum")
     (diagnosis,) = study.diagnose().channels
     names = " + ".join(entry.effect for entry in diagnosis.accepted)
     return f"{study.source.notes[0]}\n  {names or diagnosis.verdict.value}"

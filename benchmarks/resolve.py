@@ -36,12 +36,11 @@ from command_line import arguments
 from threadpoolctl import threadpool_limits
 
 from control.probing.plan import ProbingPlan
-from estimation.design import Choice, Experiment
-from estimation.design.next_experiment import NextExperiment
+from estimation.design.next_experiment import NextExperiment, NextProbe
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.bootstrap import SMALL
 from estimation.study.undecided_models import is_undecided
-from palpate.planning.next_probe import NextProbe, feasible, next_probe
+from palpate.planning.next_probe import feasible
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
 from palpate.study import Study
@@ -88,7 +87,7 @@ def resolved(way: str, probes: int, case: dict[str, Any]) -> dict[str, Any]:
     begun = time.perf_counter()
     told: list[Decision] = []
     rng = np.random.default_rng(case["seed"])
-    design = next_probe if way == "designed" else partial(_listed, way == "random", rng, [])
+    design = Study.next_probe if way == "designed" else partial(_listed, way == "random", rng, [])
     with TemporaryDirectory() as folder, threadpool_limits(1):
         job = _job(case, Path(folder) / "sessions" / "probe.mcap")
         try:
@@ -165,11 +164,10 @@ def _listed(
     ]
     if not offered:
         return None
-    candidate, ticks = offered[int(rng.integers(len(offered))) if shuffled else 0]
+    candidate, _ = offered[int(rng.integers(len(offered))) if shuffled else 0]
     done.append(candidate.words)
-    experiment = Experiment(candidate.words, float(ticks["time_s"][-1]), ())
     proposal = NextExperiment(purpose="", separates=[], instruction=candidate.words, probe=candidate.settings)
-    return NextProbe(candidate.plan, proposal, Choice(0, experiment, ""), ())
+    return NextProbe(candidate.plan, proposal, "", ())
 
 
 def report(way: str, done: Sequence[dict[str, Any]]) -> None:

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 from control.arm.rigid_body import RigidBody
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
-from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.design.next_experiment import NextProbe
+from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
-from estimation.study import Arm, Revision
-from estimation.study import Study as StudyBase
-from estimation.study.channels import ChannelKey
+from estimation.study import Arm, ModelStudy, Revision
 from estimation.study.fitting import Progress
 from palpate.common.files import existing_data, existing_file, write_text
 from palpate.common.foreign_code import LIMIT_S, foreign_code
@@ -34,16 +33,11 @@ from sim_backend.scenario import Scenario
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from palpate.planning.next_probe import NextProbe
-
 TIP_FRAME = "tip"
-_ProbeKey = tuple[
-    tuple[ChannelKey, Verdict, tuple[str, ...]], ...
-]  # diagnoses, as far as a plan depends on them
 
 
 @speaks_python
-class Study(StudyBase):
+class Study(ModelStudy):
     """Compare models with a measurement, find what is missing, add it, and go back.
 
     Of a file, revisions and diagnosis are kept in the folder of its name, where the commands keep theirs.
@@ -144,8 +138,8 @@ class Study(StudyBase):
             effects=own,
             folder=place,
             held_out=held_out,
+            planner=_plan_probe,
         )
-        self._probes: dict[_ProbeKey, NextProbe | None] = {}
         for text, effect in own.items():
             self._try_out(text, effect)
 
@@ -162,41 +156,6 @@ class Study(StudyBase):
             raise InputError(
                 f"--effect {text}: its columns are zero throughout {idle}: nothing to fit{place}"
             )
-
-    def next_probe(
-        self, diagnosed: Sequence[ChannelDiagnosis], progress: Progress = lambda what, share: None
-    ) -> "NextProbe | None":
-        """Plan the experiment that best tells apart what diagnoses of this study have not decided.
-
-        `diagnose` puts it into its result. It is planned once for the same verdicts and effects.
-
-        Args:
-            diagnosed: diagnoses of channels of this study.
-            progress: called with the current step and the share of it that is done.
-
-        Returns:
-            The probe; None where the data come from no probing arm, or no probe that it can do tells more.
-
-        Raises:
-            InputError: the session's own copies of robot file or plan are not valid.
-        """
-        from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
-
-        key = tuple(
-            (self.channel(one.channel).key, one.verdict, tuple(each.effect for each in one.accepted))
-            for one in diagnosed
-        )
-        if key not in self._probes:
-            processes = os.cpu_count() or 1
-            self._probes[key] = next_probe(self, diagnosed, progress=progress, processes=processes)
-        return self._probes[key]
-
-    def _plan_next(self, diagnosed: list[ChannelDiagnosis], progress: Progress) -> list[ChannelDiagnosis]:
-        probe = self.next_probe(diagnosed, progress)
-        if probe is None:
-            return diagnosed
-        change = {"next_experiment": probe.proposal}
-        return [one.model_copy(update=change) if one.channel in probe.channels else one for one in diagnosed]
 
     def plot(self, channel: str | None = None) -> "go.Figure":
         """The error as it falls, and curves of measurement and model, of one channel.
@@ -326,6 +285,14 @@ class Study(StudyBase):
         """True parameters of a simulated session: those of the object, not of the joints."""
         session = self.source.session
         return true_parameters(session) if session and channel.kind is ChannelKind.CONTACT else {}
+
+
+def _plan_probe(
+    study: ModelStudy, diagnosed: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
+) -> NextProbe | None:
+    from palpate.planning.next_probe import next_probe  # noqa: PLC0415, with the simulator
+
+    return next_probe(study, diagnosed, longest_s, progress, processes=os.cpu_count() or 1)
 
 
 def arm_from_urdf(path: Path, tip_frame: str | None = None) -> Arm:

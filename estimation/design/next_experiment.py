@@ -5,6 +5,8 @@ A probing arm can do more than repeat a motion in another way: its plan comes fr
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict
 
@@ -15,6 +17,10 @@ from estimation.design.own_motion import changed_motions, extent
 from estimation.effect import Effect
 from estimation.fit.fit_result import FitResult
 
+if TYPE_CHECKING:
+    from control.probing.plan import ProbingPlan
+
+LONGEST_S = 120.0  # time that an experiment of a probing arm may take [s]
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "
@@ -44,6 +50,16 @@ class NextExperiment(BaseModel):
     instruction: str  # in words
     # Settings for `palpate probe --experiment`, by name.
     probe: dict[str, float | int | str | list[float] | list[list[float]] | dict[str, float | str]]
+
+
+@dataclass(frozen=True)
+class NextProbe:
+    """The experiment to run next, as the arm that made the recording can do it."""
+
+    plan: "ProbingPlan"  # what the arm does
+    proposal: NextExperiment  # the same as a diagnosis states it
+    reason: str  # why it was chosen
+    channels: tuple[str, ...]  # of which it tells
 
 
 def separating(effect: Effect, fits: Mapping[str, FitResult], data: ChannelData) -> NextExperiment:

@@ -7,7 +7,7 @@ from estimation.study.estimates import ChannelEstimates
 from estimation.study.patterns import Part
 from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
 from estimation.study.revisions import Revision, Revisions
-from estimation.study.study import Study
+from estimation.study.study import ModelStudy
 
 __all__ = [
     "Arm",
@@ -15,11 +15,11 @@ __all__ = [
     "ChannelEstimates",
     "ChannelResult",
     "Comparison",
+    "ModelStudy",
     "Part",
     "Revision",
     "Revisions",
     "Stage",
-    "Study",
     "StudyChannel",
     "StudyDiagnosis",
 ]

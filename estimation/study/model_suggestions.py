@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.models import MODELS
 from estimation.study.channels import StudyChannel
-from estimation.study.study import Study
+from estimation.study.study import ModelStudy
 from robot_io.errors import InputError
 
 FAR_BETTER = 0.5  # of the error in held-out runs
@@ -13,7 +13,7 @@ _NO_WORSE = 1.02  # times the error of a model that is complete
 
 
 def better_model(
-    study: Study, channel: StudyChannel, most: float, parameters: int | None = None
+    study: ModelStudy, channel: StudyChannel, most: float, parameters: int | None = None
 ) -> tuple[str, float] | None:
     """The base model that fits a channel best, with its error in held-out runs; None if it is above the most.
 
@@ -29,7 +29,7 @@ def better_model(
 
 
 def better_explanation(
-    study: Study, channel: StudyChannel, found: ChannelDiagnosis
+    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis
 ) -> tuple[str, float] | None:
     """The base model that does far better than the usual one with what was found missing, and its error.
 
@@ -50,7 +50,7 @@ def better_explanation(
     return better_model(study, channel, most, len(final.parameters))
 
 
-def _others(study: Study, channel: StudyChannel) -> Iterator[tuple[str, float, int]]:
+def _others(study: ModelStudy, channel: StudyChannel) -> Iterator[tuple[str, float, int]]:
     """Name, error in held-out runs, and number of parameters of all other models of such a channel."""
     for name in MODELS:
         if name == channel.model.name or channel.kind not in MODELS[name].channels:

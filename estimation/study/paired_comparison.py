@@ -18,7 +18,7 @@ from estimation.statistics.misfit import fit_percent
 from estimation.statistics.uncertainty import sandwich
 from estimation.study.channels import StudyChannel
 from estimation.study.comparison import Comparison
-from estimation.study.study import Study
+from estimation.study.study import ModelStudy
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 
@@ -296,7 +296,7 @@ class Sides(TableDisplay):
 
 
 def side_by_side(
-    first: Study, second: Study, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
+    first: ModelStudy, second: ModelStudy, names: tuple[str, str], grown: tuple[Grown, Grown] | None = None
 ) -> tuple[Sides, ...]:
     """The channels that two studies share, with their base models or what these have grown to.
 
@@ -322,7 +322,7 @@ def side_by_side(
     return found
 
 
-def _side(name: str, study: Study, channel: StudyChannel, effects: Sequence[str]) -> Side:
+def _side(name: str, study: ModelStudy, channel: StudyChannel, effects: Sequence[str]) -> Side:
     try:
         return Side(name, channel, effects, study.comparison(channel, effects))
     except InputError as error:

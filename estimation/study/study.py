@@ -15,7 +15,8 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.import_options import ImportOptions
 from estimation.data_quality import quality_warnings, reject_reason
-from estimation.diagnosis import ChannelDiagnosis
+from estimation.design.next_experiment import LONGEST_S, NextProbe
+from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.candidates import effect_library
 from estimation.diagnosis.extension import PackedFit, fit_extended
 from estimation.diagnosis.result import ParameterValue
@@ -48,12 +49,15 @@ from estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, r
 from estimation.study.source import NO_OPTIONS, limit_length, open_source
 from robot_io.errors import InputError
 
+# Time that an experiment may take, and diagnoses as far as a plan depends on them.
+_ProbeKey = tuple[float, tuple[tuple[ChannelKey, Verdict, tuple[str, ...]], ...]]
 _FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
+Planner = Callable[["ModelStudy", Sequence[ChannelDiagnosis], float, fitting.Progress], NextProbe | None]
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _MOST_FITS = 90  # in the cache; the least recently used are dropped, and would be computed again
 
 
-class Study(TableDisplay):
+class ModelStudy(TableDisplay):
     """Models of one measurement: fit, compare, diagnose, extend, and go back to an earlier revision.
 
     A model is fitted once for each combination of data, base model and added effects, and all methods share
@@ -69,6 +73,7 @@ class Study(TableDisplay):
         folder: where revisions and the diagnosis are saved; None to keep them in memory.
         held_out: runs excluded from fitting and used only for scoring; none to score each run by the others.
         now: clock for the creation time of revisions.
+        planner: plans an experiment that the arm of the recording can do; None where no arm is known.
 
     Raises:
         InputError: the data cannot be used, the model is unknown or does not describe it, or no run is left.
@@ -85,6 +90,7 @@ class Study(TableDisplay):
         folder: Path | None = None,
         held_out: Sequence[int] = (),
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        planner: "Planner | None" = None,
     ) -> None:
         own = effects or {}
         self.source = limit_length(open_source(data, options, arm), held_out)
@@ -95,6 +101,8 @@ class Study(TableDisplay):
         self._own = {effect.name: place for place, effect in own.items()}
         self._revisions = Revisions(folder)
         self._now = now
+        self._planner = planner
+        self._probes: dict[_ProbeKey, NextProbe | None] = {}
         self._lock = RLock()
         self._channels: dict[tuple[str, str], StudyChannel] = {}
         self._fits: dict[_FitKey, FitResult] = {}
@@ -364,7 +372,12 @@ class Study(TableDisplay):
                 for added, packed in entry.take_fits().items():
                     self.take_fit(one, added, packed)
             entries = judged.channels
-            entries = self._plan_next(entries, progress) if plan else entries
+            probe = self.next_probe(entries, progress=progress) if plan else None
+            if probe is not None:  # the arm can do more than repeat its motion in another way
+                change = {"next_experiment": probe.proposal}
+                entries = [
+                    one.model_copy(update=change) if one.channel in probe.channels else one for one in entries
+                ]
             averaged, warnings = self.source.averaged, self.warnings
             entries = [
                 entry.model_copy(
@@ -384,11 +397,40 @@ class Study(TableDisplay):
         names = "+".join(dict.fromkeys(one.model.name for one in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=entries)
 
-    def _plan_next(
-        self, diagnosed: list[ChannelDiagnosis], progress: fitting.Progress
-    ) -> list[ChannelDiagnosis]:
-        """Replace next experiments by one that the arm can do; overridden where arms are known."""
-        return diagnosed
+    def next_probe(
+        self,
+        diagnosed: Sequence[ChannelDiagnosis],
+        longest_s: float = LONGEST_S,
+        progress: fitting.Progress = lambda what, share: None,
+    ) -> NextProbe | None:
+        """Plan the experiment that best tells apart what diagnoses of this study have not decided.
+
+        This is the one place that decides it: `diagnose` puts the plan into its result, and commands, page
+        and `palpate resolve` run it. It is planned once for the same verdicts and effects.
+
+        Args:
+            diagnosed: diagnoses of channels of this study.
+            longest_s: time that the experiment may take [s].
+            progress: called with the current step and the share of it that is done.
+
+        Returns:
+            The probe; None where the data come from no probing arm, or no probe that it can do tells more.
+
+        Raises:
+            InputError: the session's own copies of robot file or plan are not valid.
+        """
+        if self._planner is None:
+            return None
+        key = (
+            longest_s,
+            tuple(
+                (self.channel(one.channel).key, one.verdict, tuple(each.effect for each in one.accepted))
+                for one in diagnosed
+            ),
+        )
+        if key not in self._probes:
+            self._probes[key] = self._planner(self, diagnosed, longest_s, progress)
+        return self._probes[key]
 
     def diagnosis_data(self, diagnosis: StudyDiagnosis) -> dict[str, Any]:
         """Return a diagnosis as plain data, with the data and models that it is about; keys are stable.

@@ -16,7 +16,7 @@ from estimation.fit.fit_result import FitResult, fit_model
 from estimation.fit.joint_load import with_load
 from estimation.model import Model
 from estimation.study.channels import StudyChannel
-from estimation.study.study import Study
+from estimation.study.study import ModelStudy
 from robot_io.errors import InputError
 
 MOST = 6  # rivals that are compared with each other
@@ -67,7 +67,9 @@ def _with(names: Sequence[str], place: str, other: str, parts: Sequence[str]) ->
     return [*(name for name in names if name != place and name not in parts), other]
 
 
-def rivals_of(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> list[dict[str, FitResult]]:
+def rivals_of(
+    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis
+) -> list[dict[str, FitResult]]:
     """For each question, these models by their effects in words, fitted, and the best first.
 
     One that cannot be fitted is left out. Where something is left and no candidate is any good, those that
@@ -87,7 +89,7 @@ def rivals_of(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> l
     return [fitted for one in asked if len(fitted := _fitted(study, channel, one)) > 1]
 
 
-def _fitted(study: Study, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
+def _fitted(study: ModelStudy, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
     fitted = {}
     for effects in wanted:
         try:
@@ -97,13 +99,13 @@ def _fitted(study: Study, channel: StudyChannel, wanted: Iterable[list[str]]) ->
     return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
 
 
-def _telling_most(study: Study, channel: StudyChannel) -> list[str]:
+def _telling_most(study: ModelStudy, channel: StudyChannel) -> list[str]:
     base = study.fit(channel).training_fit
     tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # the best first
     return [one.effect.name for one in tried[: _ALONE - 1]]
 
 
-def with_the_simplest(study: Study, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+def with_the_simplest(study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
     """The diagnosis without rivals that are less simple than another and contain it.
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
@@ -123,7 +125,7 @@ def with_the_simplest(study: Study, channel: StudyChannel, found: ChannelDiagnos
 
 
 def _with_the_simplest_in(
-    study: Study, channel: StudyChannel, found: ChannelDiagnosis, place: int
+    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis, place: int
 ) -> ChannelDiagnosis:
     accepted, names = list(found.accepted), [one.effect for one in found.accepted]
     entry, known = accepted[place], {one.name: one for one in study.effects}
@@ -143,7 +145,7 @@ def _with_the_simplest_in(
 
 
 def _with_numbers(
-    study: Study, channel: StudyChannel, found: ChannelDiagnosis, accepted: Sequence[Accepted]
+    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis, accepted: Sequence[Accepted]
 ) -> ChannelDiagnosis:
     """The diagnosis with other accepted effects, and the numbers of their fits."""
     changed = found.model_copy(update={"accepted": list(accepted)})

@@ -1,9 +1,7 @@
 """`palpate resolve`: probe and diagnose, again and again, until one explanation is left."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +12,6 @@ from palpate.common import console
 from palpate.common.files import existing_file
 from palpate.common.formatting import count, duration, safe, shown, typed
 from palpate.common.options import takes
-from palpate.planning.next_probe import next_probe
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.runs.confirmation import ask_for_power, motion_in_words
 from palpate.runs.options import SESSIONS, RunOptions, YesOption
@@ -75,9 +72,8 @@ def command(
         talk = console.stderr() if options.as_json else console.stdout()
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 
-    design = partial(next_probe, processes=os.cpu_count() or 1)
     try:
-        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress, design)
+        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress)
     except KeyboardInterrupt:
         if folder.exists():
             console.stderr().print(f"kept: {shown(folder)}")

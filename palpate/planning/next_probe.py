@@ -4,7 +4,7 @@ import math
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 import yaml
@@ -16,18 +16,18 @@ from estimation.data.tick_channels import DIRECTION, contact_channels, joint_cha
 from estimation.design import Choice, Experiment, Rivals, choose
 from estimation.design.choice import NEARLY
 from estimation.design.discrimination import SMALL
-from estimation.design.next_experiment import FEW_READINGS, NextExperiment
+from estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.study import Study, StudyChannel
+from estimation.study import ModelStudy, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
 from palpate.common.formatting import as_shell_word
 from palpate.planning.experiments import CandidatePlan, both, candidates
-from palpate.planning.rehearsal import LONGEST_S, ArmText, KnownObject, Rehearsal, rehearse_all
+from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse_all
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 from robot_io.errors import InputError
-from robot_io.files.file_model import parse_yaml, validate
+from robot_io.files.file_model import one_line, parse_yaml, validate
 from robot_io.session import Samples, Session
 from robot_io.types import FloatArray
 
@@ -51,17 +51,7 @@ class Undecided:
         return np.zeros((len(self.names),) * 2)
 
 
-@dataclass(frozen=True)
-class NextProbe:
-    """The experiment to run next."""
-
-    plan: ProbingPlan  # what the arm does
-    proposal: NextExperiment  # the same as a diagnosis states it
-    choice: Choice  # what is expected of it
-    channels: tuple[str, ...]  # of which it tells
-
-
-def undecided(study: Study, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
+def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
     """All that is left to ask, of each channel what is there in the place of each effect that has rivals."""
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
@@ -72,7 +62,7 @@ def undecided(study: Study, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undec
 
 
 def next_probe(
-    study: Study,
+    study: ModelStudy,
     diagnoses: Sequence[ChannelDiagnosis],
     longest_s: float = LONGEST_S,
     progress: Progress = lambda what, share: None,
@@ -82,7 +72,8 @@ def next_probe(
 
     Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
     can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
-    are fitted again; see `estimation.design`. None is run a second time: what it shows is in the data.
+    are fitted again; see `estimation.design`. None is run a second time: what it shows is in the data. What
+    saved diagnoses state already is not planned again.
 
     Args:
         study: what was measured so far.
@@ -96,6 +87,9 @@ def next_probe(
     """
     if not study.source.probed:
         return None
+    stated = _stated(study, diagnoses) if longest_s >= LONGEST_S else None
+    if stated is not None:
+        return stated
     open_questions = undecided(study, diagnoses)
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
@@ -113,6 +107,28 @@ def next_probe(
     return _next_probe(every[choice.index].candidate, open_questions, choice)
 
 
+def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
+    """The probe that diagnoses state; None unless it is one of this arm's own candidates.
+
+    Diagnoses may come from a file of somebody else, which must not plan what an arm does.
+    """
+    proposals = [
+        one.next_experiment for one in diagnoses if one.next_experiment and one.next_experiment.probe
+    ]
+    session = study.source.session
+    ground = _Ground.of(study, session) if proposals and session is not None else None
+    if ground is None:
+        return None
+    proposal = proposals[0]
+    single = candidates(ground.before, ground.arm.robot_file, ground.place_world_m)
+    paired = (plan for pair in combinations(single, 2) if (plan := both(*pair, ground.before)) is not None)
+    for candidate in chain(single, paired):
+        if candidate.settings == proposal.probe:
+            told = tuple(one.channel for one in diagnoses if one.next_experiment == proposal)
+            return NextProbe(candidate.plan, proposal, proposal.instruction, told)
+    return None
+
+
 @dataclass(frozen=True)
 class _Planned:
     """A feasible experiment, with its motion for each question; None where that does not tell."""
@@ -123,7 +139,7 @@ class _Planned:
 
     @classmethod
     def of(
-        cls, candidate: CandidatePlan, ticks: Samples, study: Study, left: Sequence[Undecided]
+        cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[Undecided]
     ) -> "_Planned":
         elsewhere = candidate.is_elsewhere
         motions = tuple(_motion(one, study, ticks, elsewhere=elsewhere) for one in left)
@@ -150,7 +166,7 @@ class _Planned:
 
 def _planned(
     offered: Iterable[tuple[CandidatePlan, Samples]],
-    study: Study,
+    study: ModelStudy,
     left: Sequence[Undecided],
     longest_s: float,
 ) -> list["_Planned"]:
@@ -175,7 +191,7 @@ def _pairs(single: Sequence[_Planned]) -> list[tuple[CandidatePlan, CandidatePla
     return [(a.candidate, b.candidate) for tells, a, b in pairs if tells * NEARLY > most]
 
 
-def _plans_run(study: Study) -> list[ProbingPlan]:
+def _plans_run(study: ModelStudy) -> list[ProbingPlan]:
     """What the arm did so far."""
     first = study.source.session
     return [_plan_of(one) for one in (first, *study.source.more)] if first is not None else []
@@ -187,7 +203,7 @@ def _plan_of(session: Session) -> ProbingPlan:
 
 
 def _remedy(
-    study: Study, diagnoses: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
+    study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
     """More presses where a channel cannot be judged; harder ones where its readings are too coarse."""
     contacts = [one for one in diagnoses if one.channel.startswith("contact")]
@@ -199,21 +215,19 @@ def _remedy(
     for candidate, ticks in feasible(study, progress):
         duration_s = float(ticks["time_s"][-1])
         if wanted in candidate.settings and duration_s <= longest_s:
-            choice = Choice(
-                0, Experiment(candidate.words, duration_s, ()), f"{candidate.words}: {first.reason}"
-            )
             proposal = NextExperiment(
                 purpose=f"judge {first.channel}",
                 separates=[],
                 instruction=candidate.words,
                 probe=candidate.settings,
             )
-            return NextProbe(candidate.plan, proposal, choice, tuple(one.channel for one in judged))
+            reason = f"{candidate.words}: {first.reason}"
+            return NextProbe(candidate.plan, proposal, reason, tuple(one.channel for one in judged))
     return None
 
 
 def feasible(
-    study: Study,
+    study: ModelStudy,
     progress: Progress = lambda what, share: None,
     pairs: Sequence[tuple[CandidatePlan, CandidatePlan]] | None = None,
     processes: int = 1,
@@ -246,7 +260,7 @@ def feasible(
             yield candidate, ticks
 
 
-def _motion(one: Undecided, study: Study, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
+def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
     """The channel as it would move; None where it does not, or another place of the object is pressed."""
     planned = _channel_like(one.channel.data, ticks)
     if planned is None or (elsewhere and planned.kind is ChannelKind.CONTACT):
@@ -272,7 +286,7 @@ def _next_probe(candidate: CandidatePlan, left: Sequence[Undecided], choice: Cho
         probe=candidate.settings,
     )
     channels = tuple(dict.fromkeys(one.channel.name for one in told))
-    return NextProbe(candidate.plan, proposal, choice, channels)
+    return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
 @dataclass(frozen=True)
@@ -289,7 +303,7 @@ class _Ground:
     start_rad: tuple[float, ...]
 
     @classmethod
-    def of(cls, study: Study, session: Session) -> "_Ground | None":
+    def of(cls, study: ModelStudy, session: Session) -> "_Ground | None":
         """None where nothing was touched: the object is not known."""
         contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
@@ -321,7 +335,7 @@ def _rounded(positive: float) -> float:
     return float(f"{10.0 ** (round(10.0 * math.log10(positive)) / 10.0):.2e}") if positive > 0.0 else 0.0
 
 
-def _spring_and_damper(study: Study, contact: StudyChannel) -> tuple[float, float]:
+def _spring_and_damper(study: ModelStudy, contact: StudyChannel) -> tuple[float, float]:
     """Stiffness [N/m] and damping [N s/m] of the base model; the secant where it has none."""
     data = contact.data
     secant = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
@@ -339,7 +353,7 @@ _WIRE = "--wire"
 
 def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
     """The plan as YAML, with its purpose as a comment."""
-    words = f"# {experiment.instruction}\n# to {experiment.purpose}\n"
+    words = f"# {one_line(experiment.instruction)}\n# to {one_line(experiment.purpose)}\n"
     return words + yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
 
 

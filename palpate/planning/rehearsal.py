@@ -19,13 +19,13 @@ from control.loop.task import TaskOutput
 from control.loop.tick_record import tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
+from estimation.design.next_experiment import LONGEST_S
 from estimation.end_workers import end_when_told, end_workers
 from robot_io.errors import InputError, PalpateError
 from robot_io.robot_file import RobotFile, parse_robot_file
 from robot_io.session import Samples
 from robot_io.types import Measurement, Status
 
-LONGEST_S = 120.0  # of an experiment that is considered
 _KEPT = 64  # rehearsals that are kept: those asked for longest ago would come out the same again
 
 

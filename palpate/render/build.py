@@ -18,7 +18,7 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
 from estimation.signals.blocks import block_index, blocks, time_in_run
-from estimation.study import ChannelResult, Stage, Study
+from estimation.study import ChannelResult, ModelStudy, Stage
 from estimation.study.patterns import Part
 from palpate.common import console
 from palpate.common.files import whole_set
@@ -245,7 +245,7 @@ def _with_evidence(view: ChannelView, diagnosis: ChannelDiagnosis) -> ChannelVie
 
 
 def view_of(
-    study: Study, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
+    study: ModelStudy, results: Sequence[ChannelResult] | None = None, commands: Sequence[str] = ()
 ) -> StudyView:
     """All that is known of a study.
 
@@ -296,7 +296,7 @@ def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:
     )
 
 
-def _facts(study: Study, results: Sequence[ChannelResult]) -> dict[str, str]:
+def _facts(study: ModelStudy, results: Sequence[ChannelResult]) -> dict[str, str]:
     channels = [result.channel for result in results]
     facts = {
         "channels": ", ".join(channel.name for channel in channels),
@@ -328,7 +328,7 @@ def is_own_page(path: Path) -> bool:
 
 def write_outcome(
     folder: Path,
-    study: Study,
+    study: ModelStudy,
     results: Sequence[ChannelResult],
     commands: Sequence[str],
     texts: Mapping[str, str] | None = None,

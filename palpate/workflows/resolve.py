@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from control.probing.plan import ProbingPlan
+from estimation.design.next_experiment import LONGEST_S, NextProbe
 from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.study.fitting import Progress
 from estimation.study.saved_diagnosis import RESULT
 from estimation.study.undecided_models import is_undecided, with_the_simplest
 from palpate.common.files import output_folder, write_text
 from palpate.common.formatting import count
-from palpate.planning.next_probe import NextProbe, Progress, next_probe
-from palpate.planning.rehearsal import LONGEST_S
 from palpate.render.build import as_json
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study
@@ -96,7 +96,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     tell: Callable[[Decision], None] = lambda decision: None,
     watch: Watch = lambda plan: nullcontext(NOBODY),
     work: Work = lambda channels: nullcontext(_unseen),
-    design: Design = next_probe,
+    design: Design = Study.next_probe,
 ) -> Resolved:
     """Run a first probe and those that follow from it; each decision is told, and logged beside the sessions.
 
@@ -214,7 +214,7 @@ def _decision(  # noqa: PLR0917 (what it is made of)
     }
     what = "; ".join(_in_words(one) for one in diagnoses if not _is_adequate(one)) or "nothing is missing"
     if following is not None:
-        then = f"next, to {following.proposal.purpose}: {following.choice.reason}"
+        then = f"next, to {following.proposal.purpose}: {following.reason}"
     else:
         then = _ENDS[end or StopReason.SEPARATED]
     return Decision(

@@ -39,7 +39,7 @@ print((time.process_time() - start) / libraries)
 """
 FIT = """
 import numpy as np
-from estimation.study import Study
+from estimation.study import ModelStudy
 
 rng, t = np.random.default_rng(1), np.arange(0.0, 1.0, 0.005)
 x, v, run = (np.concatenate(parts) for parts in zip(*[
@@ -47,7 +47,7 @@ x, v, run = (np.concatenate(parts) for parts in zip(*[
 ]))
 press = {"time_s": np.tile(t, 3), "displacement_m": x, "velocity_m_s": v, "run": run}
 press["force_N"] = np.where(x > 0, 400 * x + 3 * v, 0).clip(0) + rng.normal(0, 0.01, len(x))
-study = Study(press, "kelvin_voigt")
+study = ModelStudy(press, "kelvin_voigt")
 study.fit("contact").parameters["stiffness.k"]
 print(study.fit("contact").values["stiffness.k"])
 """

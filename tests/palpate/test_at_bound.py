@@ -5,7 +5,7 @@ import pytest
 from rich.console import Console
 
 from estimation.effect import Parameter
-from estimation.study import Study
+from estimation.study import ModelStudy
 from palpate.render.build import result_view
 from palpate.render.terminal import print_stages
 from tests.palpate.cli import run
@@ -35,7 +35,7 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
         x, v = 0.004 * (1 - np.cos(speed * t)), 0.004 * speed * np.sin(speed * t)
         force = 2000 * x + 5 * v + 2 * np.sign(v) * (x > 1e-4) + rng.normal(0, 0.01, len(t))
         runs.append({"time_s": t, "displacement_m": x, "force_N": force, "run": np.full(len(t), number)})
-    study = Study({name: np.concatenate([one[name] for one in runs]) for name in runs[0]})
+    study = ModelStudy({name: np.concatenate([one[name] for one in runs]) for name in runs[0]})
     change = study.add("dry_friction")
     name = "dry_friction.presliding"
     (kept,) = [one for one in change.revisions if one.added == "dry_friction"]

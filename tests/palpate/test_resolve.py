@@ -8,12 +8,11 @@ import pytest
 import yaml
 
 from control.probing.plan import ProbingPlan, load_probing_plan
-from estimation.design import Choice, Experiment
-from estimation.design.next_experiment import NextExperiment
-from estimation.diagnosis import Verdict
+from estimation.design.next_experiment import NextExperiment, NextProbe
+from estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.planning import rehearsal
 from palpate.planning.experiments import candidates
-from palpate.planning.next_probe import NextProbe, feasible, next_probe, plan_text
+from palpate.planning.next_probe import feasible, next_probe, plan_text
 from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
@@ -158,6 +157,24 @@ def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed,
     assert load_probing_plan(tmp_path / "next.yaml") == following.plan
 
 
+def test_a_saved_diagnosis_is_followed_as_it_states(probed, diagnosed, monkeypatch):
+    """The page opens a study anew: it runs what the terminal printed, and plans nothing again."""
+    monkeypatch.setattr(rehearsal, "rehearse", lambda _: pytest.fail("was planned again"))
+    saved = [ChannelDiagnosis.model_validate_json(one.model_dump_json()) for one in diagnosed.channels]
+    opened = Study(probed.source.path, keep=False)
+    following = opened.next_probe(saved)
+    assert following.proposal == diagnosed.channels[0].next_experiment
+    assert following.plan == probed.next_probe(diagnosed.channels).plan
+
+
+def test_a_file_of_somebody_else_plans_nothing_of_its_own(probed, diagnosed):
+    (stated,) = diagnosed.channels
+    foreign = stated.next_experiment.model_copy(update={"probe": {"force_limit_n": 14.0, "repeats": 40}})
+    opened = Study(probed.source.path, keep=False)
+    following = opened.next_probe([stated.model_copy(update={"next_experiment": foreign})])
+    assert following is None or following.plan in [candidate.plan for candidate, _ in feasible(opened)]
+
+
 def test_no_experiment_is_run_twice(resolved, diagnosed):
     sessions = [Session.open(path) for path in sorted(resolved[0].folder.glob("*.mcap"))]
     following = next_probe(Study(resolved[0].folder, keep=False), diagnosed.channels)
@@ -173,7 +190,7 @@ def test_what_no_longer_shows_once_more_is_known_is_not_called_separated(tmp_pat
     answers = iter([diagnosed, diagnosed.model_copy(update={"channels": [gone]})])
     monkeypatch.setattr(Study, "diagnose", lambda *_, **__: next(answers))
     proposal = NextExperiment(purpose="p", separates=[], instruction="i", probe={})
-    again = NextProbe(QUICK, proposal, Choice(0, Experiment("again", 1.0, ()), "why"), ("joint_1",))
+    again = NextProbe(QUICK, proposal, "why", ("joint_1",))
     job = ProbingJob(find_robot("follower"), tmp_path / "r" / "p.mcap", QUICK, seed=SEED, online=None)
     done = resolve(job, Budget(2, 120.0), "joint_1", design=lambda *_: again)
     assert [one.end for one in done.decisions] == [None, StopReason.UNSEEN]

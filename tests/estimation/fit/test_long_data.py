@@ -11,7 +11,7 @@ from estimation.fit import long_data
 from estimation.fit.blocks import block_average
 from estimation.fit.long_data import shortened, within_blocks
 from estimation.model import Model
-from estimation.study import Study
+from estimation.study import ModelStudy
 from estimation.study.fitting import fit_base
 from estimation.study.source import Source, limit_length
 from robot_io.errors import InputError
@@ -198,7 +198,7 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
     monkeypatch.setattr(long_data, "_MOST", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, runs, ChannelKind.REVOLUTE)
     source = Source("swings.csv", (whole,))
-    study = Study(source, held_out=(1,))
+    study = ModelStudy(source, held_out=(1,))
     one = study.channel()
     begin_s, end_s = whole.time_s[whole.run == 1][[0, -1]]
     inside = (begin_s <= one.measured.time_s) & (one.measured.time_s <= end_s)
@@ -210,16 +210,16 @@ def test_held_out_are_the_runs_that_were_recorded_and_all_of_them(runs, monkeypa
     (found,) = study.estimate("lsq", runs=[0])
     assert found.channel.time_s.max() < begin_s
     with pytest.raises(InputError, match="no run 77"):
-        Study(source, held_out=(77,))
+        ModelStudy(source, held_out=(77,))
 
 
 def test_of_a_recording_that_was_cut_a_recorded_run_is_left_out_or_held_out(monkeypatch):
     monkeypatch.setattr(long_data, "_MOST", 5_000)
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
-    source = Study(Source("swings.csv", (whole,))).source
+    source = ModelStudy(Source("swings.csv", (whole,))).source
     assert source.runs == (0, 1, 2)
     assert source.without([2]).channels[0].time_s.max() < whole.time_s[whole.run == 2][0]
-    held = Study(source, held_out=[2]).channel()
+    held = ModelStudy(source, held_out=[2]).channel()
     assert held.to_fit.time_s.max() < whole.time_s[whole.run == 2][0] < held.data.time_s.max()
 
 
@@ -234,6 +234,6 @@ def test_stretches_of_one_recording_have_no_zero_of_their_own(cut, monkeypatch):
 
     whole = quick(np.arange(200_000) / RATE_HZ, 3, ChannelKind.REVOLUTE)
     with pytest.raises(InputError, match="seen"):
-        Study(Source("swings.csv", (whole,))).diagnose(judge=judge)
+        ModelStudy(Source("swings.csv", (whole,))).diagnose(judge=judge)
     assert "coulomb_friction" in tried
     assert ("run_offset" in tried) is not cut

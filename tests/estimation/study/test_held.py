@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.study import Study
+from estimation.study import ModelStudy
 from robot_io.errors import InputError
 
 
@@ -18,11 +18,11 @@ def presses(rng: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def study() -> Study:
-    return Study(presses(np.random.default_rng(1)))
+def study() -> ModelStudy:
+    return ModelStudy(presses(np.random.default_rng(1)))
 
 
-def test_a_held_gain_stays_and_the_others_make_up_for_it(study: Study) -> None:
+def test_a_held_gain_stays_and_the_others_make_up_for_it(study: ModelStudy) -> None:
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held("contact", ["cubic_stiffness"], {"stiffness.k": 350.0})
     assert held.values["stiffness.k"] == 350.0
@@ -31,7 +31,7 @@ def test_a_held_gain_stays_and_the_others_make_up_for_it(study: Study) -> None:
     assert held.rmse > free.rmse
 
 
-def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
+def test_held_where_the_fit_is_changes_nothing(study: ModelStudy) -> None:
     free = study.fit("contact", ["cubic_stiffness"])
     held = study.fit_held(
         "contact", ["cubic_stiffness"], {"damping.c": free.solution.parameters["damping.c"]}
@@ -41,13 +41,13 @@ def test_held_where_the_fit_is_changes_nothing(study: Study) -> None:
     assert held.parameters["stiffness.k"].std_err < 1.01 * free.parameters["stiffness.k"].std_err
 
 
-def test_a_held_inner_parameter_stays(study: Study) -> None:
+def test_a_held_inner_parameter_stays(study: ModelStudy) -> None:
     held = study.fit_held("contact", ["delay"], {"delay.time": 0.004})
     assert held.values["delay.time"] == 0.004
     assert held.rmse >= study.fit("contact", ["delay"]).rmse * 0.999
 
 
-def test_bounds_hold_only_what_would_leave_them(study: Study) -> None:
+def test_bounds_hold_only_what_would_leave_them(study: ModelStudy) -> None:
     wide = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 1e6)})
     assert wide is study.fit("contact")
     narrow = study.fit_held("contact", (), bounds={"stiffness.k": (0.0, 200.0)})
@@ -58,12 +58,12 @@ def test_bounds_hold_only_what_would_leave_them(study: Study) -> None:
     ("held", "said"),
     [({"spring.k": 1.0}, "no parameter 'spring.k'"), ({"stiffness.k": float("nan")}, "finite")],
 )
-def test_what_cannot_be_held_is_refused(study: Study, held: dict[str, float], said: str) -> None:
+def test_what_cannot_be_held_is_refused(study: ModelStudy, held: dict[str, float], said: str) -> None:
     with pytest.raises(InputError, match=said):
         study.fit_held("contact", (), held)
 
 
-def test_the_model_is_evaluated_at_any_parameters(study: Study) -> None:
+def test_the_model_is_evaluated_at_any_parameters(study: ModelStudy) -> None:
     fitted = study.fit("contact")
     soft = fitted.predict({**fitted.values, "stiffness.k": 0.0, "damping.c": 0.0})
     assert np.abs(soft).max() == 0.0
@@ -71,7 +71,7 @@ def test_the_model_is_evaluated_at_any_parameters(study: Study) -> None:
 
 def test_fits_that_were_forgotten_come_again_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("estimation.study.study._MOST_FITS", 2)
-    study = Study(presses(np.random.default_rng(2)))
+    study = ModelStudy(presses(np.random.default_rng(2)))
     first = study.fit("contact", ["delay"]).rmse
     for effect in ("adhesion", "contact_offset", "quadratic_damping"):
         study.fit("contact", [effect])

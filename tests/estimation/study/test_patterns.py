@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.kinds import Kind
-from estimation.study import Part, Study
+from estimation.study import ModelStudy, Part
 from estimation.study.patterns import patterns
 from tests.palpate.presses import press_rows
 
@@ -58,7 +58,7 @@ def swings(extra):
     ],
 )
 def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
-    compared = Study(data, model).compare().channels[0]
+    compared = ModelStudy(data, model).compare().channels[0]
     assert by in [pattern.by for pattern in compared.patterns]
     assert compared.kinds[0].kind is kind
     assert compared.kinds[0].share > sum(entry.share for entry in compared.kinds[1:])
@@ -72,7 +72,7 @@ def test_the_kind_of_what_was_left_out_comes_first(data, model, by, kind):
 )
 def test_noise_suggests_nothing(data):
     model = "kelvin_voigt" if "force_N" in data else "pendulum"
-    compared = Study(data, model).compare().channels[0]
+    compared = ModelStudy(data, model).compare().channels[0]
     assert compared.patterns == ()
     assert compared.kinds == ()
 

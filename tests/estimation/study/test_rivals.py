@@ -9,7 +9,7 @@ from control.loop.task import Phase
 from estimation.diagnosis import ChannelDiagnosis
 from estimation.diagnosis.candidates import effect_library
 from estimation.diagnosis.result import Accepted
-from estimation.study import Study
+from estimation.study import ModelStudy
 from estimation.study.undecided_models import rival_effects, with_the_simplest
 from tests.estimation.study.joints import joints
 
@@ -18,7 +18,7 @@ from tests.estimation.study.joints import joints
 def study():
     """Of an arm: what friction does while a joint turns round is not judged."""
     rubbing, _ = joints(friction_nm=(0.05, 0.0))
-    return Study((replace(rubbing, phase=np.full(len(rubbing), Phase.MOVE)),), "inertia")
+    return ModelStudy((replace(rubbing, phase=np.full(len(rubbing), Phase.MOVE)),), "inertia")
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_each_group_is_a_question_of_its_own_and_a_whole_stands_for_all_its_part
 def test_in_each_group_the_simplest_is_stated_and_beside_all_its_parts_a_whole(study):
     """Friction that differs between directions is plain friction and a bias: neither name says less."""
     data = study.channel("joint_1").data
-    pulled = Study((replace(data, effort=data.effort + 0.03),), "inertia")
+    pulled = ModelStudy((replace(data, effort=data.effort + 0.03),), "inertia")
     groups = (TWO_GROUPS[0], ("bias", ["asymmetric_friction"]))
     found = with_the_simplest(pulled, pulled.channel("joint_1"), _diagnosis_of(*groups))
     assert [(one.effect, one.confused_with) for one in found.accepted] == [

@@ -14,7 +14,7 @@ import pytest
 from estimation.data.import_options import ImportOptions
 from estimation.diagnosis.extension import PackedFit
 from estimation.effects import EFFECTS
-from estimation.study import Study, fitting
+from estimation.study import ModelStudy, fitting
 from estimation.study import study as study_module
 from estimation.study.arm import NO_ARM, Arm
 from estimation.study.kept_file import with_checksum
@@ -39,21 +39,21 @@ def few_effects():
 @pytest.fixture(scope="module")
 def pressed():
     """A stiffening object, diagnosed."""
-    study = Study(session(4, cubic), "kelvin_voigt", now=lambda: NOON)
+    study = ModelStudy(session(4, cubic), "kelvin_voigt", now=lambda: NOON)
     return study, study.diagnose()
 
 
 @pytest.fixture(scope="module")
 def arm():
     """A contact that is explained and two joints of which one rubs, all diagnosed by default."""
-    study = Study([session(4), *joints(friction_nm=(0.0, 0.4))])
+    study = ModelStudy([session(4), *joints(friction_nm=(0.0, 0.4))])
     return study, study.diagnose()
 
 
 def test_a_fit_sent_from_another_process_has_all_signals_that_it_was_derived_with():
     effects = ["load_dependent_friction"]
     own = {name: EFFECTS[name]() for name in effects}
-    there, here = (Study(joints((0.4,)), "pendulum", effects=own) for _ in range(2))
+    there, here = (ModelStudy(joints((0.4,)), "pendulum", effects=own) for _ in range(2))
     made, one = there.fit("joint_1", effects), here.channel("joint_1")
     assert "load_dependent_friction.link_share" in made.values  # the form that knows rotor and link apart
     here.take_fit(one, effects, PackedFit.of(made))
@@ -117,7 +117,7 @@ def test_an_effect_goes_where_it_suits_or_where_one_says(arm):
 
 
 def test_adding_goes_on_from_the_newest_and_removing_goes_back():
-    study = Study(session(4, cubic), now=lambda: NOON)
+    study = ModelStudy(session(4, cubic), now=lambda: NOON)
     study.add("bias")
     study.add("cubic_stiffness")
     undone = study.remove("bias")
@@ -150,7 +150,7 @@ def test_adding_goes_on_from_the_newest_and_removing_goes_back():
     ],
 )
 def test_what_cannot_be_added_is_refused_and_nothing_is_kept(effects, how, words):
-    study = Study(session(4))
+    study = ModelStudy(session(4))
     study.add("bias") if "start" in how else None
     before = study.revisions
     with pytest.raises(InputError, match=words):
@@ -161,18 +161,20 @@ def test_what_cannot_be_added_is_refused_and_nothing_is_kept(effects, how, words
 def test_data_is_known_by_its_arrays_and_joints_by_their_arm_too():
     data, (joint, _) = session(4), joints()
     moved = replace(data, effort=data.effort + np.r_[1e-12, np.zeros(len(data) - 1)])
-    (one,), (same,), (other,) = (Study(each).channels for each in (data, session(4), moved))
+    (one,), (same,), (other,) = (ModelStudy(each).channels for each in (data, session(4), moved))
     assert one.sha256 == same.sha256 != other.sha256
-    of_arms = {Study(joint, "inertia", arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}
+    of_arms = {
+        ModelStudy(joint, "inertia", arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))
+    }
     assert len(of_arms) == 2
-    assert len({Study(data, arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}) == 1
+    assert len({ModelStudy(data, arm=arm).channels[0].sha256 for arm in (NO_ARM, Arm(tip_frame="x"))}) == 1
 
 
 def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
-    study = Study(session(4, cubic), folder=tmp_path)
+    study = ModelStudy(session(4, cubic), folder=tmp_path)
     found = study.diagnose(apply=True)
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
-    again, other = (Study(session(seed, cubic), folder=tmp_path) for seed in (4, 5))
+    again, other = (ModelStudy(session(seed, cubic), folder=tmp_path) for seed in (4, 5))
     assert again.known_diagnosis(again.channels[0]) == found.channels[0]
     assert again.results()[0].added == ["cubic_stiffness"]
     assert again.add("bias").parent.number == 1
@@ -207,10 +209,10 @@ def forge(file: Path, change: Callable[[dict], object]) -> None:
     ],
 )
 def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, tmp_path):
-    study = Study(session(4, cubic), folder=tmp_path)
+    study = ModelStudy(session(4, cubic), folder=tmp_path)
     found = study.diagnose()
     (tmp_path / RESULT).write_text(json.dumps(study.diagnosis_data(found)))
-    again = Study(session(4, cubic), folder=tmp_path)
+    again = ModelStudy(session(4, cubic), folder=tmp_path)
     assert again.known_diagnosis(again.channels[0]) == found.channels[0]
     forge(tmp_path / RESULT, lambda content: change(content["channels"][0]))
     with pytest.raises(InputError, match=words):
@@ -218,18 +220,18 @@ def test_numbers_of_a_forged_diagnosis_are_held_against_the_data(change, words, 
 
 
 def test_a_diagnosis_that_was_changed_by_hand_is_refused(tmp_path):
-    study = Study(session(4), folder=tmp_path)
+    study = ModelStudy(session(4), folder=tmp_path)
     content = study.diagnosis_data(study.diagnose())
     content["channels"][0]["verdict"] = "unexplained"
     (tmp_path / RESULT).write_text(json.dumps(content))
-    again = Study(session(4), folder=tmp_path)
+    again = ModelStudy(session(4), folder=tmp_path)
     with pytest.raises(InputError, match=r"damaged \(sha256: .* changed after palpate wrote it"):
         again.known_diagnosis(again.channels[0])
 
 
 def test_numbers_of_a_forged_revision_are_held_against_the_data(tmp_path):
-    Study(session(4, cubic), folder=tmp_path).add("cubic_stiffness")
-    study = Study(session(4, cubic), folder=tmp_path)
+    ModelStudy(session(4, cubic), folder=tmp_path).add("cubic_stiffness")
+    study = ModelStudy(session(4, cubic), folder=tmp_path)
     study.check(study.revision(1))
     forge(
         tmp_path / "revisions" / "0001.json",
@@ -248,7 +250,7 @@ def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
 
     for module, name in ((fitting, "fit_base"), (study_module, "fit_extended")):
         monkeypatch.setattr(module, name, counted(module, name))
-    study = Study(session(4))
+    study = ModelStudy(session(4))
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda _: study.fit("contact", ["bias"]), range(16)))
     assert calls == ["fit_base", "fit_extended"]
@@ -272,15 +274,15 @@ def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
     rows = np.loadtxt(path, delimiter=",", skiprows=1)
     names = ("time_s", "displacement_m", "load", "run")
     options = ImportOptions(columns={"force_N": "load"})
-    study = Study(made(dict(zip(names, rows.T, strict=True))), options=options)
-    of_file = Study(path)
+    study = ModelStudy(made(dict(zip(names, rows.T, strict=True))), options=options)
+    of_file = ModelStudy(path)
     assert study.compare()["contact"].rmse == of_file.compare()["contact"].rmse
     assert study.channels[0].sha256 == of_file.channels[0].sha256
 
 
 def test_a_channel_that_cannot_be_judged_is_said_beside_the_others():
     one_run = session(4)
-    study = Study([one_run.select(np.arange(60)), *joints()])
+    study = ModelStudy([one_run.select(np.arange(60)), *joints()])
     found = study.compare()
     assert [one.channel for one in found.channels] == ["joint_1", "joint_2"]
     assert "only 60 samples" in found.failures["contact"]
