@@ -18,8 +18,8 @@ from control.loop.task import Phase, TaskOutput
 from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
+from palpate.runs.probing import TickRecords
 from palpate.runs.robots import find_robot, shipped_robots
-from palpate.runs.simulated_probe import TickRecords
 from robot_io.clock import SimulatedClock
 from robot_io.driver import DriverCatalogue
 from robot_io.guard import Guard

@@ -14,9 +14,8 @@ from rich.table import Column, Table
 
 from control.loop.timing import TickDurations
 from control.probing.plan import ProbingPlan
-from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
-from palpate.runs.simulated_probe import probe_in_memory
 from robot_io.session import Samples
 from sim_backend.engines import EngineName, installed_engines
 from sim_backend.scenario import Scenario

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from palpate.commands import ORDER, load_command
+from palpate.commands import COMMANDS, load_command
 
 DOCUMENT = Path(__file__).parent / "reference" / "commands.md"
 INTRODUCTION = """# Commands
@@ -20,7 +20,7 @@ A program ends with exit code 0 (done), 1 (failed), 2 (bad input), 3 (disk full)
 
 def document() -> str:
     """The whole page."""
-    sections = (section(name, load_command(name), 2) for name in ORDER)
+    sections = (section(name, load_command(name), 2) for name in COMMANDS)
     return "\n".join([INTRODUCTION, *(line for lines in sections for line in lines)])
 
 

@@ -14,17 +14,13 @@ from estimation.diagnosis import ChannelDiagnosis
 from estimation.effect import Effect
 from estimation.study import Arm, ModelStudy, Revision
 from estimation.study.fitting import Progress
-from palpate.common.files import existing_data, existing_file, write_text
-from palpate.common.foreign_code import LIMIT_S, foreign_code
-from palpate.common.output_paths import derived_folder
-from palpate.common.python_words import speaks_python
-from palpate.export import Export, export_scenario
+from palpate.common.failures import speaks_python
+from palpate.common.files import derived_folder, existing_data, existing_file, write_text
+from palpate.common.user_effects import LIMIT_S, foreign_code, load_user_effects, place_of, rehearse, watched
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
-from palpate.export.scenario import FittedChannel
+from palpate.export.scenario import Export, FittedChannel, export_scenario
 from palpate.render.build import view_of
 from palpate.runs.hidden_effects import scenario_of, true_parameters
-from palpate.user_effects import load_user_effects
-from palpate.user_effects.guard import place_of, rehearse, watched
 from robot_io.errors import InputError
 from robot_io.files.file_model import read_text
 from robot_io.files.urdf_text import last_link, parse_urdf

@@ -1,14 +1,10 @@
-"""The command line: every module of `palpate.commands` is one command, loaded when it is called."""
+"""The command line: a table of all commands, each loaded when it is called."""
 
-import ast
 import importlib
-import importlib.util
-import pkgutil
 import re
-from functools import cache
+from collections.abc import Mapping
 from importlib.metadata import version
 from inspect import getdoc
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -18,11 +14,37 @@ from typer.main import get_command
 from palpate.common.failures import OneLineGroup
 from robot_io.errors import InputError
 
-ORDER = (
-    *("demo", "probe", "replay", "estimate", "inspect", "compare", "diagnose", "resolve"),
-    *("add", "remove", "revisions", "effects", "workbench", "report", "export", "reveal"),
-    *("import", "merge", "info", "sweep", "teleop", "calibrate", "doctor"),
-)
+COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of commands says; in that order
+    "demo": ("demo", "Everything once, without asking anything."),
+    "probe": ("probe", "Touch an object at several speeds and log every tick."),
+    "replay": ("probe", "Repeat the motion of a session, in simulation or with an arm."),
+    "estimate": ("diagnose", "How stiff and how damped is it?"),
+    "inspect": ("views", "See a session in Rerun."),
+    "compare": ("compare", "Where does the model fail?"),
+    "diagnose": ("diagnose", "Is anything missing in the model, and which physical effect is it?"),
+    "resolve": ("probe", "Probe and diagnose, again and again, until one explanation is left."),
+    "add": ("revisions", "Add effects to the model, and watch the error fall."),
+    "remove": ("revisions", "Take an effect out of the newest model again."),
+    "revisions": ("revisions", "The stages of a session's models, to go back to."),
+    "effects": ("effects", "The effects that palpate knows, in words, as equations, and drawn."),
+    "workbench": ("views", "Tick an effect on a local page, and see at once what it does."),
+    "report": ("views", "All that is known of a measurement, as one HTML page."),
+    "export": (
+        "export",
+        "The improved model as a simulated world or a feedforward, or a stream as a table.",
+    ),
+    "reveal": ("sessions", "What was hidden in a simulated session?"),
+    "import": ("import_", "Make a session from anybody's measurements."),
+    "merge": ("sessions", "Several sessions as one."),
+    "info": ("sessions", "What is in a session file?"),
+    "sweep": ("sweep", "Probe many simulated objects, such as the paper's, with every estimator."),
+    "teleop": ("teleop", "Work on a virtual object that learns to feel like the real one."),
+    "calibrate": (
+        "calibrate",
+        "Find out how force sensor, encoders, drives and base differ from what they say.",
+    ),
+    "doctor": ("doctor", "Does this machine have what palpate needs, and is an arm wired as its file says?"),
+}
 
 _ALIASES = {"study": "sweep"}  # earlier names, for one release
 _WITHOUT_VALUE = re.compile(r"--[a-z-]+=")  # an option with nothing after its sign
@@ -37,7 +59,7 @@ class CommandGroup(OneLineGroup):
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401
         super().__init__(**attributes)
-        self.commands = {name: TyperCommand(name, help=text) for name, text in _first_lines().items()}
+        self.commands = {name: TyperCommand(name, help=text) for name, (_, text) in COMMANDS.items()}
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:  # noqa: ANN401
         """Find the command that is called, and load it; see `TyperGroup.resolve_command`."""
@@ -85,36 +107,17 @@ def root(
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401, typer's own command
-    """What a module of `palpate.commands` offers: its function `command`, or its `group` of commands."""
-    module = importlib.import_module(f"palpate.commands.{_module_of(name)}")
+    """Import a command: `NAME_command` of its module, or the module's `group` of commands.
+
+    Args:
+        name: of the command, one of `COMMANDS`.
+    """
+    module = importlib.import_module(f"palpate.commands.{COMMANDS[name][0]}")
     if hasattr(module, "group"):
         return get_command(module.group)
+    command = getattr(module, f"{name}_command")
     single = typer.Typer(rich_markup_mode="rich", add_completion=False)
-    paragraphs = (getdoc(module.command) or "").split("\n\n")
-    about = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
-    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(
-        module.command
-    )
+    # each paragraph in one line: the terminal breaks it where it ends
+    about = "\n\n".join(" ".join(text.split()) for text in (getdoc(command) or "").split("\n\n"))
+    single.command(name=name, help=about, context_settings={"help_option_names": ["-h", "--help"]})(command)
     return get_command(single)
-
-
-@cache
-def _first_lines() -> dict[str, str]:
-    """What each command does, in its module's words after the colon; modules are read, not imported."""
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        source = Path(__path__[0], f"{module.name}.py").read_text(encoding="utf-8")
-        first_line = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
-        words = first_line.partition(": ")[2]
-        found[module.name.rstrip("_")] = words[:1].upper() + words[1:]
-    return dict(sorted(found.items(), key=lambda item: (_rank(item[0]), item[0])))
-
-
-def _module_of(command: str) -> str:
-    """A command that is a Python keyword lives in a module with an underscore behind."""
-    exists = importlib.util.find_spec(f"palpate.commands.{command}") is not None
-    return command if exists else f"{command}_"
-
-
-def _rank(name: str) -> int:
-    return ORDER.index(name) if name in ORDER else len(ORDER)

@@ -13,9 +13,8 @@ from calibration.arm_fit import ArmFit
 from calibration.force import STANDARD_GRAVITY_M_S2, ForceFit, fit_force, read_reference_file, read_weighing
 from estimation.data.import_options import parse_pairs
 from palpate.common import console
-from palpate.common.console import command_group
+from palpate.common.console import AT_REST, command_group, shown
 from palpate.common.files import different_files, existing_file, output_file, output_session, whole_set
-from palpate.common.formatting import AT_REST, shown
 from palpate.common.options import takes
 from palpate.render.calibration import (
     arm_figure,
@@ -28,14 +27,17 @@ from palpate.render.progress import motion_progress, weighing_progress
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import NamedRobot, say_how_to_use_it
-from palpate.runs.confirmation import Permission, ask_for_pose, ask_for_power, without_question
 from palpate.runs.options import (
     SESSIONS,
     CalibrateOptions,
     MotionOptions,
+    Permission,
+    ask_for_pose,
+    ask_for_power,
     forces_of,
     pose_of,
     stops_of,
+    without_question,
 )
 from robot_io.calibration import Calibration
 from robot_io.errors import InputError, PalpateError

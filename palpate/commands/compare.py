@@ -1,22 +1,24 @@
 """`palpate compare`: where does the model fail?"""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from estimation.study import ChannelResult, Comparison, Revision
+from estimation.study import ChannelResult, Comparison
+from estimation.study.channels import ALL_CHANNELS
 from estimation.study.model_suggestions import FAR_BETTER, better_model
-from estimation.study.revisions import own_effects
+from estimation.study.paired_comparison import Grown, side_by_side
+from estimation.study.revisions import Revision, own_effects
 from palpate.common import console
-from palpate.common.files import output_folder, spare_files
-from palpate.common.formatting import safe, shown, typed
+from palpate.common.console import safe, shown, typed
+from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
 from palpate.common.options import model_names
-from palpate.common.output_paths import folder_to_fill, folder_to_read
-from palpate.render.build import NAMES, view_of, write_outcome
+from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.build import as_json as json_text
-from palpate.render.paired import print_pair
+from palpate.render.paired import PairView, as_data, print_pair, sides_view
 from palpate.render.terminal import print_comparison, print_files
 from palpate.render.view import FAR
 from palpate.study import Study
@@ -28,16 +30,134 @@ from palpate.workflows.data_options import (
     ModelOption,
     takes_data,
 )
-from palpate.workflows.paired_comparison import NAMES as SIDES
-from palpate.workflows.paired_comparison import ComparedPair, chosen_revisions, write_pair
 from robot_io.errors import InputError
 
-RESULT = "comparison.json"
+RESULT, RECORDING = "comparison.json", "sides.rrd"
+PAIR_FILES = (RESULT, REPORT, RECORDING)  # of what `write_pair` may write
+
+
 Steps = list[tuple[str, str]]
 
 
+class ComparedPair:
+    """Two studies that are compared.
+
+    Args:
+        data: the first, and how both are read.
+        other: file of the second; None for the same.
+        models: base models of both; None for what suits.
+        channel: only this one; None for all that both have.
+        revisions: of both, whose models are compared instead; without one of the second, the models of the
+            first are fitted to it as well.
+        folder: where the revisions of the first, and of another model of it, are kept if not as usual.
+
+    Raises:
+        InputError: one of them cannot be used, or they have nothing in common.
+    """
+
+    def __init__(
+        self,
+        data: DataArguments,
+        path: Path | None,
+        models: tuple[str | None, str | None],
+        channel: str | None,
+        *,
+        revisions: tuple[Sequence[int], Sequence[int]] = ((), ()),
+        folder: Path | None = None,
+    ) -> None:
+        files = (data.file, path or data.file)
+        first = data.study(models[0], folder)
+        second = replace(data, file=files[1]).study(models[1] or models[0], None if path else folder)
+        kept = chosen_revisions(first, revisions[0])
+        grown = _grown(first, kept), _grown(second, chosen_revisions(second, revisions[1]) or kept)
+        self.files = files
+        self.names = _names(first, second, grown)
+        found = side_by_side(first, second, self.names, grown)
+        self.sides = [one for one in found if channel in {None, ALL_CHANNELS, one.channel}]
+        if not self.sides:
+            there = ", ".join(one.channel for one in found)
+            raise InputError(f"--channel {channel}: not in both. Both have: {there}")
+        if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
+            raise InputError(
+                f"{files[1]}: is the same measurement as {files[0]}, with the same model: name another file, "
+                "or another model of it with --other-model or --other-revision"
+            )
+        self._studies = (first, second)
+
+    def view(self, commands: Sequence[str] = ()) -> PairView:
+        """What every medium draws."""
+        first, second = self._studies
+        channels = [
+            sides_view(
+                side,
+                (
+                    result_view(
+                        first.result(side.first.channel, side.first.effects, reason=side.first.reason)
+                    ),
+                    result_view(
+                        second.result(side.second.channel, side.second.effects, reason=side.second.reason)
+                    ),
+                ),
+            )
+            for side in self.sides
+        ]
+        return PairView(self.names, tuple(channels), tuple(commands))
+
+    def as_data(self) -> dict[str, Any]:
+        """The comparison as plain data; the keys are stable."""
+        return {
+            "files": [str(file) for file in self.files],
+            "channels": [as_data(side) for side in self.sides],
+        }
+
+
+def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
+    """The revisions of these numbers. InputError: one is not there, or two are of one channel."""
+    kept = [study.revision(number) for number in dict.fromkeys(numbers)]
+    names = [one.channel for one in kept]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"--revision: several of channel '{min(twice)}'; compare one after the other")
+    return kept
+
+
+def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
+    """The models of revisions in a study, or its base models where there are none."""
+    return [(study.channel_of(one), one.effects) for one in kept] or [
+        (channel, ()) for channel in study.channels
+    ]
+
+
+def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
+    """Write result, report and recording; all of them appear, or none. Returns them by what they are.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    # what draws takes longer to import than all else
+    from palpate.render.paired_report import document, record_pair  # noqa: PLC0415
+
+    output_folder(folder)
+    texts = {folder / RESULT: json_text(pair.as_data()), folder / REPORT: document(view)}
+    with whole_set(texts):
+        record_pair(view, folder / RECORDING)
+    return {"result": folder / RESULT, "report": folder / REPORT, "recording": folder / RECORDING}
+
+
+def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str, str]:
+    """What tells the two apart: their files, with as many folders as needed, or else their models."""
+    paths = [study.source.path for study in (first, second)]
+    if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
+        both = {c.name for c, _ in grown[0]} & {c.name for c, _ in grown[1]}
+        shared = ([(c, e) for c, e in one if c.name in both] for one in grown)
+        a, b = (", ".join(dict.fromkeys(" + ".join([c.model.name, *e]) for c, e in one)) for one in shared)
+        return f"{first.source.name}: {a}", f"{second.source.name}: {b}"
+    if paths[0].name != paths[1].name:
+        return paths[0].name, paths[1].name
+    return str(paths[0]), str(paths[1])
+
+
 @takes_data
-def command(
+def compare_command(
     data: DataArguments,
     *,
     other: Annotated[
@@ -98,7 +218,7 @@ def command(
         results, failures = _of_revisions(study, kept) if kept else _of_base_models(study, channel)
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
-    channels = list(map(as_data, compared))
+    channels = list(map(comparison_data, compared))
     content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
     if as_json:
         console.print_json(content)
@@ -129,7 +249,7 @@ def _side_by_side(
 ) -> None:
     """Print two sides, and write them where that was asked; `given` are the options that chose them."""
     if out is not None:
-        spare_files(out, SIDES, force=force, keep=pair.files)
+        spare_files(out, PAIR_FILES, force=force, keep=pair.files)
     same = pair.files[0] == pair.files[1]
     first, second = pair.sides[0].first, pair.sides[0].second
     if same and not any(given.values()):
@@ -153,7 +273,7 @@ def _side_by_side(
         console.next_steps(*steps, *each)
 
 
-def as_data(comparison: Comparison) -> dict[str, Any]:
+def comparison_data(comparison: Comparison) -> dict[str, Any]:
     """The comparison as plain data; the keys are stable."""
     return {
         "channel": comparison.channel,

@@ -8,10 +8,9 @@ import numpy as np
 import typer
 
 from palpate.common import console
+from palpate.common.console import as_shell_word, shown, significant, typed
 from palpate.common.files import output_file, output_session
-from palpate.common.formatting import as_shell_word, shown, significant, typed
 from palpate.common.options import scenario_names
-from palpate.doctor.viewer import rerun_step
 from palpate.render.build import result_view
 from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
@@ -37,7 +36,7 @@ from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_sce
 DEFAULT = "default"
 
 
-def command(
+def demo_command(
     scenario: Annotated[
         str,
         typer.Option(
@@ -163,6 +162,6 @@ def _next(demo: Demo, hidden: HiddenDemo | None, again: str) -> None:
     ]
     if hidden is not None:
         if "recording" in hidden.files:
-            steps.insert(1, rerun_step(hidden.files["recording"]))
+            steps.insert(1, console.rerun_step(hidden.files["recording"]))
         steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
     console.next_steps(*steps, (again, "this very demo again"))

@@ -1,6 +1,6 @@
-"""`palpate diagnose`: is anything missing in the model, and which physical effect is it?"""
+"""`palpate diagnose` and `estimate`: what a measurement says."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,24 +8,28 @@ import typer
 
 from estimation.channel import ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.effects.time_memory import StressRelaxation
+from estimation.effects.stress_relaxation import StressRelaxation
+from estimation.estimators import ESTIMATORS
 from estimation.fresh_runs import relaxes_afresh
-from estimation.study import StudyDiagnosis
+from estimation.study import ChannelEstimates, StudyDiagnosis
 from estimation.study.channels import ALL_CHANNELS
+from estimation.study.estimates import ALL, USUAL
 from estimation.study.model_suggestions import better_explanation
 from estimation.study.saved_diagnosis import RESULT
 from palpate.common import console
-from palpate.common.files import output_folder
-from palpate.common.formatting import as_shell_word
-from palpate.common.formatting import typed as path_typed
-from palpate.common.output_paths import folder_to_fill
+from palpate.common.console import as_shell_word, count, safe, shown, typed
+from palpate.common.console import typed as path_typed
+from palpate.common.files import folder_to_fill, output_folder
+from palpate.common.options import estimator_names
 from palpate.planning.next_probe import plan_text, same_world
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.build import as_json as json_text
+from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.render.progress import diagnosis_progress
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
+from robot_io.errors import InputError
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures
@@ -34,7 +38,7 @@ Steps = Iterator[tuple[str, str]]  # commands, and what each is for
 
 
 @takes_data
-def command(
+def diagnose_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
@@ -174,3 +178,57 @@ def _met_afresh(study: Study, diagnosis: ChannelDiagnosis) -> bool:
         return False
     channel = study.channel(diagnosis.channel)
     return relaxes_afresh(channel.data, channel.model)
+
+
+@takes_data
+def estimate_command(
+    data: DataArguments,
+    *,
+    model: ModelOption = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Some of {', '.join(ESTIMATORS)}, with commas. [default: {','.join(USUAL)}]",
+            autocompletion=estimator_names,
+        ),
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Use all estimators.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate the parameters of a model with 95 % intervals, by least squares, a robust method and RANSAC.
+
+    Takes a session or a data file. Where the session was simulated, the truth and the errors are shown too.
+    """
+    if every and estimator is not None:
+        raise InputError(f"--all and --estimator {estimator}: give one of them")
+    study = data.study(model)
+    data.say_left_out()
+    estimates = study.estimate(ALL if every else USUAL if estimator is None else estimator)
+    if as_json:
+        results = [as_data(each, study.truth_of(each.channel)) for each in estimates]
+        cut_off = study.source.session is not None and study.source.session.truncated
+        used = "+".join(dict.fromkeys(each.model.name for each in estimates))
+        console.print_json({"file": str(data.file), "model": used, "cut_off": cut_off, "channels": results})
+    else:
+        _print(data, study, estimates, model)
+
+
+def _print(
+    data: DataArguments, study: Study, estimates: Sequence[ChannelEstimates], model: str | None
+) -> None:
+    out, session = console.stdout(), study.source.session
+    out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
+    if session is not None and session.truncated:
+        out.print(
+            "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
+        )
+    for each in estimates:
+        print_estimates(out, each, study.truth_of(each.channel))
+    for remark in calibration_remark(session):
+        out.print(f"  {safe(remark)}")
+    steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
+    if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
+        steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
+    if session is not None:
+        steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
+    console.next_steps(*steps)

@@ -7,12 +7,12 @@ from typing import Annotated
 import typer
 
 from palpate.common import console
-from palpate.common.formatting import AT_REST, FIRST_PROBE, as_shell_word, count, safe
-from palpate.doctor import Finding, Level, examine_all
+from palpate.common.console import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
-from palpate.doctor.machine import memory_lock, real_time
+from palpate.doctor.machine import examine_all
 from palpate.runs.robots import find_robot, importable, is_simulated, robot_names, wires_in_words
 from robot_io.errors import InputError
+from robot_io.examination import Finding, Level, memory_lock, real_time
 
 MARKS = {
     Level.OK: "[green]ok[/green]",
@@ -26,7 +26,7 @@ QUESTION = (
 _SUBJECT_WIDTH = 20
 
 
-def command(  # noqa: PLR0917, one parameter an option
+def doctor_command(  # noqa: PLR0917, one parameter an option
     robot: Annotated[
         str | None,
         typer.Option(

@@ -8,8 +8,8 @@ import typer
 from estimation.effect import Effect
 from estimation.effects import EFFECTS
 from palpate.common import console
+from palpate.common.console import typed
 from palpate.common.files import existing_data
-from palpate.common.formatting import typed
 from palpate.common.options import effect_names
 from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
 from palpate.workflows.data_options import JsonOption
@@ -17,7 +17,7 @@ from robot_io.errors import InputError
 from sim_backend.imperfection import IMPERFECTIONS
 
 
-def command(
+def effects_command(
     name: Annotated[
         str | None,
         typer.Argument(

@@ -9,12 +9,17 @@ import typer
 
 from estimation.study.revisions import own_effects
 from palpate.common import console
-from palpate.common.files import existing_data, open_session, output_file, write_text
-from palpate.common.formatting import count, safe, shown, typed
-from palpate.common.output_paths import derived_folder, folder_to_read
-from palpate.export import Export
-from palpate.export.layout import ENDINGS, Program, layout_of
-from palpate.export.table import check_ending, recorded_table, write_table
+from palpate.common.console import count, safe, shown, typed
+from palpate.common.files import (
+    derived_folder,
+    existing_data,
+    folder_to_read,
+    open_session,
+    output_file,
+    write_text,
+)
+from palpate.export.scenario import Export
+from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.terminal import print_files
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
 from robot_io.errors import InputError
@@ -34,7 +39,7 @@ class Format(StrEnum):
 
 
 @takes_data
-def command(
+def export_command(
     data: DataArguments,
     *,
     revision: Annotated[
@@ -168,7 +173,7 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
 def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
     """Write a layout, by default into the folder of what is derived."""
     session = open_session(file)
-    path = out or derived_folder(file) / f"{program}{ENDINGS[program]}"
+    path = out or derived_folder(file) / f"{program}{LAYOUT_ENDINGS[program]}"
     text = layout_of(session, program)
     write_text(output_file(path, force=force or out is None, keep=[file]), text)
     if as_json:

@@ -1,22 +1,37 @@
-"""`palpate probe`: touch an object at several speeds and log every tick."""
+"""`palpate probe`, `replay` and `resolve`: move an arm, and log every tick."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 
 from control.loop.result import Outcome
 from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.common import console
-from palpate.common.files import existing_file, output_session
-from palpate.common.formatting import count, duration, safe, shown, typed
+from palpate.common.console import count, duration, safe, shown, typed
+from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import takes
-from palpate.render.progress import probing_progress
-from palpate.runs.confirmation import ask_for_power, motion_in_words
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
-from palpate.runs.probing import ProbingJob, ProbingOutcome, online_estimators, run_probing
+from palpate.render.progress import diagnosis_progress, motion_progress, probing_progress
+from palpate.runs.hidden_effects import scenario_of
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, motion_in_words, numbers
+from palpate.runs.probing import (
+    ProbingJob,
+    ProbingOutcome,
+    ReplayJob,
+    Watcher,
+    online_estimators,
+    references_of,
+    run_probing,
+    run_replay,
+)
 from palpate.runs.robots import wires_in_words
+from palpate.runs.session import raise_for_end
+from palpate.workflows.resolve import DECISIONS, Budget, Decision, Resolved, resolve
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 
@@ -25,7 +40,7 @@ NO_ESTIMATOR = "none"
 
 
 @takes(RunOptions)
-def command(
+def probe_command(
     options: RunOptions,
     *,
     experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) to start from.")] = None,
@@ -147,3 +162,144 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     diagnose = (f"palpate diagnose {session}", "which physical effect is missing")
     steps = [estimate, compare, diagnose] if outcome.touched else []
     console.next_steps(*steps, *[inspect] * (not stuck), info)
+
+
+@takes(RunOptions, "robot")
+def replay_command(
+    options: RunOptions,
+    *,
+    session: Annotated[Path, typer.Argument(help="Session of a probing (.mcap), whose motion is repeated.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
+    yes: YesOption = False,
+) -> None:
+    """Repeat the joint motion of a session: in a simulated world, or with a real arm.
+
+    The simulated world is that of --scenario, else that of the session without what was hidden in it.
+    A real arm gets power after a question alone (or --yes), and a countdown; no force is controlled, and its
+    guard stops it at its limits.
+
+    Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
+    -o twin.mcap; palpate compare real.mcap twin.mcap
+    """
+    recorded = open_session(session)
+    references, robot_file = references_of(recorded), options.robot_file
+    file = output_session(out or SESSIONS / f"{options.stamped_name('replay')}.mcap", keep=[session])
+    runs = len(np.unique(references.run[references.run >= 0]))
+    motion = (
+        f"'{robot_file.name}' is going to move: it repeats {count(runs, 'run')} of {session.name}, "
+        f"{duration(references.duration_s)}; its guard stops it beyond {robot_file.limits.force_n:g} N."
+    )
+    job = ReplayJob(
+        robot_file, file, recorded, permission=lambda: ask_for_power(motion, yes=yes), **options.job
+    )
+    if job.simulated and job.scenario is None:
+        job = replace(job, scenario=scenario_of(recorded))
+    with motion_progress("repeating the motion", live=job.simulated) as watcher:
+        result, sealed = run_replay(job, references, watcher(references.duration_s))
+    if options.as_json:
+        content = {"session": str(file), "replay_of": str(session), "outcome": str(result.outcome)}
+        console.print_json(content | {"cause": result.cause, "sealed": str(sealed) if sealed else None})
+    else:
+        done = (
+            "done"
+            if result.outcome is Outcome.FINISHED
+            else f"[red]{result.outcome}[/red]: {safe(result.cause)}"
+        )
+        out_ = console.stdout()
+        out_.print(f"{count(runs, 'run')} repeated, {done}")
+        out_.print(f"written: [bold]{shown(file)}[/bold]", soft_wrap=True)
+        console.next_steps(
+            (f"palpate compare {typed(session)} {typed(file)}", "both side by side"),
+            (f"palpate inspect {typed(file)}", "see it in Rerun"),
+        )
+    raise_for_end(result)
+
+
+@takes(RunOptions)
+def resolve_command(
+    options: RunOptions,
+    *,
+    experiment: Annotated[Path | None, typer.Option(help="Plan (YAML) of the first probe.")] = None,
+    probes: Annotated[int, typer.Option(help="Probes at most, the first among them.", min=1, max=50)] = 4,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            help="Time of probing at most; the first probe is always run.", metavar="S", min=1.0, max=36000.0
+        ),
+    ] = 300.0,
+    channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the sessions.", metavar="FOLDER")
+    ] = None,
+    yes: YesOption = False,
+) -> None:
+    """Probe, diagnose, and run the experiment that sets apart what is left, until one explanation is.
+
+    Each further experiment is the feasible plan whose data are expected to tell the explanations apart best.
+    Decisions are told, and logged beside the sessions, which are one study: every command takes their folder.
+    A real arm gets power after a question before each probe (or --yes). Ctrl-C keeps all that was recorded.
+
+    Examples:
+      palpate resolve --hidden random --seed 7
+
+      palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
+    """
+    robot_file = options.robot_file
+    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
+    _check_channel(channel, robot_file.joint_count, len(plan.targets_world_m))
+    folder = out or SESSIONS / options.stamped_name("resolve")
+    asked = [plan]
+    job = ProbingJob(
+        robot_file,
+        folder / "probe.mcap",
+        plan,
+        permission=lambda: ask_for_power(motion_in_words(robot_file, asked[-1]), yes=yes),
+        **options.job,
+    )
+
+    @contextmanager
+    def watch(next_plan: ProbingPlan) -> Iterator[Watcher]:
+        asked.append(next_plan)
+        with probing_progress(next_plan, live=job.simulated) as watcher:
+            yield watcher
+
+    def tell(decision: Decision) -> None:
+        talk = console.stderr() if options.as_json else console.stdout()
+        talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
+
+    try:
+        resolved = resolve(job, Budget(probes, seconds), channel, tell, watch, diagnosis_progress)
+    except KeyboardInterrupt:
+        if folder.exists():
+            console.stderr().print(f"kept: {shown(folder)}")
+        raise
+    if options.as_json:
+        console.print_json(resolved.as_data())
+    else:
+        _print_resolved(resolved, hidden=options.hidden is not None)
+
+
+def _print_resolved(resolved: Resolved, *, hidden: bool) -> None:
+    total = sum(decision.seconds for decision in resolved.decisions)
+    done = f"{count(len(resolved.decisions), 'probe')}, {duration(total)}: [bold]{resolved.end}[/bold]"
+    console.stdout().print(
+        f"\n{done}\nsessions   {shown(resolved.folder)}\ndecisions  {shown(resolved.folder / DECISIONS)}"
+    )
+    folder = typed(resolved.folder)
+    steps = [
+        (f"palpate diagnose {folder} --apply", "add what is missing, with all the evidence"),
+        (f"palpate compare {folder}", "where the model fails"),
+    ]
+    if hidden:
+        first = typed(resolved.folder / resolved.decisions[0].session)
+        steps.append((f"palpate reveal {first}", "what was hidden"))
+    console.next_steps(*steps)
+
+
+def _check_channel(channel: str | None, joint_count: int, target_count: int) -> None:
+    """Refuse a channel that no session of this arm and plan has, before the arm moves."""
+    names = [*(f"joint_{number}" for number in range(1, joint_count + 1)), "contact"]
+    if target_count > 1:  # of places that are near to each other, there is one channel
+        names += [f"contact_{number}" for number in range(1, target_count + 1)]
+    if channel is not None and channel not in names:
+        raise InputError(f"--channel {channel}: there are {', '.join(names)}")

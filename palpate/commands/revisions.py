@@ -1,16 +1,137 @@
-"""`palpate revisions`: the stages of a session's models, to go back to."""
+"""`palpate add`, `remove` and `revisions`: grow a model step by step, and go back."""
 
-from estimation.study import Revisions
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from estimation.study import Change, ChannelResult, Revisions
+from estimation.study.channels import ALL_CHANNELS
+from estimation.study.comparison import AT_NOISE
 from estimation.study.revisions import own_effects
 from palpate.common import console
-from palpate.common.files import existing_data
-from palpate.common.output_paths import folder_to_read
-from palpate.render.terminal import print_revisions
-from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
+from palpate.common.console import safe
+from palpate.common.files import existing_data, folder_to_fill, folder_to_read, output_folder
+from palpate.common.options import effect_names
+from palpate.render.build import NAMES, result_view, write_outcome
+from palpate.render.terminal import print_files, print_revisions, print_stages
+from palpate.workflows.data_options import (
+    DataArguments,
+    FolderOption,
+    ForceOption,
+    JsonOption,
+    ModelOption,
+    takes_data,
+)
 
 
 @takes_data
-def command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
+def add_command(
+    data: DataArguments,
+    *,
+    effects: Annotated[
+        list[str],
+        typer.Argument(help="Effects to add, in order.", metavar="EFFECT...", autocompletion=effect_names),
+    ],
+    start: Annotated[
+        int | None,
+        typer.Option("--from", help="Continue at this revision, not at the newest.", metavar="REVISION"),
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
+    model: ModelOption = None,
+    channel: Annotated[str | None, typer.Option(help="Where to add them, such as joint_2.")] = None,
+    as_json: JsonOption = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
+
+    Goes on from the newest revision; --from goes back to another one. Report and recording are renewed where
+    revisions are kept.
+    """
+    folder = folder_to_fill(data.file, out, NAMES, force=force)
+    study = data.study(model, folder)
+    with console.stderr().status("refitting stage by stage"):
+        change = study.add(*effects, channel=channel, start=start, fresh=fresh)
+        name = change.result.channel.name
+        others = study.results()
+        results = [change.result if one.channel.name == name else one for one in others]
+    with console.stderr().status("report and recording"):
+        commands = list(_commands(data, results, out))
+        written = write_outcome(output_folder(folder), study, results, commands)
+    for result in results:
+        if result.left_out:
+            console.stderr().print(f"[yellow]{safe(result.reason)}[/yellow]")
+    if as_json:
+        kept = [revision.model_dump(mode="json") for revision in change.revisions]
+        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
+        return
+    print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
+    print_files(console.stdout(), written)
+    console.next_steps(*_next(data, change, out, written))
+
+
+def _commands(data: DataArguments, results: Sequence[ChannelResult], out: Path | None) -> Iterator[str]:
+    """What leads to all of these results, in order."""
+    judged = [result.channel.name for result in results if result.diagnosis is not None]
+    if judged:
+        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
+        yield f"palpate diagnose {data.typed(out=out, channel=which)}"
+    for result in results:
+        if result.added:
+            begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
+            yield f"palpate add {begun} {' '.join(result.added)} --fresh"
+
+
+def _next(
+    data: DataArguments, change: Change, out: Path | None, written: dict[str, Path]
+) -> Iterator[tuple[str, str]]:
+    newest, kept = change.revisions[-1], data.typed(folder=out)
+    if "recording" in written:
+        yield console.rerun_step(written["recording"])
+    yield f"palpate revisions {kept}", "all stages, to go back to"
+    if newest.parent is not None:
+        back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
+        yield back, "go back, and try another effect"
+    grown = change.result.grown
+    if grown is None or grown.lack_of_fit >= AT_NOISE:
+        yield f"palpate compare {kept} --revision {newest.number}", "where the model still fails"
+    yield f"palpate export {kept}", "the improved model as a simulated world"
+
+
+@takes_data
+def remove_command(
+    data: DataArguments,
+    *,
+    effect_name: Annotated[
+        str, typer.Argument(help="Effect to take out.", metavar="EFFECT", autocompletion=effect_names)
+    ],
+    model: ModelOption = None,
+    channel: Annotated[str | None, typer.Option(help="Where, such as joint_2.")] = None,
+    folder: FolderOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Refit the newest model without one of the effects that were added, and keep that as a revision.
+
+    palpate remove press.csv bias
+    """
+    study = data.study(model, folder_to_read(data.file, folder))
+    change = study.remove(effect_name, channel)
+    if as_json:
+        kept = [revision.model_dump(mode="json") for revision in change.revisions]
+        name = change.result.channel.name
+        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
+        return
+    print_stages(console.stdout(), result_view(change.result))
+    console.next_steps((f"palpate revisions {data.typed(folder=folder)}", "all stages, to go back to"))
+
+
+@takes_data
+def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
     """List the stages of a session's models: what was added to what, and how large the error was then.
 
     Options for reading a data file are taken as well, so that a command can be edited into another one.

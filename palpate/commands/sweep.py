@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from palpate.common import console
+from palpate.common.console import count, duration, shown, typed
 from palpate.common.files import existing_file, output_folder
-from palpate.common.formatting import count, duration, shown, typed
 from palpate.render.progress import sweep_progress
 from robot_io.errors import InputError, PalpateError
 
@@ -19,7 +19,7 @@ SWEEPS = Path("sweeps")
 _SAMPLE = 4  # cases that tell what a case costs
 
 
-def command(
+def sweep_command(
     what: Annotated[
         str, typer.Argument(help="paper, or a YAML file with a grid of one's own.", metavar="paper|FILE")
     ],

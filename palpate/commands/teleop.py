@@ -14,13 +14,11 @@ from control.teleop.follower_task import OnSilence
 from control.teleop.leader_arm import LeaderArm
 from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
 from palpate.common import console
-from palpate.common.console import command_group
+from palpate.common.console import as_command, command_group, count, safe, shown, typed
 from palpate.common.files import existing_file, output_session
-from palpate.common.formatting import as_command, count, safe, shown, typed
 from palpate.common.options import scenario_names, takes
 from palpate.render.terminal import print_files
-from palpate.runs.confirmation import ask_for_power
-from palpate.runs.options import SESSIONS, RunOptions, YesOption, numbers
+from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, numbers
 from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import raise_for_end
 from palpate.teleop.demo import run_demo

@@ -1,7 +1,8 @@
-"""Files that the user names: checked before any work is done, so that nothing is half done.
+"""Files that the user names, checked before any work is done, and the folders of what is derived from them.
 
-One rule for what is there already: nobody's file is replaced without `--force`, and what is read never. Only
-what palpate derives into a folder of its own, and its own report, are renewed.
+Nobody's file is replaced without `--force`, and what is read never. What palpate derives from a file lies
+in a folder of its own name beside a session, or here; such a folder, and one in which revisions are kept,
+is palpate's own: what is in it is renewed.
 """
 
 import os
@@ -10,8 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from palpate.common.created_folders import make_folder
-from palpate.common.formatting import typed
+from estimation.data.file_kind import is_session
+from palpate.common.console import typed
+from palpate.common.failures import make_folder
 from robot_io.errors import InputError, SessionError
 from robot_io.files.whole_file import as_utf8
 from robot_io.files.whole_file import whole_file as written_whole
@@ -173,3 +175,45 @@ def write_text(path: Path, text: str) -> None:
     """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
     with whole_set({path: text}):
         pass
+
+
+def derived_folder(path: Path) -> Path:
+    """The usual folder; it need not be there yet.
+
+    Args:
+        path: a session, which has a folder beside it; a folder of sessions, which has one in it; or a data
+            file, whose own folder may be anybody's: what is derived from it goes into the current one.
+    """
+    if path.is_dir():
+        return path / "study"
+    return path.with_suffix("") if is_session(path) else Path(f"{path.name.split('.')[0]}-palpate")
+
+
+def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force: bool) -> Path:
+    """The derived folder, if these files can be put there; it need not be there yet.
+
+    Args:
+        path: session or data file.
+        out: the folder that the user wants instead of the usual one.
+        names: of the files that may be written; patterns as of `Path.glob`.
+        force: whether files of these names may be replaced in a folder that the user named.
+
+    Raises:
+        InputError: a file is there that may not be replaced.
+    """
+    from estimation.study import Revisions  # noqa: PLC0415, takes half a second
+
+    folder, own = out or derived_folder(path), out is None or Revisions(out).is_there
+    spare_files(folder, names, force=force or own, keep=[path])
+    return folder
+
+
+def folder_to_read(path: Path, folder: Path | None) -> Path:
+    """The folder in which revisions are kept, where there may be none yet.
+
+    Raises:
+        InputError: the folder that the user names is not there.
+    """
+    if folder is not None and not folder.is_dir():
+        raise InputError(f"--folder {folder}: no such folder")
+    return folder or derived_folder(path)

@@ -13,7 +13,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from palpate.common import preflight
-from palpate.doctor.viewer import rerun
+from palpate.common.console import has_display
 from robot_io.examination import Finding, Level, fail, graded, ok, warn
 
 CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"
@@ -26,6 +26,7 @@ _MASS_ON_A_RAIL = """
     <limit lower="-10" upper="10" effort="10" velocity="10"/></joint></robot>"""
 ARPHRD_CAN = "280"  # kernel's hardware type of a CAN interface, include/uapi/linux/if_arp.h
 USB_LATENCY_MS = 1
+VULKAN_DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
 _WARN, _FAIL = Level.WARN, Level.FAIL
 DIALOUT = "sudo usermod -aG dialout $USER, log in again"
 RIGHTS = (
@@ -116,6 +117,23 @@ def pinocchio() -> Iterator[Finding]:
     torque = pin.rnea(model, model.createData(), np.zeros(1), np.zeros(1), np.zeros(1))
     value = f"{metadata.version('pin')}, torques of one joint: {len(torque)}; {os.cpu_count()} processors"
     yield graded("pinocchio", value, (_FAIL, torque.shape != (1,), "make clean env"))
+
+
+def rerun() -> Iterator[Finding]:
+    """The viewer's program is there, and something to show it on."""
+    shows = (
+        "with a display" if has_display() else "no display: recordings and screenshots are written to files"
+    )
+    blind = not has_display() and not has_vulkan_driver()
+    if blind:
+        shows = "neither display nor Vulkan driver: recordings yes, screenshots no"
+    value = f"{metadata.version('rerun-sdk')}, {shows}"
+    yield graded("rerun", value, (Level.WARN, blind, "apt install mesa-vulkan-drivers"))
+
+
+def has_vulkan_driver() -> bool:
+    """Whether Vulkan can draw, if only in software."""
+    return any(Path(folder).is_dir() and any(Path(folder).glob("*.json")) for folder in VULKAN_DRIVERS)
 
 
 def real_time() -> Iterator[Finding]:

@@ -21,9 +21,16 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study import ModelStudy, StudyChannel
 from estimation.study.channels import channel_of
 from estimation.study.undecided_models import rivals_of
-from palpate.common.formatting import as_shell_word
-from palpate.planning.experiments import CandidatePlan, both, candidates
-from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse_all
+from palpate.common.console import as_shell_word
+from palpate.planning.experiments import (
+    ArmText,
+    CandidatePlan,
+    KnownObject,
+    Rehearsal,
+    both,
+    candidates,
+    rehearse_all,
+)
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 from robot_io.errors import InputError

@@ -21,8 +21,8 @@ from estimation.signals.blocks import block_index, blocks, time_in_run
 from estimation.study import ChannelResult, ModelStudy, Stage
 from estimation.study.patterns import Part
 from palpate.common import console
+from palpate.common.console import count
 from palpate.common.files import whole_set
-from palpate.common.formatting import count
 from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
 from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
 from robot_io.types import BoolArray, FloatArray, IntArray

@@ -12,8 +12,7 @@ from rich.console import Console
 from calibration.arm_fit import ArmFit
 from calibration.encoder import EncoderFit
 from calibration.force import ForceFit
-from palpate.common.console import table
-from palpate.common.formatting import safe, significant
+from palpate.common.console import safe, significant, table
 from palpate.render import palette
 from palpate.render.report import PLOT_CONFIG, styled
 from robot_io.calibration import Calibration, Quantities, Quantity, doubtful

@@ -15,8 +15,7 @@ from estimation.effects import EFFECTS
 from estimation.effects.run_differences import RunVariation
 from estimation.fit.fit_result import FitResult
 from estimation.model import Model
-from palpate.common.console import table
-from palpate.common.formatting import safe
+from palpate.common.console import safe, table
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
 from robot_io.types import BoolArray, FloatArray

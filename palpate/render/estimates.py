@@ -17,8 +17,7 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.rounding import in_steps, steps_spanned
 from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
 from estimation.surface import FEWEST_STEPS
-from palpate.common.console import natural_width, table
-from palpate.common.formatting import AT_BOUND, NOT_DETERMINED, count, safe, significant
+from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.runs.hidden_effects import SURFACE

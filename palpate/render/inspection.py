@@ -11,7 +11,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
 from estimation.study.channels import CONTACT_MODEL
 from estimation.study.estimates import BEST, ChannelEstimates, estimate_with
-from palpate.common.formatting import count
+from palpate.common.console import count
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun

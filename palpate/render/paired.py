@@ -12,8 +12,7 @@ from rich.text import Text
 
 from estimation.statistics.correlation import Correlation
 from estimation.study.paired_comparison import ParameterDifference, Side, Sides
-from palpate.common.console import natural_width, table
-from palpate.common.formatting import safe, significant
+from palpate.common.console import natural_width, safe, significant, table
 from palpate.render.terminal import safe_text
 from palpate.render.view import FAR, ChannelView
 

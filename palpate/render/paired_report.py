@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from estimation.estimate import ParameterEstimate
 from estimation.statistics.correlation import Correlation
-from palpate.common.formatting import significant
+from palpate.common.console import significant
 from palpate.render import palette
 from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from control.loop.task import Phase, TaskOutput
 from control.probing.plan import ProbingPlan
 from palpate.common import console
-from palpate.common.formatting import count, duration
+from palpate.common.console import count, duration
 from palpate.runs.probing import Watcher
 from robot_io.types import Measurement
 

@@ -17,8 +17,8 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from estimation.signals.blocks import blocks
+from palpate.common.console import chance
 from palpate.common.files import write_text
-from palpate.common.formatting import chance
 from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval

@@ -14,8 +14,16 @@ from estimation.diagnosis.forms import Form
 from estimation.diagnosis.result import Accepted
 from estimation.effects.contact_geometry import ContactOffset
 from estimation.study import Revision
-from palpate.common.console import natural_width, table
-from palpate.common.formatting import AT_BOUND, NOT_DETERMINED, chance, safe, shown, significant
+from palpate.common.console import (
+    AT_BOUND,
+    NOT_DETERMINED,
+    chance,
+    natural_width,
+    safe,
+    shown,
+    significant,
+    table,
+)
 from palpate.render.view import (
     FAR,
     NOISE,

@@ -17,8 +17,8 @@ from calibration.standstill import UncertainValue
 from control.loop.tick_record import STREAM_NAME
 from estimation.data.tick_check import checked_ticks
 from palpate.common import console
+from palpate.common.console import FIRST_PROBE, as_shell_word, safe, shown, typed
 from palpate.common.files import open_session
-from palpate.common.formatting import FIRST_PROBE, as_shell_word, safe, shown, typed
 from palpate.runs.calibration import KIND
 from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
 from palpate.runs.session import SOURCE

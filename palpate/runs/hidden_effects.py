@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from palpate.common.console import as_command
 from palpate.common.files import existing_file
-from palpate.common.formatting import as_command
 from palpate.common.options import own_files
 from robot_io.errors import InputError
 from robot_io.files.file_model import FileModel, load_yaml, validate

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 import sim_backend
-from palpate.common.foreign_code import foreign_code
 from palpate.common.options import own_files
+from palpate.common.user_effects import foreign_code
 from robot_io.clock import Clock
 from robot_io.driver import DriverCatalogue
 from robot_io.errors import InputError

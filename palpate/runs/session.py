@@ -15,9 +15,9 @@ from control.loop.loop import run_loop
 from control.loop.result import LoopResult, Outcome
 from control.loop.task import Task
 from control.loop.tick_record import Observer, tick_stream
-from palpate.common.formatting import as_shell_word
-from palpate.runs.confirmation import Permission, without_question
+from palpate.common.console import as_shell_word
 from palpate.runs.hidden_effects import SEAL, hide, seal_hidden
+from palpate.runs.options import Permission, without_question
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from robot_io.calibration import Calibrations
 from robot_io.clock import Clock, MonotonicClock, SimulatedClock

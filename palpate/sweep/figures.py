@@ -13,8 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from control.loop.task import Phase
 from palpate.render.palette import BASE, FLOOR, JOINTS, MEASURED, MODEL, TRUTH
-from palpate.sweep.case import Row
-from palpate.sweep.summary import BOUND, column, errors_of, estimated, grouped, parameters_of
+from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
 from robot_io.types import FloatArray
 
 P = ParamSpec("P")

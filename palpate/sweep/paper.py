@@ -13,10 +13,20 @@ import numpy as np
 
 from control.loop.task import Phase
 from palpate.sweep import figures
-from palpate.sweep.case import Case, Row
+from palpate.sweep.case import (
+    BOUND,
+    TRUE,
+    Case,
+    Row,
+    SweepTable,
+    column,
+    error_table,
+    errors_of,
+    estimated,
+    grouped,
+)
 from palpate.sweep.grid import shipped_grid
 from palpate.sweep.report import Section, write_page
-from palpate.sweep.summary import BOUND, TRUE, SweepTable, column, error_table, errors_of, estimated, grouped
 
 K, C = "stiffness.k", "damping.c"
 LIMIT_N = 10.0
@@ -347,7 +357,7 @@ _SUBSETS = (2, 5, 10, 20, 50)
 _TRIALS = (1, 10, 100, 1000)
 _TICKS = "palpate.sweep.works.probing:ticks"
 _PAPER_RANSAC = {"name": "ransac", "threshold": 0.01, "label": "ransac"}  # [N], section VI-B
-_RANSAC = "palpate.sweep.works.ransac_map:ransac_errors"
+_RANSAC = "palpate.sweep.works.probing:ransac_errors"
 
 
 def paper_cases() -> dict[str, list[Case]]:

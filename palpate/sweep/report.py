@@ -14,10 +14,9 @@ from markupsafe import Markup
 from palpate.common.files import output_folder, whole_file, write_text
 from palpate.render.report import rendered
 from palpate.sweep import figures
-from palpate.sweep.case import Row
+from palpate.sweep.case import Row, SweepTable, error_table, grouped
 from palpate.sweep.figures import Drawing
 from palpate.sweep.grid import GridFile
-from palpate.sweep.summary import SweepTable, error_table, grouped
 
 PAGE, FIGURES, TABLES = "index.html", "figures", "tables"
 _PIXELS_PER_INCH = 132

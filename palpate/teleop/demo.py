@@ -14,9 +14,9 @@ from pathlib import Path
 
 import yaml
 
+from palpate.common.console import count
 from palpate.common.failures import INTERRUPTED
 from palpate.common.files import output_file, output_folder, write_text
-from palpate.common.formatting import count
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
 from palpate.teleop.recording import draw, record_both
 from robot_io.errors import PalpateError

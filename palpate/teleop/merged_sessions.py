@@ -10,7 +10,7 @@ import numpy as np
 from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME as TICK
 from control.teleop.messaging import STREAM_NAME as LINK
-from palpate.common.formatting import significant
+from palpate.common.console import significant
 from palpate.teleop.follower import ESTIMATE
 from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC

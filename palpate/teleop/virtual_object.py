@@ -13,7 +13,7 @@ import numpy as np
 from control.loop.task import Phase
 from control.teleop.force_mismatch import MismatchMonitor
 from control.teleop.virtual_object import ForceLaw
-from palpate.common.formatting import count, significant
+from palpate.common.console import count, significant
 from robot_io.errors import InputError
 from robot_io.link import ContactModel, EstimatedParameter, ObjectEstimate, Report, short_number
 from robot_io.link.messages import MOST_TARGETS

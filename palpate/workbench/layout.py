@@ -13,8 +13,8 @@ from nicegui import run, ui
 from estimation.data.file_kind import is_session
 from estimation.data.import_options import ImportOptions
 from palpate.common import console
+from palpate.common.console import safe
 from palpate.common.files import output_folder, write_text
-from palpate.common.formatting import safe
 from palpate.planning.next_probe import plan_text, same_world
 from palpate.runs.options import SESSIONS
 from palpate.workbench import elements

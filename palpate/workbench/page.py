@@ -11,8 +11,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from palpate.common.files import output_folder
-from palpate.common.output_paths import derived_folder
+from palpate.common.files import derived_folder, output_folder
 from palpate.render.build import REPORT, axes_of
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects

@@ -8,7 +8,7 @@ from html import escape
 from nicegui import events, ui
 
 from estimation.estimate import ParameterEstimate
-from palpate.common.formatting import NOT_DETERMINED
+from palpate.common.console import NOT_DETERMINED
 from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
 from palpate.workbench import elements

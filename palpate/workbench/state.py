@@ -15,7 +15,7 @@ from estimation.effect import Effect, Parameter
 from estimation.fit.fit_result import FitResult
 from estimation.study import Revision, StudyChannel
 from estimation.study.source import Source, joined, open_source
-from palpate.common.formatting import as_shell_word
+from palpate.common.console import as_shell_word
 from palpate.study import Study
 from palpate.workbench.processes import DiagnosisProcess
 from robot_io.errors import InputError

@@ -8,8 +8,8 @@ import typer
 
 from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.common import console
+from palpate.common.console import as_shell_word, typed
 from palpate.common.files import existing_data
-from palpate.common.formatting import as_shell_word, typed
 from palpate.common.options import model_names, takes
 from robot_io.errors import InputError
 

@@ -10,8 +10,8 @@ from estimation.study import ChannelEstimates, ChannelResult
 from estimation.study.channels import CONTACT_MODEL
 from estimation.study.fitting import Progress
 from estimation.study.saved_diagnosis import RESULT
+from palpate.common.console import typed
 from palpate.common.files import output_folder
-from palpate.common.formatting import typed
 from palpate.render.build import as_json, write_outcome
 from palpate.render.inspection import RECORDING, look_into
 from palpate.runs.hidden_effects import open_answer

@@ -14,8 +14,8 @@ from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study.fitting import Progress
 from estimation.study.saved_diagnosis import RESULT
 from estimation.study.undecided_models import is_undecided, with_the_simplest
+from palpate.common.console import count
 from palpate.common.files import output_folder, write_text
-from palpate.common.formatting import count
 from palpate.render.build import as_json
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study

@@ -4,7 +4,9 @@ import json
 
 import pytest
 
-from palpate.doctor import Level, examine_all, machine, viewer
+from palpate.doctor import machine
+from palpate.doctor.machine import examine_all
+from robot_io.examination import Level
 from sim_backend.engines import default_engine
 from tests.palpate.cli import run
 
@@ -68,6 +70,6 @@ def test_an_untested_version_is_a_warning(monkeypatch):
 def test_pictures_need_a_display_or_a_driver(monkeypatch, display, driver, level):
     monkeypatch.setenv("DISPLAY", display)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr(viewer, "has_vulkan_driver", lambda: driver)
-    (finding,) = viewer.rerun()
+    monkeypatch.setattr(machine, "has_vulkan_driver", lambda: driver)
+    (finding,) = machine.rerun()
     assert finding.level.value == level

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from control.arm.rigid_body import RigidBody
-from palpate.common.formatting import AT_REST, FIRST_PROBE
-from palpate.doctor import Level, rates, signs
+from palpate.common.console import AT_REST, FIRST_PROBE
 from palpate.doctor import arm as arm_check
+from palpate.doctor import signs
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
-from palpate.doctor.hand import EmulatedHand, Hand
 from palpate.doctor.limits import examine_limits
-from palpate.doctor.nudge import NUDGE_RAD, NudgeTask, gentle
-from palpate.doctor.signs import is_still
+from palpate.doctor.signs import NUDGE_RAD, EmulatedHand, Hand, NudgeTask, gentle, is_still
 from robot_io.calibration import Calibrations
 from robot_io.errors import SafetyTripError
+from robot_io.examination import Level
 from robot_io.robot_file import load_robot_file, parse_robot_file
 from robot_io.types import Measurement, Status
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
@@ -294,7 +293,7 @@ def test_samples_that_are_not_a_number_are_a_failure(device):
     robot = build_mock_robot()
     robot.buses["world"].faults.not_a_number = {device}
     with robot:
-        (failure,) = failures(rates.examine_rates(robot, mock_robot_file()))
+        (failure,) = failures(arm_check.examine_rates(robot, mock_robot_file()))
     assert (failure.subject, failure.text) == (f"{device} samples", "some are not a number")
 
 
@@ -310,8 +309,8 @@ def test_what_fails_on_the_force_sensor_s_bus_is_not_blamed_on_encoders():
 
     def finding(device, bus, failed):
         complaints = dict.fromkeys(failed, "the port was unplugged")
-        watched = rates._Watched(np.zeros(2), (rest, old), (set(), failed), complaints)
-        return rates._device(watched, device, bus, 5e-3)
+        watched = arm_check._Watched(np.zeros(2), (rest, old), (set(), failed), complaints)
+        return arm_check._device(watched, device, bus, 5e-3)
 
     assert finding("encoder", "motors", {"load_cell"}).level is Level.OK
     force = finding("force", "load_cell", {"load_cell"})

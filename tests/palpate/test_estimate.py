@@ -9,7 +9,7 @@ import pytest
 from estimation.estimate import ParameterEstimate
 from estimation.estimators import ESTIMATORS
 from estimation.study.estimates import choose_estimators
-from palpate.common.formatting import significant
+from palpate.common.console import significant
 from palpate.render.estimates import with_interval
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses, write_table

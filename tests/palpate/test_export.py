@@ -6,8 +6,7 @@ import pytest
 from control.loop.task import Phase
 from estimation.effects import EFFECTS
 from estimation.surface import Surface
-from palpate.export import export_scenario
-from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel
+from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel, export_scenario
 from palpate.study import Study
 from robot_io.errors import InputError
 from robot_io.session import Session

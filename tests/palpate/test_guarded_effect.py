@@ -5,8 +5,8 @@ import pytest
 
 from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
+from palpate.common.user_effects import rehearse, watched
 from palpate.study import Study
-from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from tests.estimation.presses import session
 from tests.palpate.presses import write_presses

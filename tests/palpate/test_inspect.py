@@ -14,7 +14,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from palpate.commands import demo
-from palpate.doctor.viewer import has_vulkan_driver
+from palpate.doctor.machine import has_vulkan_driver
 from palpate.render.recording import file as rerun_file
 from palpate.workflows import demo as demo_runs
 from robot_io.errors import PalpateError

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from palpate.common import console
+from palpate.common.console import as_shell_word, shown, typed
 from palpate.common.files import (
     different_files,
     existing_file,
@@ -20,7 +21,6 @@ from palpate.common.files import (
     whole_file,
     whole_set,
 )
-from palpate.common.formatting import as_shell_word, shown, typed
 from robot_io.errors import InputError, SessionError
 from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process

@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from palpate.runs import confirmation
-from palpate.runs.confirmation import ask_for_pose, ask_for_power
+from palpate.runs import options
+from palpate.runs.options import ask_for_pose, ask_for_power
 from robot_io.errors import InputError
 from tests.mock_robot import MockTorque, write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
@@ -111,7 +111,7 @@ def test_the_pose_of_a_real_arm_is_not_read_without_anybody(tmp_path, monkeypatc
 
 
 def test_a_port_that_is_not_there_is_said_with_the_robot_file_and_the_way_out(tmp_path, monkeypatch):
-    monkeypatch.setattr(confirmation, "COUNTDOWN_S", 0)
+    monkeypatch.setattr(options, "COUNTDOWN_S", 0)
     out = tmp_path / "x.mcap"
     result = run("probe", "--robot", SERVOS, "-o", out, "--yes")
     assert result.exit_code == 2
@@ -122,7 +122,7 @@ def test_a_port_that_is_not_there_is_said_with_the_robot_file_and_the_way_out(tm
 
 
 def test_an_arm_beyond_its_limits_is_sent_to_a_hand_and_not_to_the_estimate(tmp_path, monkeypatch):
-    monkeypatch.setattr(confirmation, "COUNTDOWN_S", 0)
+    monkeypatch.setattr(options, "COUNTDOWN_S", 0)
     robot = write_mock_files(tmp_path)
     text = robot.read_text()
     beyond = text.replace("driver: mock_bus", "driver: mock_bus, start_rad: [-2.7, 0.0, 0.0]")

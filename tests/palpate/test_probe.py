@@ -90,7 +90,7 @@ def test_measured_torques_follow_the_commands_and_are_what_the_rigid_body_needs(
 
 
 def test_an_arm_of_ones_own_is_probed_by_the_same_code_in_real_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("palpate.runs.confirmation.COUNTDOWN_S", 0)
+    monkeypatch.setattr("palpate.runs.options.COUNTDOWN_S", 0)
     robot, path = write_mock_files(tmp_path), tmp_path / "own.mcap"
     patient = robot.read_text().replace("_age_s: 0.005", "_age_s: 1.0")  # a busy machine is no failure
     robot.write_text(patient)

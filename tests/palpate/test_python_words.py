@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from palpate.common.python_words import in_python
+from palpate.common.failures import in_python
 from palpate.study import Study
 from robot_io.errors import InputError
 from tests.palpate.cli import ROOT, assert_refused, run

@@ -10,9 +10,9 @@ import palpate.study
 from estimation.channel import ChannelKind
 from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
+from palpate.common import user_effects
+from palpate.common.user_effects import rehearse, watched
 from palpate.study import Study
-from palpate.user_effects import load
-from palpate.user_effects.guard import rehearse, watched
 from robot_io.errors import InputError
 from tests.estimation.presses import kelvin_voigt, session
 
@@ -56,7 +56,7 @@ def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
 
 
 def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(load, "LIMIT_S", 0.2)
+    monkeypatch.setattr(user_effects, "LIMIT_S", 0.2)
     file = tmp_path / "waits.py"
     file.write_text(
         "import time\nfrom estimation.effects.sensor_statics import Bias\n"

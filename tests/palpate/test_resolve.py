@@ -10,10 +10,9 @@ import yaml
 from control.probing.plan import ProbingPlan, load_probing_plan
 from estimation.design.next_experiment import NextExperiment, NextProbe
 from estimation.diagnosis import ChannelDiagnosis, Verdict
-from palpate.planning import rehearsal
-from palpate.planning.experiments import candidates
+from palpate.planning import experiments
+from palpate.planning.experiments import ArmText, KnownObject, Rehearsal, candidates, rehearse, rehearse_all
 from palpate.planning.next_probe import feasible, next_probe, plan_text
-from palpate.planning.rehearsal import ArmText, KnownObject, Rehearsal, rehearse, rehearse_all
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
@@ -110,7 +109,7 @@ def rehearsals(probed):
 def test_rehearsals_come_out_alike_in_one_process_and_in_two(rehearsals, monkeypatch):
     made = []
     for processes in (2, 1):
-        monkeypatch.setattr(rehearsal, "_known", OrderedDict())
+        monkeypatch.setattr(experiments, "_known", OrderedDict())
         made.append(list(rehearse_all(rehearsals, processes)))
     for there, here in zip(*made, strict=True):
         assert (there is None) == (here is None)
@@ -159,7 +158,7 @@ def test_a_diagnosis_proposes_the_plan_that_resolve_would_run(probed, diagnosed,
 
 def test_a_saved_diagnosis_is_followed_as_it_states(probed, diagnosed, monkeypatch):
     """The page opens a study anew: it runs what the terminal printed, and plans nothing again."""
-    monkeypatch.setattr(rehearsal, "rehearse", lambda _: pytest.fail("was planned again"))
+    monkeypatch.setattr(experiments, "rehearse", lambda _: pytest.fail("was planned again"))
     saved = [ChannelDiagnosis.model_validate_json(one.model_dump_json()) for one in diagnosed.channels]
     opened = Study(probed.source.path, keep=False)
     following = opened.next_probe(saved)

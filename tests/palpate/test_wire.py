@@ -7,7 +7,7 @@ import pytest
 
 from estimation.data.channels import session_channels
 from estimation.study.estimates import estimate_with
-from palpate.common.formatting import FIRST_PROBE
+from palpate.common.console import FIRST_PROBE
 from palpate.runs.hidden_effects import open_answer, true_parameters
 from palpate.runs.robots import EMULATED, is_simulated
 from robot_io.calibration import load_calibration

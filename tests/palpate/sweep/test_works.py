@@ -8,11 +8,10 @@ import pytest
 
 from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
-from palpate.runs.probing import ProbingJob, run_probing
+from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
-from palpate.runs.simulated_probe import probe_in_memory
 from palpate.sweep.works import probing
-from palpate.sweep.works.ransac_map import ransac_errors
+from palpate.sweep.works.probing import ransac_errors
 from robot_io.errors import PalpateError
 from robot_io.session import Session
 from sim_backend.scenario import Scenario

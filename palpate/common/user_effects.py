@@ -1,11 +1,17 @@
-"""Check and guard effects of the user: each error is one line that names the effect."""
+"""Effects and drivers of the user's own: loaded, checked, tried, and run under guard."""
 
 import ast
+import importlib.util
 import inspect
 import re
+import signal
+import sys
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,9 +20,130 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.data.numbers import LARGEST
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.effects import EFFECTS
-from palpate.common.foreign_code import foreign_code
-from robot_io.errors import InputError
+from palpate.common.files import existing_file
+from robot_io.errors import InputError, describe_error
 from robot_io.types import FloatArray
+
+LIMIT_S = 30.0  # for loading, and for trying each method once; a search calls them thousands of times
+
+
+class _TooLongError(BaseException):
+    """Raised within the code; what catches every `Exception` lets it pass."""
+
+
+@contextmanager
+def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -> Iterator[None]:
+    """Within, whatever is raised is one clear line, also what would end the program; but not Ctrl-C.
+
+    What the code prints goes to stderr: stdout is for results, which a program may read.
+
+    Args:
+        where: what is run, for the error.
+        limit_s: time after which it is given up, in the main thread alone [s]; None for no limit.
+        own_file: the user's file, whose line the error names.
+
+    Raises:
+        InputError: the code failed, or took too long.
+    """
+    try:
+        with redirect_stdout(sys.stderr), _limited(limit_s):
+            yield
+    except _TooLongError as error:
+        raise InputError(f"{where}: has not come to an end in {error} s; does it wait, or loop?") from None
+    except (KeyboardInterrupt, InputError):
+        raise
+    except BaseException as error:
+        raise InputError(f"{where}: {describe_error(error, own_file)}") from error
+
+
+@contextmanager
+def _limited(limit_s: float | None) -> Iterator[None]:
+    if limit_s is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise _TooLongError(f"{limit_s:g}")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+FORM = "FILE.py:Class"
+
+
+def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
+    """The effects that the user names, by how they were named.
+
+    Args:
+        texts: each of the form FILE.py:Class.
+
+    Raises:
+        InputError: a file or class is not there, cannot be run, states no effect, or one whose name is taken.
+    """
+    loaded: dict[str, Effect] = {}
+    for text in dict.fromkeys(texts):
+        effect = load_user_effect(text)
+        taken = "palpate" if effect.name in EFFECTS else ""
+        taken = next((place for place, other in loaded.items() if other.name == effect.name), taken)
+        if taken:
+            raise InputError(
+                f"--effect {text}: the name '{effect.name}' is taken by an effect of {taken}; "
+                "give the class another name"
+            )
+        loaded[text] = effect
+    return loaded
+
+
+def load_user_effect(text: str) -> Effect:
+    """The effect that the user names on the command line.
+
+    Args:
+        text: of the form FILE.py:Class.
+
+    Raises:
+        InputError: file or class is not there, cannot be run, or states no effect.
+    """
+    file, _, name = text.rpartition(":")
+    if not file or not name.isidentifier():
+        raise InputError(f"--effect {text!r}: give file and class, such as my_effects.py:MyEffect ({FORM})")
+    module = _run(existing_file(Path(file), "effect file"))
+    found = vars(module).get(name)
+    if not (inspect.isclass(found) and issubclass(found, Effect)):
+        there = ", ".join(key for key, value in vars(module).items() if _is_effect(value, module))
+        raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {there or 'none'}")
+    return _checked(text, found)
+
+
+def _run(file: Path) -> ModuleType:
+    name = f"palpate_user_effect_{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise InputError(f"effect file {file}: is no Python file (.py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    with foreign_code(f"effect file {file}", LIMIT_S, str(file.absolute())):
+        spec.loader.exec_module(module)
+    return module
+
+
+def _is_effect(value: Any, module: ModuleType) -> bool:  # noqa: ANN401
+    return inspect.isclass(value) and issubclass(value, Effect) and value.__module__ == module.__name__
+
+
+def _checked(text: str, found: type[Effect]) -> Effect:
+    with foreign_code(f"--effect {text}", own_file=file_of(found)):
+        wrong = flaw(found)
+    if wrong:
+        raise InputError(f"--effect {text}: {wrong}")
+    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
+        return watched(found())
+
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
 _TEXTS = STATED[1:-1]

@@ -1,0 +1,368 @@
+"""`palpate info`, `merge` and `reveal`: what a session holds, several as one, and what was hidden in it."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.table import Table
+
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.channels import session_channels
+from estimation.data.session_streams import RUN_LABELS
+from estimation.data.tick_channels import joined
+from estimation.effects import EFFECTS
+from palpate.common import console
+from palpate.common.console import as_command, count, duration, safe, shown, significant, typed
+from palpate.common.files import open_session, output_session
+from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed
+from palpate.runs.session import NOT_WHOLE, SOURCE
+from palpate.workflows.data_options import JsonOption
+from robot_io.calibration import parse_calibrations
+from robot_io.errors import InputError
+from robot_io.session import Session, SessionMetadata, Stream, write_session
+from robot_io.types import FloatArray
+from sim_backend.hidden import SealedAnswer
+from sim_backend.imperfection import Imperfection
+
+MOST_EVENTS = 40  # shown; --json prints all
+
+
+def info_command(
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+) -> None:
+    """Show what a session holds: when and how it was made, streams, events, and whether it is whole."""
+    found = open_session(session)
+    data = describe_session(found)
+    if as_json:
+        console.print_json(data)
+    else:
+        _print(found, data)
+
+
+def describe_session(session: Session) -> dict[str, Any]:
+    """The session's facts as plain data; the keys are stable."""
+    metadata = session.metadata
+    streams = [_describe_stream(session, name) for name in session.stream_names]
+    return {
+        "file": str(session.path),
+        "created_utc": metadata.created_utc,
+        "software_version": metadata.software_version,
+        "command_line": metadata.command_line,
+        "seed": metadata.seed,
+        "calibrations": list(parse_calibrations(metadata.calibration).kinds) if metadata.calibration else [],
+        "simulated": bool(metadata.scenario),
+        "extra": dict(metadata.extra),
+        "duration_s": max((stream["duration_s"] for stream in streams), default=0.0),
+        "truncated": session.truncated,
+        "unclosed": session.unclosed,
+        "dropped": session.dropped,
+        "streams": streams,
+        "events": [vars(event) for event in session.events],
+    }
+
+
+def _describe_stream(session: Session, name: str) -> dict[str, Any]:
+    samples = session.samples(name)
+    time_s = samples["time_s"]
+    steps = np.diff(time_s)
+    step_s = float(np.median(steps)) if len(steps) else 0.0
+    runs = np.unique(samples["run"]) if "run" in samples else np.empty(0)
+    return {
+        "name": name,
+        "samples": len(samples),
+        "duration_s": float(steps[steps > 0.0].sum()),  # a clock may begin anew with a run or session
+        "rate_hz": 1.0 / step_s if step_s > 0 else None,
+        "runs": int(np.count_nonzero(runs >= 0)),
+        "columns": [
+            {"name": c.name, "unit": c.unit, "width": c.width, "doc": c.doc} for c in samples.stream.columns
+        ],
+    }
+
+
+def _print(session: Session, data: dict[str, Any]) -> None:
+    out = console.stdout()
+    out.print(f"[bold]{shown(session.path)}[/bold]")
+    for label, value in _facts(data).items():
+        out.print(f"  {label:<10} {value}")
+    numbers = ("samples", "rate", "runs")
+    table = console.table("Streams", "stream", *numbers, "columns", right=numbers)
+    for stream in data["streams"]:
+        rate = f"{stream['rate_hz']:.0f} Hz" if stream["rate_hz"] else "–"
+        columns = ", ".join(
+            f"{c['name']}[{c['width']}]" if c["width"] > 1 else c["name"] for c in stream["columns"]
+        )
+        runs = str(stream["runs"] or "–")
+        table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
+    out.print(table)
+    if data["events"]:
+        out.print(_event_table(session))
+
+
+def _facts(data: dict[str, Any]) -> dict[str, str]:
+    merged = data["extra"].get(NOT_WHOLE, "")
+    lacks = data["truncated"] or data["dropped"] or data["unclosed"] or merged
+    whole = "[yellow]no:[/yellow] " if lacks else "yes"
+    if data["unclosed"]:
+        whole += "the program ended without closing it (it was killed); what it logged until then is here; "
+    if data["truncated"]:
+        whole += "the end is missing (the program was killed, or is still writing); "
+    if data["dropped"]:
+        whole += f"{count(data['dropped'], 'record')} dropped because the disk was too slow; "
+    if merged:
+        whole += f"merged from sessions that were not whole: {safe(merged)}"
+    version = data["software_version"] or "?"
+    facts = {
+        "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {version}"),
+        "with": safe(data["command_line"]) or "unknown",
+        "source": safe(data["extra"].get("source", "simulated" if data["simulated"] else "measured")),
+        "seed": "none" if data["seed"] is None else str(data["seed"]),
+        "calibrated": ", ".join(data["calibrations"]) or "nothing",
+        "duration": duration(data["duration_s"]),
+        "whole": whole.rstrip("; "),
+    }
+    known = {*facts, RUN_LABELS, NOT_WHOLE}  # what runs were called is for programs, and in --json
+    further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
+    return facts | {safe(key): safe(value) for key, value in further}
+
+
+def _event_table(session: Session) -> Table:
+    """Times count from the session's begin: a real arm's clock has run since its machine was started."""
+    table = console.table("Events", "time", "kind", "what", right=("time",))
+    times_s = (session.samples(name)["time_s"][:1].tolist() for name in session.stream_names)
+    start_s = min(chain(*times_s, (event.time_s for event in session.events)))
+    for event in session.events[:MOST_EVENTS]:
+        table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
+    if len(session.events) > MOST_EVENTS:
+        table.add_row("", "", f"... and {len(session.events) - MOST_EVENTS} more (see --json)")
+    return table
+
+
+def merge_command(
+    sessions: Annotated[list[Path], typer.Argument(help="Sessions of one arm, or imported ones, in order.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Make one session of several: their runs go on, so that they are judged as one measurement.
+
+    Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
+    """
+    if len(sessions) < 2:
+        raise InputError(f"{sessions[0]}: is one session; name two or more")
+    places = [path.resolve() for path in sessions]
+    if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
+        raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
+    file = output_session(out, keep=sessions)
+    found = [open_session(path) for path in sessions]
+    streams = merged_streams(found)
+    metadata = merged_metadata(found, as_command(sys.argv[1:]), version("palpate"))
+    write_session(file, streams, metadata, [event for session in found for event in session.events])
+    samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
+    console.say_read("", [*not_whole(found), *surfaces_apart(found)])
+    if as_json:
+        console.print_json(
+            {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}
+        )
+        return
+    for name, number in samples.items():
+        console.stdout().print(f"{name}: {count(number, 'sample')} of {count(len(sessions), 'session')}")
+    console.stdout().print(f"written: [bold]{shown(file)}[/bold]", soft_wrap=True)
+    console.next_steps(
+        (f"palpate info {typed(file)}", "what is in the file"),
+        (f"palpate diagnose {typed(file)}", "which physical effect is missing"),
+    )
+
+
+RUN = "run"
+_MILLI = 1e3
+_BEGUN = 0.05  # of the force that every run reaches: with it, an object is touched
+_APART, _SPREADS = 0.05, 3.0  # of the deepest indentation, and of what runs of one session differ by
+Merged = tuple[Stream, Mapping[str, NDArray[np.generic]]]
+
+
+def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
+    """Each stream that all sessions have, one session's samples after the other's.
+
+    Clocks stay as they are: where one goes on through all sessions, the object remembers what was before.
+
+    Raises:
+        InputError: they are not of one arm, or not of the same streams.
+    """
+    _check(sessions)
+    merged = list[Merged]()
+    for name in sessions[0].stream_names:
+        parts = [session.samples(name) for session in sessions]
+        if RUN in parts[0]:
+            parts = [joined(parts)]
+        columns = {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+        merged.append((parts[0].stream, columns))
+    return merged
+
+
+def merged_metadata(sessions: Sequence[Session], command_line: str, software_version: str) -> SessionMetadata:
+    """What is said of the first, as far as it is true of all.
+
+    Args:
+        sessions: in order.
+        command_line: how the program was started.
+        software_version: of palpate.
+    """
+    first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
+    every = [session.metadata for session in sessions]
+    shared = {
+        key: text for key, text in first.extra.items() if all(one.extra.get(key) == text for one in every)
+    }
+    for key in (SEAL, RUN_LABELS):  # of one session, or of the numbers that its runs had
+        shared.pop(key, None)
+    return replace(
+        first,
+        scenario=first.scenario if all(one.scenario == first.scenario for one in every) else "",
+        seed=first.seed if all(one.seed == first.seed for one in every) else None,
+        command_line=command_line,
+        software_version=software_version,
+        extra=shared | {SOURCE: f"merged from {files}"} | _lacking(sessions),
+    )
+
+
+def not_whole(sessions: Sequence[Session]) -> list[str]:
+    """Which sessions lack something, in one sentence each: what is merged of them does not show it."""
+    return [
+        f"{session.path.name}: is not whole (palpate info says why), and only what is there was merged"
+        for session in sessions
+        if _lacking([session])
+    ]
+
+
+def _lacking(sessions: Sequence[Session]) -> dict[str, str]:
+    """Which sessions lack something, or were merged from such, as metadata; nothing if none does."""
+    lacking = [
+        session.path.name
+        for session in sessions
+        if session.truncated or session.unclosed or session.dropped or NOT_WHOLE in session.metadata.extra
+    ]
+    return {NOT_WHOLE: ", ".join(lacking)} if lacking else {}
+
+
+def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
+    """Which contacts begin at another depth than in the first session, in one sentence each.
+
+    A merged session is judged as presses onto one surface: nothing is shifted.
+    """
+    try:
+        first, *others = map(_contacts, sessions)
+    except InputError:  # of one that holds no channel, nothing is judged
+        return []
+    return [
+        f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
+        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but all are judged as "
+        "presses onto one surface: let displacements count from it, or put the two side by side (palpate "
+        "compare A B)"
+        for session, contacts in zip(sessions[1:], others, strict=True)
+        for name in sorted(first.keys() & contacts.keys())
+        if (deeper_m := _deeper(first[name], contacts[name]))
+    ]
+
+
+def _contacts(session: Session) -> dict[str, ChannelData]:
+    channels = session_channels(session, tared=True)
+    return {channel.name: channel for channel in channels if channel.kind is ChannelKind.CONTACT}
+
+
+def _deeper(first: ChannelData, second: ChannelData) -> float:
+    """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
+    force_n = _BEGUN * min(one.effort[one.run == run].max() for one in (first, second) for run in one.runs)
+    a, b = (_begins(one, force_n) for one in (first, second))
+    deepest = max(float(one.position.max()) for one in (first, second))
+    deeper = float(np.median(b) - np.median(a))
+    return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
+
+
+def _begins(contact: ChannelData, force_n: float) -> FloatArray:
+    """Where along the press direction each run exceeds a force on its way to the highest [m]."""
+    found = []
+    for run in contact.runs:
+        rows = np.flatnonzero(contact.run == run)
+        up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
+        found.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
+    return np.array(found) + (0.0 if contact.surface is None else contact.surface.position_m)
+
+
+def _check(sessions: Sequence[Session]) -> None:
+    first = sessions[0]
+    for session in sessions[1:]:
+        if session.metadata.urdf != first.metadata.urdf:
+            raise InputError(f"{session.path}: {_other_arm(session, first)}")
+        if set(session.stream_names) != set(first.stream_names):
+            there = [", ".join(each.stream_names) or "none" for each in (session, first)]
+            raise InputError(f"{session.path}: has streams {there[0]}, and {first.path} has {there[1]}")
+        for name in first.stream_names:
+            _check_columns(session, first, name)
+
+
+def _other_arm(session: Session, first: Session) -> str:
+    if not session.metadata.urdf or not first.metadata.urdf:
+        with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
+        return f"was{without} made by an arm, and {first.path} was{with_arm}; merge like with like"
+    return f"was made by another arm than {first.path} (their URDFs differ)"
+
+
+def _check_columns(session: Session, first: Session, name: str) -> None:
+    forms = [
+        {(c.name, c.width, c.unit) for c in each.samples(name).stream.columns} for each in (session, first)
+    ]
+    if forms[0] != forms[1]:
+        differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
+        raise InputError(
+            f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
+        )
+
+
+def reveal_command(
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap) that was probed with --hidden.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
+) -> None:
+    """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
+    found = open_session(session)
+    answer = open_answer(found) if was_sealed(found) else SealedAnswer((), None, found.metadata.created_utc)
+    if as_json:
+        console.print_json(describe_answer(session, answer))
+    elif answer.hidden:
+        table = console.table(f"Hidden in {shown(session)}", "effect", "shows in", "parameters", "physics")
+        for entry in answer.hidden:
+            values = (
+                f"{name} = {significant(about['value'])} {about['unit']}"
+                for name, about in _parameters(entry).items()
+            )
+            physics = (entry.__doc__ or "").partition("\n")[0]
+            table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
+        console.stdout().print(table)
+        known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
+        diagnosed = (f"palpate diagnose {typed(session)}", "whether that is found")
+        console.next_steps(*((f"palpate effects {name}", "what that is") for name in known[:1]), diagnosed)
+    else:
+        said = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
+        console.stdout().print(said, soft_wrap=True)
+        console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide something"))
+
+
+def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
+    """The answer as plain data; the keys are stable."""
+    return {
+        "session": str(session),
+        "seed": answer.seed,
+        "hidden": [
+            {"effect": entry.name, "channels": entry.channels, "parameters": _parameters(entry)}
+            for entry in answer.hidden
+        ],
+    }
+
+
+def _parameters(entry: Imperfection) -> dict[str, dict[str, Any]]:
+    return {name: {"value": value, "unit": unit} for name, (value, unit) in entry.values().items()}

@@ -1,1 +1,0 @@
-"""What every command shares: console, files, options, failures."""

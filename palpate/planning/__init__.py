@@ -1,1 +1,0 @@
-"""Plan the next experiment for the arm that made a recording."""
