@@ -1,10 +1,16 @@
-"""Whether another base model would do far better than the usual one."""
+"""What would explain a measurement better: another base model, or runs that each met a fresh object."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
+from estimation.channel import ChannelData, ChannelKind
 from estimation.diagnosis import ChannelDiagnosis, Verdict
+from estimation.effects.time_memory import StressRelaxation
+from estimation.model import Model
 from estimation.models import MODELS
+from estimation.signals.blocks import time_in_run
 from estimation.study.channels import StudyChannel
+from estimation.study.fitting import fit_base
 from estimation.study.study import ModelStudy
 from robot_io.errors import InputError
 
@@ -61,3 +67,41 @@ def _others(study: ModelStudy, channel: StudyChannel) -> Iterator[tuple[str, flo
         except InputError:  # it lacks something, such as a URDF
             continue
         yield name, error, len(other.model.gains) + len(other.model.inner)
+
+
+_BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
+
+
+def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
+    """The channel with a clock that begins anew in each run: none is another's sequel."""
+    return replace(data, time_s=time_in_run(data.time_s, data.run))
+
+
+def relaxes_afresh(data: ChannelData, model: Model) -> bool:
+    """Whether an object that relaxes, and was new to each run, explains more than one that was not.
+
+    Args:
+        data: a contact; of any other channel nothing is said.
+        model: all that is known of it but relaxation, or with it.
+    """
+    afresh = on_clocks_of_their_own(data)
+    if data.kind is not ChannelKind.CONTACT or (afresh.time_s == data.time_s).all():
+        return False
+    relaxing = model.without(StressRelaxation.name).with_effect_first(StressRelaxation())
+    one_clock, own_clocks = (fit_base(way, relaxing).rmse for way in (data, afresh))
+    return own_clocks < _BETTER * one_clock
+
+
+def explained_by_fresh_runs(study: ModelStudy, diagnosis: ChannelDiagnosis) -> bool:
+    """Whether something relaxes, is not explained in full, and would be if no run remembered another.
+
+    Args:
+        study: the measurement and its fits.
+        diagnosis: of one of its channels.
+    """
+    named = [entry.effect for entry in diagnosis.accepted]
+    unexplained = diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False
+    if StressRelaxation.name not in named or not unexplained:
+        return False
+    channel = study.channel(diagnosis.channel)
+    return relaxes_afresh(channel.data, channel.model)

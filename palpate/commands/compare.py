@@ -1,6 +1,6 @@
 """`palpate compare`: where does the model fail?"""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -215,17 +215,30 @@ def compare_command(
     if target is not None:
         output_folder(target)
     with console.stderr().status("comparing"):
-        results, failures = _of_revisions(study, kept) if kept else _of_base_models(study, channel)
+        if kept:
+            results = [study.result(study.channel_of(one), one.effects) for one in kept]
+            failures: dict[str, str] = {}
+        else:
+            base = study.compare(channel)
+            results = [study.result(study.channel(one.channel)) for one in base.channels]
+            failures = dict(base.failures)
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
     channels = list(map(comparison_data, compared))
     content = {"file": str(data.file), "model": models, "channels": channels, "failures": failures}
-    if as_json:
-        console.print_json(content)
-    else:
+
+    def show() -> None:
         print_comparison(console.stdout(), view_of(study, results))
-        for words in (*_of_other_data(study, kept), *failures.values()):
+        of_other_data = (
+            f"revision {one.number} was kept with an error of {one.rmse:.3g} {one.effort_unit}: "
+            "of other rows, or read otherwise"
+            for one in kept
+            if study.channel_of(one).sha256 != one.data_sha256
+        )
+        for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
+
+    console.present(content, show, as_json=as_json)
     grown = {"revision": [str(one.number) for one in kept], "folder": folder}
     again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
     if target is not None:
@@ -257,10 +270,7 @@ def _side_by_side(
     beside = "" if same else f" {typed(pair.files[1])}"
     again = f"palpate compare {typed(data.file)}{beside}{data.typed(**given).removeprefix(typed(data.file))}"
     view = pair.view([again])
-    if as_json:
-        console.print_json(pair.as_data())
-    else:
-        print_pair(console.stdout(), view)
+    console.present(pair.as_data(), lambda: print_pair(console.stdout(), view), as_json=as_json)
     if out is not None:
         with console.stderr().status("report and recording"):
             written = write_pair(out, pair, view)
@@ -293,22 +303,6 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _of_base_models(study: Study, channel: str | None) -> tuple[list[ChannelResult], dict[str, str]]:
-    found = study.compare(channel)
-    return [study.result(study.channel(channel.channel)) for channel in found.channels], dict(found.failures)
-
-
-def _of_revisions(study: Study, kept: Sequence[Revision]) -> tuple[list[ChannelResult], dict[str, str]]:
-    return [study.result(study.channel_of(one), one.effects) for one in kept], {}
-
-
-def _of_other_data(study: Study, kept: Sequence[Revision]) -> Iterator[str]:
-    for one in kept:
-        if study.channel_of(one).sha256 != one.data_sha256:
-            error = f"{one.rmse:.3g} {one.effort_unit}"
-            yield f"revision {one.number} was kept with an error of {error}: of other rows, or read otherwise"
-
-
 def _after(  # noqa: PLR0917, what was typed
     data: DataArguments,
     study: Study,
@@ -326,20 +320,12 @@ def _after(  # noqa: PLR0917, what was typed
         since = data.typed(revision=numbers, folder=folder, effect=own)
         steps.append((f"palpate compare {since}", "with what was added since"))
     elif model is None and data.urdf is None:
-        steps += _other_models(data, study, results, channel)
+        for result in results:  # a base model that does far better, where the usual one misses by far
+            if result.comparison is None or result.comparison.lack_of_fit < FAR:
+                continue
+            better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)
+            if better is not None:
+                left = f"a base model that leaves {better[1]:.3g} {result.channel.effort_unit}"
+                steps.append((f"palpate compare {data.typed(channel=channel, model=better[0])}", left))
     missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
     return [*steps, (missing, "which effect is missing")]
-
-
-def _other_models(
-    data: DataArguments, study: Study, results: Sequence[ChannelResult], channel: str | None
-) -> Iterator[tuple[str, str]]:
-    """Commands with a base model that does far better, where the usual one misses by far."""
-    for result in results:
-        if result.comparison is None or result.comparison.lack_of_fit < FAR:
-            continue
-        better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)
-        if better is not None:
-            left = f"{better[1]:.3g} {result.channel.effort_unit}"
-            typed = data.typed(channel=channel, model=better[0])
-            yield f"palpate compare {typed}", f"a base model that leaves {left}"

@@ -1,20 +1,18 @@
 """`palpate diagnose` and `estimate`: what a measurement says."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from estimation.channel import ChannelKind
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.effects.stress_relaxation import StressRelaxation
+from estimation.diagnosis import Verdict
 from estimation.estimators import ESTIMATORS
-from estimation.fresh_runs import relaxes_afresh
-from estimation.study import ChannelEstimates, StudyDiagnosis
+from estimation.study import StudyDiagnosis
 from estimation.study.channels import ALL_CHANNELS
 from estimation.study.estimates import ALL, USUAL
-from estimation.study.model_suggestions import better_explanation
+from estimation.study.model_suggestions import better_explanation, explained_by_fresh_runs
 from estimation.study.saved_diagnosis import RESULT
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe, shown, typed
@@ -80,11 +78,14 @@ def diagnose_command(
         study.result(study.channel(channel.channel), [entry.effect for entry in channel.accepted], channel)
         for channel in diagnosis.channels
     ]
-    if as_json:
-        console.print_json(content)
-    else:
+
+    def show() -> None:
         print_diagnosis(console.stdout(), view_of(study, results))
-        _say_what_is_not_there(study)
+        if study.source.probed and all(one.kind is not ChannelKind.CONTACT for one in study.channels):
+            remark = "no contact: the force never rises above that in free air; was anything touched?"
+            console.stderr().print(f"[yellow]{remark}[/yellow]")
+
+    console.present(content, show, as_json=as_json)
     plan = None
     if folder is not None:
         texts = {RESULT: json_text(content)}
@@ -106,12 +107,6 @@ def diagnose_command(
 def exit_code_of(verdicts: Iterable[Verdict]) -> int:
     """What the program ends with: the code of what says most, 0 where all is adequate."""
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
-
-
-def _say_what_is_not_there(study: Study) -> None:
-    if study.source.probed and not any(channel.kind is ChannelKind.CONTACT for channel in study.channels):
-        remark = "no contact: the force never rises above that in free air; was anything touched?"
-        console.stderr().print(f"[yellow]{remark}[/yellow]")
 
 
 def _next(  # noqa: PLR0917, what was typed and found
@@ -136,13 +131,19 @@ def _next(  # noqa: PLR0917, what was typed and found
         added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
         yield added, "refit with it, and keep that as a revision"
     if asked["model"] is None and data.urdf is None:
-        yield from _other_models(data, study, diagnosis, asked["channel"])
+        for one in diagnosis.channels:
+            better = better_explanation(study, study.channel(one.channel), one)
+            if better is not None:
+                left = f"from a base model that leaves {better[1]:.3g} {one.effort_unit}"
+                yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
         world = same_world(study.source.session)
         if world is not None:
             experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
             yield experiment, "the experiment that would tell more"
-    if study.source.session is None and any(_met_afresh(study, channel) for channel in diagnosis.channels):
+    if study.source.session is None and any(
+        explained_by_fresh_runs(study, channel) for channel in diagnosis.channels
+    ):
         yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot: that explains more"
     if any(
         channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
@@ -158,26 +159,6 @@ def _next(  # noqa: PLR0917, what was typed and found
         return
     beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)
     yield f"palpate compare {beside}", "where the model fails"
-
-
-def _other_models(data: DataArguments, study: Study, diagnosis: StudyDiagnosis, channel: str | None) -> Steps:
-    for found in diagnosis.channels:
-        better = better_explanation(study, study.channel(found.channel), found)
-        if better is not None:
-            left = f"{better[1]:.3g} {found.effort_unit}"
-            typed = data.typed(channel=channel, model=better[0])
-            yield f"palpate diagnose {typed}", f"from a base model that leaves {left}"
-
-
-def _met_afresh(study: Study, diagnosis: ChannelDiagnosis) -> bool:
-    """Whether something relaxes and is not explained in full, and would be if no run remembered another."""
-    helped = [entry.effect for entry in diagnosis.accepted]
-    if StressRelaxation.name not in helped or not (
-        diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False
-    ):
-        return False
-    channel = study.channel(diagnosis.channel)
-    return relaxes_afresh(channel.data, channel.model)
 
 
 @takes_data
@@ -204,31 +185,31 @@ def estimate_command(
     study = data.study(model)
     data.say_left_out()
     estimates = study.estimate(ALL if every else USUAL if estimator is None else estimator)
-    if as_json:
-        results = [as_data(each, study.truth_of(each.channel)) for each in estimates]
-        cut_off = study.source.session is not None and study.source.session.truncated
-        used = "+".join(dict.fromkeys(each.model.name for each in estimates))
-        console.print_json({"file": str(data.file), "model": used, "cut_off": cut_off, "channels": results})
-    else:
-        _print(data, study, estimates, model)
+    session = study.source.session
+    cut_off = session is not None and session.truncated
 
+    def show() -> None:
+        out = console.stdout()
+        out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
+        if cut_off:
+            out.print(
+                "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
+            )
+        for each in estimates:
+            print_estimates(out, each, study.truth_of(each.channel))
+        for remark in calibration_remark(session):
+            out.print(f"  {safe(remark)}")
 
-def _print(
-    data: DataArguments, study: Study, estimates: Sequence[ChannelEstimates], model: str | None
-) -> None:
-    out, session = console.stdout(), study.source.session
-    out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
-    if session is not None and session.truncated:
-        out.print(
-            "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
-        )
-    for each in estimates:
-        print_estimates(out, each, study.truth_of(each.channel))
-    for remark in calibration_remark(session):
-        out.print(f"  {safe(remark)}")
+    used = "+".join(dict.fromkeys(each.model.name for each in estimates))
+    content = {
+        "file": str(data.file),
+        "model": used,
+        "cut_off": cut_off,
+        "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
+    }
     steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
         steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
     if session is not None:
         steps.append((f"palpate inspect {typed(data.file)}", "see it in Rerun"))
-    console.next_steps(*steps)
+    console.present(content, show, steps, as_json=as_json)

@@ -18,7 +18,6 @@ from palpate.common.files import (
     output_file,
     write_text,
 )
-from palpate.export.scenario import Export
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.terminal import print_files
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
@@ -123,14 +122,20 @@ def export_command(
         remark = "nothing was added to the contact's model yet: the base model is written as it is"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
     export = study.export(path, [one.number for one in kept])
-    if as_json:
-        content = {"file": str(data.file), "scenario": str(path)}
-        console.print_json(content | {"used": export.used, "left_out": export.left_out})
-        return
+
+    def show() -> None:
+        console.stdout().print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
+        _print_lines(export.used, export.left_out)
+
+    content = {"file": str(data.file), "scenario": str(path), "used": export.used}
     numbers, own = [str(each.number) for each in kept], own_effects(kept)
     again = data.typed(revision=numbers, folder=folder, effect=[*(data.effect or ()), *own])
-    recorded = data.file if study.source.probed and data.file.is_file() else None
-    _print(again, path, export, recorded)
+    steps = [(f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object")]
+    if study.source.probed and data.file.is_file():
+        twin = f"palpate replay {typed(data.file)} --scenario {typed(path)}"
+        steps.append((twin, "the recorded motion again, on the model"))
+    steps.append((f"palpate compare {again}", "the model beside the measurement"))
+    console.present(content | {"left_out": export.left_out}, show, steps, as_json=as_json)
 
 
 def _export_feedforward(
@@ -143,12 +148,14 @@ def _export_feedforward(
     for file in files.values():
         output_file(file, force=force, keep=[data.file])
     made = study.export_feedforward(table, list(revisions))
-    if as_json:
-        paths = {name: str(file) for name, file in files.items()}
-        console.print_json({"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out})
-        return
-    print_files(console.stdout(), files)
-    _print_lines(made.used, made.left_out)
+
+    def show() -> None:
+        print_files(console.stdout(), files)
+        _print_lines(made.used, made.left_out)
+
+    paths = {name: str(file) for name, file in files.items()}
+    content = {"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out}
+    console.present(content, show, as_json=as_json)
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -158,16 +165,16 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     check_ending(path)
     table = recorded_table(data.file, data.options, name)
     write_table(table, output_file(path, force=force or out is None, keep=[data.file]))
-    if as_json:
-        columns = table.column_names
-        console.print_json({"file": str(data.file), "stream": name, "table": str(path), "columns": columns})
-        return
+    columns = table.column_names
+    content = {"file": str(data.file), "stream": name, "table": str(path), "columns": columns}
     said = f"{count(table.num_rows, 'row')}, {count(table.num_columns, 'column')}"
-    console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True)
-    if "displacement_m" in table.column_names or any(
-        "torque_Nm" in column_name for column_name in table.column_names
-    ):
-        console.next_steps((f"palpate import {typed(path)}", "read it again as a measurement"))
+    is_measurement = "displacement_m" in columns or any("torque_Nm" in column for column in columns)
+    console.present(
+        content,
+        lambda: console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True),
+        [(f"palpate import {typed(path)}", "read it again as a measurement")] if is_measurement else [],
+        as_json=as_json,
+    )
 
 
 def _export_layout(file: Path, program: Program, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -185,17 +192,6 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
     if long:
         said += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
     console.stderr().print(said, soft_wrap=True)
-
-
-def _print(again: str, path: Path, export: Export, recorded: Path | None) -> None:
-    console.stdout().print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
-    _print_lines(export.used, export.left_out)
-    twin = f"palpate replay {typed(recorded)} --scenario {typed(path)}" if recorded else ""
-    console.next_steps(
-        (f"palpate probe --scenario {typed(path)}", "probe the model as if it were the object"),
-        *([(twin, "the recorded motion again, on the model")] if twin else []),
-        (f"palpate compare {again}", "the model beside the measurement"),
-    )
 
 
 def _print_lines(used: Sequence[str], left_out: Sequence[str]) -> None:

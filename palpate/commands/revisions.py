@@ -1,13 +1,12 @@
 """`palpate add`, `remove` and `revisions`: grow a model step by step, and go back."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from estimation.study import Change, ChannelResult, Revisions
+from estimation.study import Revisions
 from estimation.study.channels import ALL_CHANNELS
 from estimation.study.comparison import AT_NOISE
 from estimation.study.revisions import own_effects
@@ -61,46 +60,35 @@ def add_command(
         others = study.results()
         results = [change.result if one.channel.name == name else one for one in others]
     with console.stderr().status("report and recording"):
-        commands = list(_commands(data, results, out))
+        judged = [result.channel.name for result in results if result.diagnosis is not None]
+        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
+        commands = [f"palpate diagnose {data.typed(out=out, channel=which)}"] if judged else []
+        for result in results:
+            if result.added:
+                begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
+                commands.append(f"palpate add {begun} {' '.join(result.added)} --fresh")
         written = write_outcome(output_folder(folder), study, results, commands)
     for result in results:
         if result.left_out:
             console.stderr().print(f"[yellow]{safe(result.reason)}[/yellow]")
-    if as_json:
-        kept = [revision.model_dump(mode="json") for revision in change.revisions]
-        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
-        return
-    print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
-    print_files(console.stdout(), written)
-    console.next_steps(*_next(data, change, out, written))
 
+    def show() -> None:
+        print_stages(console.stdout(), result_view(replace(change.result, diagnosis=None)))
+        print_files(console.stdout(), written)
 
-def _commands(data: DataArguments, results: Sequence[ChannelResult], out: Path | None) -> Iterator[str]:
-    """What leads to all of these results, in order."""
-    judged = [result.channel.name for result in results if result.diagnosis is not None]
-    if judged:
-        which = judged[0] if len(judged) == 1 else ALL_CHANNELS
-        yield f"palpate diagnose {data.typed(out=out, channel=which)}"
-    for result in results:
-        if result.added:
-            begun = data.typed(out=out, model=result.channel.model.name, channel=result.channel.name)
-            yield f"palpate add {begun} {' '.join(result.added)} --fresh"
-
-
-def _next(
-    data: DataArguments, change: Change, out: Path | None, written: dict[str, Path]
-) -> Iterator[tuple[str, str]]:
+    revisions = [revision.model_dump(mode="json") for revision in change.revisions]
+    content = {"file": str(data.file), "channel": name, "revisions": revisions}
     newest, kept = change.revisions[-1], data.typed(folder=out)
-    if "recording" in written:
-        yield console.rerun_step(written["recording"])
-    yield f"palpate revisions {kept}", "all stages, to go back to"
+    steps = [console.rerun_step(written["recording"])] if "recording" in written else []
+    steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
     if newest.parent is not None:
         back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
-        yield back, "go back, and try another effect"
+        steps.append((back, "go back, and try another effect"))
     grown = change.result.grown
     if grown is None or grown.lack_of_fit >= AT_NOISE:
-        yield f"palpate compare {kept} --revision {newest.number}", "where the model still fails"
-    yield f"palpate export {kept}", "the improved model as a simulated world"
+        steps.append((f"palpate compare {kept} --revision {newest.number}", "where the model still fails"))
+    steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
+    console.present(content, show, steps, as_json=as_json)
 
 
 @takes_data
@@ -121,13 +109,13 @@ def remove_command(
     """
     study = data.study(model, folder_to_read(data.file, folder))
     change = study.remove(effect_name, channel)
-    if as_json:
-        kept = [revision.model_dump(mode="json") for revision in change.revisions]
-        name = change.result.channel.name
-        console.print_json({"file": str(data.file), "channel": name, "revisions": kept})
-        return
-    print_stages(console.stdout(), result_view(change.result))
-    console.next_steps((f"palpate revisions {data.typed(folder=folder)}", "all stages, to go back to"))
+    kept = [revision.model_dump(mode="json") for revision in change.revisions]
+    console.present(
+        {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
+        lambda: print_stages(console.stdout(), result_view(change.result)),
+        [(f"palpate revisions {data.typed(folder=folder)}", "all stages, to go back to")],
+        as_json=as_json,
+    )
 
 
 @takes_data

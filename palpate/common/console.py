@@ -9,7 +9,7 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,29 @@ def rerun_step(recording: Path) -> tuple[str, str]:
     """The command that opens a recording of revisions, with what it does and what it needs."""
     where = "" if has_display() else " (needs a display)"
     return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"
+
+
+def present(
+    content: Any,  # noqa: ANN401
+    show: Callable[[], object],
+    steps: Iterable[tuple[str, str]] = (),
+    *,
+    as_json: bool,
+) -> None:
+    """End a command: print its result as JSON, or for people, with commands to try next.
+
+    Args:
+        content: the result as plain data.
+        show: prints it for people.
+        steps: see `next_steps`; worked out for people alone.
+        as_json: whether JSON was asked for.
+    """
+    if as_json:
+        print_json(content)
+        return
+    show()
+    if commands := list(steps):
+        next_steps(*commands)
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
