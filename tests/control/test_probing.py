@@ -22,7 +22,7 @@ NOISE = {"force_noise_n": 0.02, "velocity_noise_rad_s": 0.002}
 
 
 def probe(stiffness=500.0, damping=20.0, gains=None, plant=None, **plan):
-    plan = {"speeds_m_s": (0.15,)} | plan
+    plan = {"speeds_m_s": (0.15,), "hold_s": 0.4} | plan
     plant = plant or plant_above(stiffness_n_m=stiffness, damping_n_s_m=damping, **NOISE)
     task = probing_task(ProbingPlan(**plan), gains)
     return run_probing(plant, task), task
@@ -33,7 +33,7 @@ plain = cache(probe)
 
 @pytest.mark.parametrize(("stiffness", "damping", "speed_m_s"), CORNERS)
 def test_corner_objects_are_probed_within_the_force_limit(stiffness, damping, speed_m_s):
-    record, task = probe(stiffness, damping, speeds_m_s=(speed_m_s,))
+    record, task = probe(stiffness, damping, speeds_m_s=(speed_m_s,), hold_s=0.8)
     assert task.failures == ()
     assert record.kinds() == ["free_air", "touch", "limit_reached", "held", "release", "probing_done"]
     assert record.force_after_touch(0, 0.020).max() <= 10.5
@@ -357,7 +357,7 @@ def bounds_around(margin_rad: float):
 
 def test_without_force_feedforward_it_still_holds():
     gains = Gains(contact=ContactGains(force_feedforward=0.0))
-    record, _ = probe(stiffness=2000.0, damping=20.0, gains=gains, speeds_m_s=(0.05,))
+    record, _ = probe(stiffness=2000.0, damping=20.0, gains=gains, speeds_m_s=(0.05,), hold_s=1.0)
     assert record.force_n[record.in_phase(Phase.HOLD)][-300:].mean() == pytest.approx(10.0, abs=0.1)
     assert record.force_after_touch(0, 0.02).max() < 11.0
 

@@ -16,6 +16,7 @@ IDS = [one.__name__ for one in LABORATORIES]
 
 
 @pytest.mark.parametrize(("write", "verdict", "truth"), [(w, *t) for w, t in LABORATORIES.items()], ids=IDS)
+@pytest.mark.usefixtures("few_effects")
 def test_a_file_is_diagnosed_as_it_is(tmp_path, monkeypatch, write, verdict, truth):
     monkeypatch.chdir(tmp_path)
     (channel,) = as_json("diagnose", write(tmp_path))["channels"]

@@ -114,8 +114,10 @@ def test_a_law_that_the_library_lacks_gives_its_kind_and_no_exact_name():
     found = decide(data, PRESS, "cubic_stiffness", "bias", "contact_offset", "plastic_set")
     assert found.budget[0].kind is Kind.TIME_MEMORY
     assert found.budget[0].form is Form.UNKNOWN
-    assert found.verdict is Verdict.UNEXPLAINED
-    assert [entry.effect for entry in found.accepted if entry.form is Form.EXACT] == []
+    assert (found.verdict, found.accepted, found.complete) == (Verdict.UNEXPLAINED, [], False)
+    assert found.remaining.times_floor > 1.5
+    assert found.depends_on
+    assert found.next_experiment
     total = sum(share.share for share in found.budget) + found.rest.noise + found.rest.unexplained
     assert total == pytest.approx(1.0, abs=0.01)
 
