@@ -25,9 +25,9 @@ from estimation.effect import Effect, Inner, SensorEffect
 from estimation.effects.run_differences import RunVariation
 from estimation.fit.blocks import BlockedData, decimate, merge_blocks
 from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import Solution, solve_gains
+from estimation.fit.fit_problem import Solution, columns_at, solve_gains
 from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.permutation import null_improvements
+from estimation.fit.permutation import COUNT, null_improvements
 from estimation.model import Model
 from estimation.signals.blocks import rows_of_runs
 from estimation.signals.runwise import sample_time
@@ -300,19 +300,28 @@ class Search:
             return False
         if np.mean(after.solution.linear_fit.held_out < before.solution.linear_fit.held_out) < _FOLDS:
             return False
-        return self.p_value(before, after) <= LEVEL
+        return self.p_value(before, after, LEVEL) <= LEVEL
 
-    def p_value(self, before: FitResult, after: FitResult) -> float:
-        """How often the best of all candidates takes as much from noise; 0 where that is out of question."""
+    def p_value(self, before: FitResult, after: FitResult, level: float = 1.0) -> float:
+        """How often the best of all candidates takes as much from noise; 0 where that is out of question.
+
+        Args:
+            before: a model.
+            after: the model with one effect more.
+            level: above it the value may come out too low, as long as it is above.
+        """
         kept = after.problem.used
         noise = after.flexible.residual[kept]
         observed = (before.solution.sse - after.solution.sse) / max(float(noise @ noise), 1e-300)
         if len(noise) > _MANY and observed > max(_CLEAR * _MANY / len(noise), _LEAST_CLEAR):
             return 0.0
         starts = (solution for candidate in self.screen(before) for solution in candidate.search.starts)
-        columns = (solve_gains(before.problem, one.model, one.parameters).columns[kept] for one in starts)
-        run = after.problem.blocked.run[kept]
-        chance = null_improvements(noise, run, before.solution.columns[kept], columns, self.rng)
+        columns = (
+            columns_at(before.problem, solution.model, solution.parameters)[kept] for solution in starts
+        )
+        run, base = after.problem.blocked.run[kept], before.solution.columns[kept]
+        most = int(level * (1 + COUNT)) - 1
+        chance = null_improvements(noise, run, base, columns, self.rng, observed=observed, most=most)
         return float((1 + np.sum(chance >= observed)) / (1 + len(chance)))
 
 

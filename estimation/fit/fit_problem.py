@@ -245,12 +245,19 @@ def solve_gains(
 
 def _sum(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> Solution:
     """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
-    blocked, blocks, known = (
-        problem.blocked,
-        [np.empty((0, len(problem.blocked)))],
-        np.zeros(len(problem.blocked)),
-    )
     inner = {name: parameters.get(name, 0.0) for name in model.inner}
+    columns, target = _on_blocks(problem, model, inner)
+    linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
+    gains = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
+    return Solution(model, {**gains, **inner}, columns, target, linear_fit)
+
+
+def _on_blocks(
+    problem: FitProblem, model: Model, inner: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Columns (m, q) of a sum of effects at inner parameters, and the effort (m,) that they explain."""
+    blocked = problem.blocked
+    blocks, known = [np.empty((0, len(blocked)))], np.zeros(len(blocked))
     for effect in model.additive:
         blocks.append(blocked.columns(effect, own(effect, inner)).T)
         known = known + blocked.known(effect, own(effect, inner))
@@ -258,10 +265,50 @@ def _sum(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> 
     for sensor in model.sensors:
         sensed = sensor.sense(np.column_stack([columns, known]), blocked.data, own(sensor, inner))
         columns, known = sensed[:, :-1], sensed[:, -1]
-    target = blocked.effort - known
-    linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
-    gains = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
-    return Solution(model, {**gains, **inner}, columns, target, linear_fit)
+    return columns, blocked.effort - known
+
+
+def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> FloatArray:
+    """Change of the effort on blocks by each gain, at known gains and inner parameters, shape (m, q)."""
+    data = problem.blocked.data
+    if is_linear_on_blocks(data, model):
+        return _on_blocks(problem, model, parameters)[0]
+    return problem.blocked.reduce(model.linearise(data, parameters)[0])
+
+
+def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str, float]) -> FloatArray:
+    """Change of the whitened residual when each of some inner parameters moves and all gains follow it.
+
+    The change at fixed gains, less what the columns explain of it: the derivative of the variable projection
+    but for a term that vanishes with the residual (L. Kaufman, BIT 15 (1975)).
+
+    Args:
+        problem: where the trial was made.
+        solution: the trial.
+        ahead: a value near the solution's for each inner parameter to move, by its name.
+
+    Returns:
+        Shape (w, k), not divided by the step.
+    """
+    data, model, here = problem.blocked.data, solution.model, solution.parameters
+    gains = np.array([here[name] for name in model.gains])
+    changes = []
+    if is_linear_on_blocks(data, model):
+        for name, value in ahead.items():
+            columns, target = _on_blocks(problem, model, {**here, name: value})
+            changes.append(target - columns @ gains - solution.residual)
+    else:
+        parts = model.parts(data, here)
+        effort = model.linearise(data, here, parts)[1]
+        of_sensors = {f"{sensor.name}.{p.name}" for sensor in model.sensors for p in sensor.inner}
+        for name, value in ahead.items():
+            moved = {**here, name: value}
+            same = parts if name in of_sensors else None  # what comes before a sensor does not depend on it
+            changes.append(problem.blocked.reduce(effort - model.linearise(data, moved, same)[1]))
+    change = problem.whiten(np.stack(changes, axis=1))
+    fit = solution.linear_fit
+    unit = problem.whiten(solution.columns) * fit.scale
+    return np.asarray(change - unit @ np.linalg.solve(fit.system, unit.T @ change))
 
 
 def _energy(problem: FitProblem, blocks: FloatArray) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from estimation.effect import Parameter
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from estimation.fit.fit_problem import FitProblem, Solution, residual_slopes, solve_gains
 from robot_io.types import FloatArray
 
 _TIMES = 4
@@ -81,21 +81,33 @@ def _polished(problem: FitProblem, solution: Solution, settled: float, step: flo
     if not scales:
         return solve_gains(problem, solution.model, solution.parameters, rounds=3)
 
+    last: list[tuple[bytes, Solution]] = []
+
     def at(numbers: FloatArray) -> Solution:
-        moved = {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
-        return solve_gains(problem, solution.model, {**solution.parameters, **moved}, arrived=_ARRIVED)
+        if not last or last[0][0] != numbers.tobytes():
+            moved = {name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers, strict=True)}
+            solved = solve_gains(problem, solution.model, {**solution.parameters, **moved}, arrived=_ARRIVED)
+            last[:] = [(numbers.tobytes(), solved)]
+        return last[0][1]
 
     unit = float(np.sqrt(np.mean(problem.whiten(solution.target) ** 2))) or 1.0  # its tolerance is absolute
+    low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
 
     def residual(numbers: FloatArray) -> FloatArray:
         return problem.whiten(at(numbers).residual) / unit
 
-    low, high = (np.array(side) for side in zip(*(s.bounds for s in scales.values()), strict=True))
+    def jacobian(numbers: FloatArray) -> FloatArray:
+        steps = np.where(numbers + step <= high, step, -step)
+        ahead = {
+            name: scale.value(x) for (name, scale), x in zip(scales.items(), numbers + steps, strict=True)
+        }
+        return residual_slopes(problem, at(numbers), ahead) / (unit * steps)
+
     found = scipy.optimize.least_squares(
         residual,
         np.zeros(len(scales)),
+        jac=jacobian,
         bounds=(low, high),
-        diff_step=step,
         ftol=settled,
         xtol=_MOVED,
         max_nfev=_EVALUATIONS,

@@ -105,7 +105,7 @@ def _at(
     along: LinearisedParts,
 ) -> Solution:
     there = {f"{effect.name}.{name}": value for name, value in inner.items()}
-    return solve_gains(problem, model, {**parameters, **there}, parts=along(inner))
+    return solve_gains(problem, model, {**parameters, **there}, rounds=1, parts=along(inner))
 
 
 def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from estimation.information import Information
+from estimation.statistics.least_squares import solve_definite
 from robot_io.types import BoolArray, FloatArray
 
 
@@ -121,16 +121,7 @@ def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
 def _shrunken(equations: NormalEquations, scale: FloatArray, ridge: FloatArray) -> FloatArray:
     system, target = equations.training(scale)
     pairs = zip(system[1:] + np.diag(ridge), target[1:], strict=True)
-    return np.array([_solved(one, wanted) for one, wanted in pairs])
-
-
-def _solved(system: FloatArray, target: FloatArray) -> FloatArray:
-    """Solve a symmetric system (q, q) that shrinkage made definite: in half the time of any other."""
-    if target.size:
-        _, gains, failed = scipy.linalg.lapack.dposv(system, target)
-        if not failed:
-            return np.asarray(gains)
-    return np.asarray(np.linalg.solve(system, target))
+    return np.array([solve_definite(fold_system, fold_target) for fold_system, fold_target in pairs])
 
 
 def _scaled(equations: NormalEquations) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.signals.blocks import block_index, runs_by_time, split_columns
+from estimation.signals.blocks import block_index, runs_by_time
 from estimation.signals.cache_by_array import cache_by_array
 from estimation.signals.runwise import is_even, sample_time
 from robot_io.types import FloatArray, IntArray
@@ -184,7 +184,9 @@ def _evenly(
     over[last] = after[last] * powers[:, runs.filled - 1].T
     # memory of the pieces before at the first sample of each, and its rest in all others
     begun = np.zeros((columns, count, len(rates)))
-    begun[:, 1:] = linear_recursion(over[:-1, None], (gained * after).swapaxes(0, 1)[:-1]).swapaxes(0, 1)
+    passed = (gained * after).swapaxes(0, 1)[:-1]
+    for number in range(len(rates)):
+        begun[:, 1:, number] = linear_recursion(over[:-1, number], passed[:, :, number]).T
     left = new @ np.where(_LAGS >= 0, ((weights * taken) @ powers)[_LAGS], 0.0)
     left += begun.reshape(-1, len(rates)) @ (weights[:, None] * powers)
     return left.reshape(columns, -1).take(runs.place, axis=1)
@@ -200,36 +202,23 @@ def _unevenly(
     for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
         over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
         added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        left[:, runs.rows] += weight * linear_recursion(over[runs.rows, None], added.T[runs.rows]).T
+        left[:, runs.rows] += weight * linear_recursion(over[runs.rows], added.T[runs.rows]).T
     return left
 
 
 def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
-    """Solve y[i] = decay[i] y[i-1] + added[i] from zero.
-
-    Several steps in a row are one such step: pieces of samples are first condensed to one step each, side by
-    side.
+    """Solve y[i] = decay[i] y[i-1] + added[i] from zero: a banded triangular system.
 
     Args:
-        decay: shape that broadcasts with `added`.
-        added: shape (n, ...).
+        decay: shape (n,).
+        added: shape (n,) or (n, k).
 
     Returns:
         y, shape as `added`.
     """
-    if not len(added):
+    if not added.size:
         return added
-    length = int(np.sqrt(len(decay))) + 1
-    kept, new = split_columns(decay, length), split_columns(added, length)
-    over, gained = kept[0], new[0]
-    for kept_now, new_now in zip(kept[1:], new[1:], strict=True):
-        over, gained = over * kept_now, gained * kept_now + new_now
-    state = np.zeros_like(gained)
-    for number in range(1, len(state)):
-        state[number] = over[number - 1] * state[number - 1] + gained[number - 1]
-    states = np.empty_like(new)
-    for place in range(length):
-        state = kept[place] * state + new[place]
-        states[place] = state
-    flat = states.swapaxes(0, 1).reshape(length * states.shape[1], *added.shape[1:])
-    return np.asarray(flat[: len(decay)])
+    bands = np.zeros((2, len(decay)), order="F")
+    bands[1, :-1] = -decay[1:]
+    solution, _ = scipy.linalg.lapack.dtbtrs(bands, added, uplo="L", diag="U")
+    return np.asarray(solution.reshape(added.shape))

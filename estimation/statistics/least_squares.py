@@ -62,6 +62,20 @@ def condition_of_gram(gram: FloatArray) -> float:
     return float(np.sqrt(eigenvalues[-1] / eigenvalues[0]))
 
 
+def solve_definite(system: FloatArray, target: FloatArray) -> FloatArray:
+    """Solve a symmetric system in half the time of any other; one that is not positive definite as any other.
+
+    Args:
+        system: shape (q, q).
+        target: shape (q,).
+    """
+    if target.size:
+        _, solution, failed = scipy.linalg.lapack.dposv(system, target)
+        if not failed:
+            return np.asarray(solution)
+    return np.asarray(np.linalg.solve(system, target))
+
+
 def solve_within_bounds(
     system: FloatArray, moment: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
@@ -88,7 +102,7 @@ def solve_within_bounds(
         free = ~(low | high)
         if free.any():
             left = moment[free] - system[free] @ solution
-            solution[free] = scipy.linalg.cho_solve(scipy.linalg.cho_factor(system[np.ix_(free, free)]), left)
+            solution[free] = solve_definite(system[np.ix_(free, free)], left)
         slope = system @ solution - moment
         below, above = free & (solution < lower), free & (solution > upper)
         wrong = below | above | (low & (slope < -rest)) | (high & (slope > rest))

@@ -92,7 +92,7 @@ class Tried(SimpleNamespace):
 def searched(monkeypatch, cost, *inner, starts):
     """A search of the lowest cost: what `look` and `refine` tried."""
 
-    def attempt(problem, model, parameters, parts):
+    def attempt(problem, model, parameters, rounds, parts):
         assert parts == "parts"
         here = {name[2:]: value for name, value in parameters.items() if name.startswith("e.")}
         assert parameters["other.x"] == 5.0
