@@ -10,6 +10,7 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
+import scipy
 
 from robot_io.types import FloatArray, IntArray
 
@@ -61,6 +62,27 @@ def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: i
     by_place = _at_each_place(width)[:, order] * factorial(order) / float(np.mean(steps)) ** order
     middle = np.correlate(signal, by_place[half])
     return np.concatenate([by_place[:half] @ signal[:width], middle, by_place[half + 1 :] @ signal[-width:]])
+
+
+def uneven_derivative_operator(time_s: FloatArray, half: int, order: int) -> "scipy.sparse.csr_array":
+    """Matrix (n, n) that turns a signal of one piece into what `local_derivative` makes of it.
+
+    Args:
+        time_s: times [s], shape (n,), at any steps.
+        half: samples to either side of each, that a polynomial is fitted to.
+        order: of the derivative, 0 to 2.
+    """
+    count, width = len(time_s), min(2 * half + 1, len(time_s))
+    terms = min(DEGREE, count - 1) + 1
+    if order >= terms:
+        return scipy.sparse.csr_array((count, count))
+    rows = np.clip(np.arange(count) - half, 0, count - width)[:, None] + np.arange(width)
+    unit = width / 2 * float(time_s[-1] - time_s[0]) / max(count - 1, 1) or 1.0
+    powers = ((time_s[rows] - time_s[:, None]) / unit)[..., None] ** np.arange(terms)
+    inverse = _inverse(np.einsum("nwi,nwj->nij", powers, powers))
+    weights = np.einsum("nwj,nj->nw", powers, inverse[:, order]) * factorial(order) / unit**order
+    ends = np.arange(0, rows.size + 1, width)
+    return scipy.sparse.csr_array((weights.ravel(), rows.ravel(), ends), shape=(count, count))
 
 
 def _even_fit(

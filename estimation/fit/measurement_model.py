@@ -8,6 +8,7 @@ Application (1997), ch. 4).
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -20,12 +21,14 @@ from estimation.data.derivatives import (
     rounding_variance,
     wider_window,
 )
-from estimation.data.local_fit import local_derivative
+from estimation.data.local_fit import local_derivative, uneven_derivative_operator
 from estimation.signals.blocks import blocks, equal_length_blocks
-from estimation.signals.cache_by_array import cache_by_channel_arrays
+from estimation.signals.cache_by_array import IdentityKey, cache_by_channel_arrays
+from estimation.signals.runwise import is_even
 from estimation.signals.shifted_motion import shifted_motion
 from robot_io.types import FloatArray, IntArray
 
+_MOST_WEIGHTS = 4_000_000  # of an operator that is kept
 _PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by
 _TRIED = 4000  # samples by which the operator that derived a velocity is recognised
 _ALIKE = 1e-6  # of a derivative's mean square, that one derived in another way may differ by
@@ -168,10 +171,22 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
 
 def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
     """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
+    if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, data.run):
+        times = IdentityKey(data.time_s), IdentityKey(data.run)
+        return np.asarray(_derivative_operator(*times, window, order) @ signal)
     found = np.empty(len(signal))
     for rows in blocks(data.run):
         found[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
     return found
+
+
+@lru_cache(maxsize=8)
+def _derivative_operator(
+    time_s: IdentityKey, run: IdentityKey, window: int, order: int
+) -> "scipy.sparse.csr_array":
+    """Of a whole channel at uneven times: the same for each of many draws of its readings."""
+    pieces = (uneven_derivative_operator(time_s.thing[rows], window, order) for rows in blocks(run.thing))
+    return scipy.sparse.block_diag(list(pieces), format="csr")
 
 
 def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) -> FloatArray:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
 from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate, grid_step
-from estimation.data.local_fit import local_derivative, local_fit, local_fits
+from estimation.data.local_fit import local_derivative, local_fit, local_fits, uneven_derivative_operator
 from estimation.signals.blocks import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
@@ -258,3 +258,13 @@ def test_the_grid_of_an_encoder_is_found_though_its_zero_was_taken_off_in_floati
     assert np.any(np.diff(position)[np.diff(counts) == 0] != 0.0)
     assert grid_step(position) == pytest.approx(step, rel=1e-9)
     assert grid_step(position + 0.2 * step * np.random.default_rng(4).standard_normal(2000)) == 0.0
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("count", [1, 2, 5, 200])
+def test_an_operator_derives_a_signal_as_its_local_fits_do(order, count):
+    rng = np.random.default_rng(1)
+    time_s, signal = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, count)), rng.standard_normal(count)
+    expected = local_fit(time_s, signal, np.arange(count), 4).fitted[:, order]
+    found = uneven_derivative_operator(time_s, 4, order) @ signal
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9 * (1.0 + np.abs(expected).max()))
