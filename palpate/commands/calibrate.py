@@ -272,7 +272,11 @@ def _say_what_is_left(job: runs.CalibrationJob) -> Iterator[None]:
 
 
 def ask_for_weight(gravity_m_s2: float) -> runs.Place:
-    """Somebody who puts the weights on, and is waited for."""
+    """Somebody who puts the weights on, and is waited for.
+
+    Args:
+        gravity_m_s2: what makes a mass a weight [m/s^2].
+    """
 
     def ask(_bench: runs.CalibrationSetup, number: int, force_n: float) -> None:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"

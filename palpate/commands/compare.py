@@ -85,7 +85,11 @@ class ComparedPair:
         self._studies = (first, second)
 
     def view(self, commands: Sequence[str] = ()) -> PairView:
-        """What every medium draws."""
+        """What every medium draws.
+
+        Args:
+            commands: that show the same again.
+        """
         first, second = self._studies
         channels = [
             sides_view(
@@ -112,7 +116,12 @@ class ComparedPair:
 
 
 def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
-    """The revisions of these numbers. InputError: one is not there, or two are of one channel."""
+    """The revisions of these numbers. InputError: one is not there, or two are of one channel.
+
+    Args:
+        study: the measurement and its revisions.
+        numbers: of the revisions.
+    """
     kept = [study.revision(number) for number in dict.fromkeys(numbers)]
     names = [one.channel for one in kept]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -129,6 +138,11 @@ def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
 
 def write_pair(folder: Path, pair: ComparedPair, view: PairView) -> dict[str, Path]:
     """Write result, report and recording; all of them appear, or none. Returns them by what they are.
+
+    Args:
+        folder: made if needed.
+        pair: what was compared.
+        view: what is drawn of it.
 
     Raises:
         InputError: a file cannot be written.
@@ -284,7 +298,11 @@ def _side_by_side(
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as plain data; the keys are stable."""
+    """The comparison as plain data; the keys are stable.
+
+    Args:
+        comparison: of one channel.
+    """
     return {
         "channel": comparison.channel,
         "model": comparison.model,

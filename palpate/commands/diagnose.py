@@ -105,7 +105,11 @@ def diagnose_command(
 
 
 def exit_code_of(verdicts: Iterable[Verdict]) -> int:
-    """What the program ends with: the code of what says most, 0 where all is adequate."""
+    """What the program ends with: the code of what says most, 0 where all is adequate.
+
+    Args:
+        verdicts: one of each channel.
+    """
     return min((EXIT_CODES[verdict] for verdict in verdicts if verdict in EXIT_CODES), default=0)
 
 

@@ -148,7 +148,12 @@ _MOST_RUNS = 30
 
 
 def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
-    """What is in a file, as it would be imported, as plain data. InputError: it cannot be read."""
+    """What is in a file, as it would be imported, as plain data. InputError: it cannot be read.
+
+    Args:
+        path: the file.
+        options: how to read it.
+    """
     table = read_table(path)
     imported = import_table(table, options)
     roles = dict(imported.roles)
@@ -163,7 +168,11 @@ def look_as_data(path: Path, options: ImportOptions) -> dict[str, Any]:
 
 
 def facts(imported: Imported) -> list[dict[str, Any]]:
-    """Kind, samples, runs and length of each channel, as plain data."""
+    """Kind, samples, runs and length of each channel, as plain data.
+
+    Args:
+        imported: the file as it was read.
+    """
     return [
         {
             "channel": channel.name,
@@ -221,7 +230,11 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
 
 
 def implausible(imported: Imported) -> list[str]:
-    """What in the channels is implausible, in one sentence each."""
+    """What in the channels is implausible, in one sentence each.
+
+    Args:
+        imported: the file as it was read.
+    """
     return [
         f"{channel.name}: {warning}" for channel in imported.channels for warning in quality_warnings(channel)
     ]

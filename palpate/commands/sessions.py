@@ -48,7 +48,11 @@ def info_command(
 
 
 def describe_session(session: Session) -> dict[str, Any]:
-    """The session's facts as plain data; the keys are stable."""
+    """The session's facts as plain data; the keys are stable.
+
+    Args:
+        session: the whole session.
+    """
     metadata = session.metadata
     streams = [_describe_stream(session, name) for name in session.stream_names]
     return {
@@ -192,6 +196,9 @@ def merged_streams(sessions: Sequence[Session]) -> list[Merged]:
 
     Clocks stay as they are: where one goes on through all sessions, the object remembers what was before.
 
+    Args:
+        sessions: in order.
+
     Raises:
         InputError: they are not of one arm, or not of the same streams.
     """
@@ -232,7 +239,11 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
 
 
 def not_whole(sessions: Sequence[Session]) -> list[str]:
-    """Which sessions lack something, in one sentence each: what is merged of them does not show it."""
+    """Which sessions lack something, in one sentence each: what is merged of them does not show it.
+
+    Args:
+        sessions: that are merged.
+    """
     return [
         f"{session.path.name}: is not whole (palpate info says why), and only what is there was merged"
         for session in sessions
@@ -254,6 +265,9 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     """Which contacts begin at another depth than in the first session, in one sentence each.
 
     A merged session is judged as presses onto one surface: nothing is shifted.
+
+    Args:
+        sessions: that are merged, in order.
     """
     try:
         first, *others = map(_contacts, sessions)
@@ -353,7 +367,12 @@ def reveal_command(
 
 
 def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:
-    """The answer as plain data; the keys are stable."""
+    """The answer as plain data; the keys are stable.
+
+    Args:
+        session: file of the session.
+        answer: what was sealed beside it.
+    """
     return {
         "session": str(session),
         "seed": answer.seed,

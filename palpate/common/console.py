@@ -45,7 +45,11 @@ def _console(*, stderr: bool) -> Console:
 
 
 def print_json(data: Any) -> None:  # noqa: ANN401
-    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null."""
+    """Print `data` as strict JSON on stdout; arrays become lists, NaN and infinity become null.
+
+    Args:
+        data: mappings, sequences, arrays, and what has a text.
+    """
     JsonOutput.was_printed = True
     readable = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(plain(data), indent=2, ensure_ascii=not readable, allow_nan=False)
@@ -54,7 +58,11 @@ def print_json(data: Any) -> None:  # noqa: ANN401
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401
-    """The same value in JSON's own types."""
+    """The same value in JSON's own types.
+
+    Args:
+        value: mappings, sequences, arrays, and what has a text.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -67,7 +75,13 @@ def plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
-    """A table in the house style: light rules, numbers to the right; what is too wide is folded, not cut."""
+    """A table in the house style: light rules, numbers to the right; what is too wide is folded, not cut.
+
+    Args:
+        title: above it; empty for none.
+        columns: their heads.
+        right: heads of columns of numbers, aligned to the right.
+    """
     made = Table(
         title=title or None, title_style="bold", title_justify="left", header_style="bold", box=SIMPLE
     )
@@ -79,13 +93,21 @@ def table(title: str, *columns: str, right: Iterable[str] = ()) -> Table:
 
 
 def natural_width(made: Table) -> int:
-    """Columns of a terminal that a table takes if nothing in it is folded."""
+    """Columns of a terminal that a table takes if nothing in it is folded.
+
+    Args:
+        made: the table.
+    """
     wide = Console(width=_UNBOUNDED)
     return made.__rich_measure__(wide, wide.options).maximum
 
 
 def as_typed(command: str) -> str:
-    """A command as it can be typed here: with its folder, where the shell would not find it otherwise."""
+    """A command as it can be typed here: with its folder, where the shell would not find it otherwise.
+
+    Args:
+        command: with the program's name first.
+    """
     program, _, rest = command.partition(" ")
     folder = Path(sys.argv[0]).parent
     started = folder / program
@@ -116,7 +138,11 @@ def has_display() -> bool:
 
 
 def rerun_step(recording: Path) -> tuple[str, str]:
-    """The command that opens a recording of revisions, with what it does and what it needs."""
+    """The command that opens a recording of revisions, with what it does and what it needs.
+
+    Args:
+        recording: file for Rerun.
+    """
     where = "" if has_display() else " (needs a display)"
     return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"
 
@@ -145,7 +171,12 @@ def present(
 
 
 def say_read(read: str, notes: Iterable[str]) -> None:
-    """Say on stderr what of a data file was taken for what; nothing of a session."""
+    """Say on stderr what of a data file was taken for what; nothing of a session.
+
+    Args:
+        read: the file's columns and their roles; empty for a session.
+        notes: sentences that the reader should see.
+    """
     console = stderr()
     if read:
         console.print(f"[dim]read: {safe(read)}[/dim]")
@@ -154,7 +185,11 @@ def say_read(read: str, notes: Iterable[str]) -> None:
 
 
 def command_group(about: str) -> typer.Typer:
-    """Commands under one name, which by itself prints its help."""
+    """Commands under one name, which by itself prints its help.
+
+    Args:
+        about: the help of the group.
+    """
     group = typer.Typer(
         rich_markup_mode="rich",
         add_completion=False,
@@ -180,19 +215,32 @@ _MOST_DIGITS = 8
 
 
 def safe(text: str) -> str:
-    """Text from a file for a console: one line, no escape sequence, no mark of direction, no markup."""
+    """Text from a file for a console: one line, no escape sequence, no mark of direction, no markup.
+
+    Args:
+        text: of a file, which may hold anything.
+    """
     line = "".join(char if char.isprintable() else " " if char in "\t\n" else "�" for char in text)
     last = line[len(line.rstrip("\\")) :]  # a backslash before markup would take its meaning away
     return escape(line.rstrip("\\")) + 2 * last
 
 
 def count(number: int, one: str) -> str:
-    """A number with its noun, such as "1 run" and "3,000 runs"."""
+    """A number with its noun, such as "1 run" and "3,000 runs".
+
+    Args:
+        number: how many.
+        one: the noun in the singular.
+    """
     return f"{number:,} {one if number == 1 else one + 's'}"
 
 
 def duration(seconds: float) -> str:
-    """A duration as a person says it."""
+    """A duration as a person says it.
+
+    Args:
+        seconds: of time [s].
+    """
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(seconds, 60)
@@ -200,17 +248,29 @@ def duration(seconds: float) -> str:
 
 
 def shown(path: Path) -> str:
-    """A path as short as it can be said from where the user is, in one line, for a console."""
+    """A path as short as it can be said from where the user is, in one line, for a console.
+
+    Args:
+        path: absolute, or from the current folder.
+    """
     return safe(_from_here(path))
 
 
 def typed(path: Path) -> str:
-    """A path as short as it can be typed where the user is, for a shell."""
+    """A path as short as it can be typed where the user is, for a shell.
+
+    Args:
+        path: absolute, or from the current folder.
+    """
     return as_shell_word(_from_here(path))
 
 
 def as_shell_word(text: str) -> str:
-    """Text as one word of a command that can be pasted into a shell."""
+    """Text as one word of a command that can be pasted into a shell.
+
+    Args:
+        text: any text.
+    """
     if text.isprintable():
         return shlex.quote(text)
     escaped = text.replace("\\", "\\\\").replace("'", "\\'")
@@ -224,7 +284,11 @@ def as_shell_word(text: str) -> str:
 
 
 def as_command(arguments: Iterable[str]) -> str:
-    """How palpate was called, to be pasted into a shell."""
+    """How palpate was called, to be pasted into a shell.
+
+    Args:
+        arguments: behind the program's name.
+    """
     return " ".join(map(as_shell_word, ["palpate", *arguments]))
 
 
@@ -238,7 +302,11 @@ def _from_here(path: Path) -> str:
 
 
 def chance(p_value: float) -> str:
-    """A p value from surrogates, of which there are too few to say less than this."""
+    """A p value from surrogates, of which there are too few to say less than this.
+
+    Args:
+        p_value: between 0 and 1.
+    """
     return f"≤ {_LEAST_P:g}" if p_value <= _LEAST_P else f"{p_value:.3f}"
 
 
@@ -247,6 +315,10 @@ def significant(value: float, uncertainty: float | None = None) -> str:
 
     Of what is not determined, with an uncertainty without bound or none that is known (NaN), two digits show
     the size. What rounds to zero has no sign.
+
+    Args:
+        value: in any unit.
+        uncertainty: standard uncertainty in the same unit; None for five digits.
     """
     if uncertainty is not None and not math.isfinite(uncertainty):
         return f"{value:z.2g}"

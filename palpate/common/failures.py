@@ -59,7 +59,12 @@ class OneLineGroup(TyperGroup):
 
 
 def report_error(error: Exception, *, as_json: bool = False) -> int:
-    """Print one line for `error` and return the exit code that goes with it; see `report`."""
+    """Print one line for `error` and return the exit code that goes with it; see `report`.
+
+    Args:
+        error: that ended the command.
+        as_json: whether JSON was asked for.
+    """
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exception(error)
     if isinstance(error, BrokenPipeError):
@@ -100,6 +105,11 @@ def report(text: str, code: int, *, as_json: bool = False) -> int:
 
     With `as_json` also as one line on stdout, `{"error": ..., "exit_code": ...}`, where JSON is read; but not
     after a result, which says itself how it ended.
+
+    Args:
+        text: what went wrong.
+        code: exit code.
+        as_json: whether JSON was asked for.
     """
     line = one_line(text)
     if as_json and not JsonOutput.was_printed:
@@ -135,6 +145,9 @@ _made: list[Path] = []  # in this process; innermost first
 
 def make_folder(folder: Path) -> None:
     """Make a folder and those that it is in, and remember which of them are new.
+
+    Args:
+        folder: absolute, or from the current folder.
 
     Raises:
         OSError: it cannot be made.
@@ -178,7 +191,11 @@ class ErrorWording:
 
 
 def in_python(text: str) -> str:
-    """Write each option of the command line as the keyword of `palpate.Study` that does the same."""
+    """Write each option of the command line as the keyword of `palpate.Study` that does the same.
+
+    Args:
+        text: of an error.
+    """
     text = _OPTION.sub(_keyword, _COMMAND.sub(r"study.\1(\2=True)", text))
     return _ONE_AFTER_THE_OTHER.sub(", ", text)
 
@@ -201,7 +218,11 @@ def _unquoted(word: str) -> str:
 
 
 def speaks_python(made: Class) -> Class:
-    """Let errors of a class's public methods use Python's words, except below a command line."""
+    """Let errors of a class's public methods use Python's words, except below a command line.
+
+    Args:
+        made: a class.
+    """
 
     def speaking(method: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(method)

@@ -44,12 +44,20 @@ def existing_file(path: Path, what: str) -> Path:
 
 
 def existing_data(path: Path) -> Path:
-    """The path, if it is a folder or a readable file; `InputError` if not."""
+    """The path, if it is a folder or a readable file; `InputError` if not.
+
+    Args:
+        path: as the user gave it.
+    """
     return path if path.is_dir() else existing_file(path, "session or data file")
 
 
 def open_session(path: Path) -> Session:
-    """Read a session file; `InputError` if it is not there or is no session."""
+    """Read a session file; `InputError` if it is not there or is no session.
+
+    Args:
+        path: as the user gave it.
+    """
     try:
         return Session.open(existing_file(path, "session"))
     except SessionError as error:
@@ -90,7 +98,12 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
 
 
 def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
-    """The path, if a session can be written there; see `output_file`. InputError: it is not called one."""
+    """The path, if a session can be written there; see `output_file`. InputError: it is not called one.
+
+    Args:
+        path: as the user gave it.
+        keep: what is read, which is never replaced.
+    """
     if path.suffix != SESSION and not path.is_dir():
         raise InputError(
             f"output {path}: a session's name ends in {SESSION}, such as {path.with_suffix(SESSION)}; "
@@ -101,6 +114,9 @@ def output_session(path: Path, keep: Iterable[Path] = ()) -> Path:
 
 def output_folder(folder: Path) -> Path:
     """The folder, made if needed, if files can be written in it.
+
+    Args:
+        folder: as the user gave it.
 
     Raises:
         InputError: it cannot be made or written to.
@@ -162,6 +178,9 @@ def whole_file(path: Path) -> Iterator[Path]:
 def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
     """Files of text that appear together after what stands within the `with`, or not at all if that fails.
 
+    Args:
+        texts: by the file's path.
+
     Raises:
         InputError: one of them cannot be written.
     """
@@ -172,7 +191,12 @@ def whole_set(texts: Mapping[Path, str]) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text, whole or not at all; `InputError` if it cannot be written."""
+    """Write a file of text, whole or not at all; `InputError` if it cannot be written.
+
+    Args:
+        path: of the file.
+        text: its content.
+    """
     with whole_set({path: text}):
         pass
 
@@ -210,6 +234,10 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
 
 def folder_to_read(path: Path, folder: Path | None) -> Path:
     """The folder in which revisions are kept, where there may be none yet.
+
+    Args:
+        path: session or data file.
+        folder: that the user named; None for the usual one.
 
     Raises:
         InputError: the folder that the user names is not there.

@@ -59,6 +59,9 @@ def library_remedy(error: ImportError) -> str | None:
     """What to do where a package cannot load a library of the system; None if it failed for another reason.
 
     Pinocchio's wheel takes OpenMP from the system, which small images of Debian and Ubuntu do not have.
+
+    Args:
+        error: of the import.
     """
     return "on Debian and Ubuntu: apt install libgomp1" if ".so" in str(error) else None
 

@@ -151,12 +151,20 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def flaw(found: type[Effect]) -> str | None:
-    """What is wrong with what a class states, and in which line; None if nothing is."""
+    """What is wrong with what a class states, and in which line; None if nothing is.
+
+    Args:
+        found: a class of the user's.
+    """
     return next((problem + place_of(found, attribute) for attribute, problem in _flaws(found)), None)
 
 
 def file_of(found: type) -> str:
-    """Path of the file that a class is written in; empty if there is none."""
+    """Path of the file that a class is written in; empty if there is none.
+
+    Args:
+        found: a class.
+    """
     try:
         return inspect.getsourcefile(found) or ""
     except (OSError, TypeError):
@@ -164,7 +172,12 @@ def file_of(found: type) -> str:
 
 
 def place_of(found: type, attribute: str) -> str:
-    """Where a class states an attribute or method, or else begins, such as " (mine.py, line 14)"."""
+    """Where a class states an attribute or method, or else begins, such as " (mine.py, line 14)".
+
+    Args:
+        found: a class.
+        attribute: or method; empty for the class itself.
+    """
     try:
         lines, first = inspect.getsourcelines(found)
         (made,) = ast.parse(textwrap.dedent("".join(lines))).body
@@ -229,7 +242,11 @@ _Shape = tuple[int, ...]
 
 
 def watched(effect: Effect) -> Effect:
-    """The effect, whose methods raise an `InputError` where they fail or give what cannot be used."""
+    """The effect, whose methods raise an `InputError` where they fail or give what cannot be used.
+
+    Args:
+        effect: of the user's.
+    """
     found = type(effect)
 
     def watch(method: str) -> Callable[..., Any]:
@@ -256,6 +273,10 @@ def watched(effect: Effect) -> Effect:
 
 def rehearse(effect: Effect, data: ChannelData) -> bool | None:
     """Call each method of a watched effect on a channel, before a search relies upon it.
+
+    Args:
+        effect: a watched effect.
+        data: the channel.
 
     Returns:
         Whether it does anything there: False for columns that are zero wherever a search begins; None where

@@ -51,6 +51,9 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
 
     The torque stays off until `may_power` has said yes, and it is off at the end.
 
+    Args:
+        check: what is examined, and how far.
+
     Raises:
         InputError: the robot file names what does not exist, has gains that no run takes, or cannot be
             emulated or moved by hand.
@@ -130,6 +133,9 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
     """Serial ports (setting `port`) and SocketCAN interfaces (setting `channel`), with the bus of each.
 
     They are only looked at, not opened.
+
+    Args:
+        robot_file: of the arm.
     """
     for name, bus in robot_file.buses.items():
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")
@@ -153,6 +159,11 @@ def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> It
     """Configure each part of a new robot by itself and ask it what it found; everything is closed at the end.
 
     Of the `closed` buses the port cannot be opened, which has been said.
+
+    Args:
+        robot: new, not configured.
+        robot_file: its file.
+        closed: buses whose port cannot be opened.
     """
     parts: list[tuple[str, Component, str | None]] = [
         *((f"bus {name}", bus, name) for name, bus in robot.buses.items()),
@@ -219,7 +230,12 @@ class _Watched:
 
 
 def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
-    """Read a configured robot for half a second at its control rate, without power."""
+    """Read a configured robot for half a second at its control rate, without power.
+
+    Args:
+        robot: configured, without power.
+        robot_file: its file.
+    """
     period_s, limits = 1.0 / robot_file.control_rate_hz, robot_file.limits
     computed = list(_computed(robot, period_s))
     yield from computed

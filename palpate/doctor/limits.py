@@ -24,7 +24,12 @@ _WARN, _FAIL = Level.WARN, Level.FAIL
 
 
 def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
-    """Torque against weight, the brake against inertia, ages against the rate, watchdogs, loose limits."""
+    """Torque against weight, the brake against inertia, ages against the rate, watchdogs, loose limits.
+
+    Args:
+        robot_file: of the arm.
+        body: its masses.
+    """
     if joint := body.weightless_joint:
         remedy = "give its links an <inertial>: the weight is held up by it, also in a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
@@ -54,7 +59,11 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
 
 
 def random_poses_rad(limits: Limits) -> FloatArray:
-    """Poses spread over the joints' ranges, shape (poses, n) [rad]."""
+    """Poses spread over the joints' ranges, shape (poses, n) [rad].
+
+    Args:
+        limits: with the joints' ranges.
+    """
     low, high = np.array(limits.position_min_rad), np.array(limits.position_max_rad)
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 

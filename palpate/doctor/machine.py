@@ -167,7 +167,13 @@ def serial_ports() -> Iterator[Finding]:
 
 
 def serial_port(subject: str, port: Path, denied: Level) -> Finding:
-    """Whether a port that is there may be opened (else `denied`), and whether its adapter collects bytes."""
+    """Whether a port that is there may be opened (else `denied`), and whether its adapter collects bytes.
+
+    Args:
+        subject: of the finding.
+        port: device file.
+        denied: level where it may not be opened.
+    """
     if not os.access(port, os.R_OK | os.W_OK):
         return Finding(subject, denied, f"{port}: permission denied", DIALOUT)
     name = port.resolve().name
@@ -188,7 +194,13 @@ def can_interfaces() -> Iterator[Finding]:
 
 
 def can_interface(subject: str, name: str, down: Level) -> Finding:
-    """Whether a CAN interface is there, and up (else `down`)."""
+    """Whether a CAN interface is there, and up (else `down`).
+
+    Args:
+        subject: of the finding.
+        name: of the interface.
+        down: level where it is not up.
+    """
     interface, bring_up = (
         Path("/sys/class/net") / name,
         f"sudo ip link set {name} up type can bitrate 1000000",

@@ -58,15 +58,28 @@ class Hand:
     patience_s = 30.0
 
     def turn(self, joint: int, words: str) -> None:
-        """Begin to turn a joint (from 0) forwards; `words` say what that looks like."""
+        """Begin to turn a joint (from 0) forwards; `words` say what that looks like.
+
+        Args:
+            joint: number, from 0.
+            words: what the turn looks like.
+        """
         console.stderr().print(f"[bold]Turn joint {joint + 1} by hand[/bold], by about 15 degrees: {words}")
 
     def press(self, words: str) -> None:
-        """Begin to press against the tool."""
+        """Begin to press against the tool.
+
+        Args:
+            words: where and how.
+        """
         console.stderr().print(f"[bold]Press gently with a finger[/bold] {words}")
 
     def go_on(self, elapsed_s: float) -> None:
-        """Time has passed since what was begun last [s]. A person needs no telling."""
+        """Time has passed since what was begun last [s]. A person needs no telling.
+
+        Args:
+            elapsed_s: time since what was begun last [s].
+        """
 
     def rest(self) -> None:
         """Let the arm go back, and hold still."""
@@ -77,7 +90,11 @@ class Hand:
         console.stderr().print("[bold]Hands away from the arm[/bold]")
 
     def count(self, left_s: int) -> None:
-        """So many seconds are left until the arm gets power."""
+        """So many seconds are left until the arm gets power.
+
+        Args:
+            left_s: seconds that are left [s].
+        """
         console.stderr().print(f"[bold]Hands away:[/bold] power in {left_s} s")
 
 
@@ -125,7 +142,13 @@ class EmulatedHand(Hand):
 
 
 def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding]:
-    """Ask a hand to turn each joint of a configured robot and to press on its tool, and see what it shows."""
+    """Ask a hand to turn each joint of a configured robot and to press on its tool, and see what it shows.
+
+    Args:
+        robot: configured, without power.
+        body: the arm's kinematics.
+        hand: turns and presses.
+    """
     for joint in range(robot.joint_count):
         if not _wait_until(robot, hand, is_still):
             yield RESTLESS
@@ -144,7 +167,12 @@ def examine_signs(robot: Robot, body: RigidBody, hand: Hand) -> Iterator[Finding
 
 
 def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
-    """Some seconds in which nobody may touch the arm; what shows that somebody does is a failure."""
+    """Some seconds in which nobody may touch the arm; what shows that somebody does is a failure.
+
+    Args:
+        robot: configured, without power.
+        hand: that is to stay away.
+    """
     if not _wait_until(robot, hand, is_still):
         yield RESTLESS
         return
@@ -164,6 +192,9 @@ def is_still(measurements: list[Measurement]) -> bool:
     """Whether no joint has moved, as far as good samples tell; none tell nothing.
 
     Good are samples if encoders and force have sampled anew meanwhile, and none of them reports a fault.
+
+    Args:
+        measurements: in order.
     """
     fresh = all(any(getattr(m, device) is Status.OK for m in measurements) for device in _DEVICES)
     good = fresh and all(
@@ -269,14 +300,23 @@ class NudgeTask:
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `control.loop.task.Task`; each joint is moved to the side with more room."""
+        """See `control.loop.task.Task`; each joint is moved to the side with more room.
+
+        Args:
+            measurement: of the first tick.
+        """
         self._elapsed_s = 0.0
         self._start_rad = measurement.joint_position_rad.copy()
         self._towards = np.where(self._start_rad > self._middle_rad, -1.0, 1.0)
         self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task`; trips where something touches the tool."""
+        """See `control.loop.task.Task`; trips where something touches the tool.
+
+        Args:
+            measurement: of this tick.
+            dt_s: since the tick before [s].
+        """
         self._elapsed_s += dt_s
         # Half a wave for one joint at a time, at rest at both of its ends.
         joint, within_s = divmod(self._elapsed_s - _STAY_S, _NUDGE_S)
@@ -295,6 +335,11 @@ class NudgeTask:
 
 def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     """Move a configured robot a little; its torque is off at the end, whatever happens.
+
+    Args:
+        robot: configured.
+        robot_file: its file.
+        body: its masses.
 
     Raises:
         DeviceError: a device failed before the first tick.
@@ -316,7 +361,12 @@ def examine_powered(robot: Robot, robot_file: RobotFile, body: RigidBody) -> Ite
 
 
 def gentle(limits: Limits, body: RigidBody) -> Limits:
-    """The limits with which a joint that is held is let go: little way off its path, little push."""
+    """The limits with which a joint that is held is let go: little way off its path, little push.
+
+    Args:
+        limits: of the robot file.
+        body: the arm's masses.
+    """
     weight_nm = np.abs([body.gravity(pose) for pose in random_poses_rad(limits)]).max(axis=0)
     torque_nm = np.minimum(limits.torque_nm, weight_nm + _PUSH_SHARE * np.array(limits.torque_nm))
     tracking_rad = np.minimum(limits.tracking_rad, _TRACKING_RAD)

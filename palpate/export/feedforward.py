@@ -151,7 +151,11 @@ def _literals(terms: JointTerms) -> str:
 
 
 def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
-    """The feedforward of fitted joints, in the order of their numbers."""
+    """The feedforward of fitted joints, in the order of their numbers.
+
+    Args:
+        joints: with their fits.
+    """
     ordered = sorted(joints, key=lambda joint: joint.number)
     terms, used, left_out = [], list[str](), list[str]()
     for joint in ordered:

@@ -96,7 +96,12 @@ def _dry_friction(p: Values) -> list[Entry]:
 
 
 def lost(effect: str, p: Values) -> Iterator[str]:
-    """What of a fitted effect is simulated otherwise, in a sentence."""
+    """What of a fitted effect is simulated otherwise, in a sentence.
+
+    Args:
+        effect: its name.
+        p: fitted parameters, by their own names.
+    """
     if effect == "asymmetric_friction" and _viscous(p) < 0.0:
         yield f"asymmetric_friction that falls by {-_viscous(p):.3g} N m s/rad is simulated as level"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:

@@ -58,7 +58,11 @@ def recorded_table(path: Path, options: ImportOptions, name: str) -> pa.Table:
 
 
 def stream_table(samples: Samples) -> pa.Table:
-    """Every column of a stream; a wide one as several, numbered from 1. Units are kept with the fields."""
+    """Every column of a stream; a wide one as several, numbered from 1. Units are kept with the fields.
+
+    Args:
+        samples: of the stream.
+    """
     fields, arrays = list[pa.Field](), list[pa.Array]()
     for column in samples.stream.columns:
         values, about = samples.vector(column.name), {"unit": column.unit, "doc": column.doc}
@@ -70,7 +74,11 @@ def stream_table(samples: Samples) -> pa.Table:
 
 
 def channel_table(channel: ChannelData) -> pa.Table:
-    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0."""
+    """A channel of n samples with the names and units that `palpate import` takes; no rows before run 0.
+
+    Args:
+        channel: n samples.
+    """
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
     columns = {"time_s": channel.time_s, "run": channel.run}
     columns |= dict(zip(_NAMES[channel.kind], motion, strict=True))
@@ -83,7 +91,11 @@ def channel_table(channel: ChannelData) -> pa.Table:
 
 
 def events_table(session: Session) -> pa.Table:
-    """What happened, one row an event; its data as JSON."""
+    """What happened, one row an event; its data as JSON.
+
+    Args:
+        session: the session.
+    """
     events = session.events
     return pa.table(
         {
@@ -98,6 +110,10 @@ def events_table(session: Session) -> pa.Table:
 def write_table(table: pa.Table, path: Path) -> None:
     """Write a table as its ending says; the file appears whole or not at all.
 
+    Args:
+        table: what is written.
+        path: ends in .csv or .parquet.
+
     Raises:
         InputError: another ending, or it cannot be written.
     """
@@ -111,7 +127,11 @@ def write_table(table: pa.Table, path: Path) -> None:
 
 
 def check_ending(path: Path) -> None:
-    """Refuse a file of another kind. InputError: it is neither CSV nor Parquet by its ending."""
+    """Refuse a file of another kind. InputError: it is neither CSV nor Parquet by its ending.
+
+    Args:
+        path: of the output.
+    """
     if path.suffix not in ENDINGS:
         raise InputError(f"output {path}: a table is written as {' or '.join(ENDINGS)}")
 
@@ -132,7 +152,12 @@ Plots = Mapping[str, Sequence[tuple[Stream, Column]]]  # by title
 
 
 def layout_of(session: Session, program: Program) -> str:
-    """The text of a layout. InputError: the session has nothing to plot."""
+    """The text of a layout. InputError: the session has nothing to plot.
+
+    Args:
+        session: whose streams are shown.
+        program: that shows them.
+    """
     streams = [session.samples(name).stream for name in session.stream_names]
     plots: dict[str, list[tuple[Stream, Column]]] = {}
     for stream in streams:

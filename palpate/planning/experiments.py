@@ -70,7 +70,13 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
 
 
 def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
-    """One experiment with what two show; None where they want different things, or make no valid plan."""
+    """One experiment with what two show; None where they want different things, or make no valid plan.
+
+    Args:
+        first: one experiment.
+        second: the other one.
+        before: the plan that was run first.
+    """
     wants, others = ({k: v for k, v in one.settings.items() if k not in _SHARED} for one in (first, second))
     if not wants or not others or any(others.get(name, value) != value for name, value in wants.items()):
         return None
@@ -179,7 +185,12 @@ class KnownObject:
     normal_world: tuple[float, float, float]  # unit vector into the object
 
     def force_n(self, along_m: float, speed_m_s: float) -> float:
-        """Normal force [N] on a tip at a place and speed along the normal; it never pulls."""
+        """Normal force [N] on a tip at a place and speed along the normal; it never pulls.
+
+        Args:
+            along_m: place along the normal [m].
+            speed_m_s: along the normal, positive into the object [m/s].
+        """
         depth_m = along_m - self.surface_m
         return max(self.stiffness_n_m * depth_m + self.damping_n_s_m * speed_m_s, 0.0) if depth_m > 0 else 0.0
 
@@ -201,6 +212,10 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
     """What `rehearse` says of each, in this order; None where the arm cannot do it.
 
     What was rehearsed before is remembered. The work of several processes comes out the same.
+
+    Args:
+        rehearsals: in order.
+        processes: that share the work.
     """
     known = {one: _known[one] for one in rehearsals if one in _known}
     new = [one for one in rehearsals if one not in known]
@@ -236,6 +251,9 @@ def _tried(rehearsal: Rehearsal) -> Samples | None:
 
 def rehearse(rehearsal: Rehearsal) -> Samples:
     """The ticks of a probing of this arm, without noise: what channels are made of.
+
+    Args:
+        rehearsal: arm, plan, object and start.
 
     Raises:
         InputError: the arm cannot do it within its limits.

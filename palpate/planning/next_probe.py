@@ -59,7 +59,12 @@ class Undecided:
 
 
 def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[Undecided]:
-    """All that is left to ask, of each channel what is there in the place of each effect that has rivals."""
+    """All that is left to ask, of each channel what is there in the place of each effect that has rivals.
+
+    Args:
+        study: what was measured so far.
+        diagnoses: of its channels.
+    """
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
         for one in diagnoses
@@ -157,7 +162,11 @@ class _Planned:
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
     def expected(self, left: Sequence[Undecided]) -> "_Planned":
-        """The same with what is expected once all models are fitted again."""
+        """The same with what is expected once all models are fitted again.
+
+        Args:
+            left: the questions.
+        """
         rng = np.random.default_rng(_SEED)
         leads = tuple(
             one.rivals.expected(motion, rng) if motion is not None else one.nothing
@@ -311,7 +320,12 @@ class _Ground:
 
     @classmethod
     def of(cls, study: ModelStudy, session: Session) -> "_Ground | None":
-        """None where nothing was touched: the object is not known."""
+        """None where nothing was touched: the object is not known.
+
+        Args:
+            study: what was measured so far.
+            session: its first session.
+        """
         contact = next((channel for channel in study.channels if channel.kind is ChannelKind.CONTACT), None)
         if contact is None or contact.data.surface is None or not session.metadata.robot_file:
             return None
@@ -333,7 +347,11 @@ class _Ground:
         return place
 
     def rehearsal(self, plan: ProbingPlan) -> Rehearsal:
-        """Of a plan, on this ground."""
+        """Of a plan, on this ground.
+
+        Args:
+            plan: what the arm would do.
+        """
         return Rehearsal(self.arm, plan.model_dump_json(), self.known, self.start_rad)
 
 
@@ -359,13 +377,21 @@ _WIRE = "--wire"
 
 
 def plan_text(experiment: NextExperiment, plan: ProbingPlan) -> str:
-    """The plan as YAML, with its purpose as a comment."""
+    """The plan as YAML, with its purpose as a comment.
+
+    Args:
+        experiment: as a diagnosis states it.
+        plan: the whole plan.
+    """
     words = f"# {one_line(experiment.instruction)}\n# to {one_line(experiment.purpose)}\n"
     return words + yaml.safe_dump(plan.model_dump(mode="json"), sort_keys=False)
 
 
 def same_world(session: Session) -> str | None:
     """The options of `palpate probe` that lead to the world in which a session was probed.
+
+    Args:
+        session: of a probing.
 
     Returns:
         Options for a shell; None where nobody but the session's maker can say them.

@@ -57,7 +57,11 @@ class CalibrationSetup:
     body: RigidBody
 
     def guard(self, limits: Limits) -> Guard:
-        """A guard that holds the arm to these limits."""
+        """A guard that holds the arm to these limits.
+
+        Args:
+            limits: the arm's limits meanwhile.
+        """
         robot_file = self.job.robot_file
         return Guard(limits, robot_file.safe_state, robot_file.joint_count, self.body.gravity)
 
@@ -76,6 +80,11 @@ class CalibrationSetup:
 
     def run(self, task: Task, limits: Limits, watcher: Watcher = NOBODY) -> None:
         """Run a task in the loop, under a guard with these limits.
+
+        Args:
+            task: what the arm does.
+            limits: of the guard.
+            watcher: looks on.
 
         Raises:
             KeyboardInterrupt: the user stopped it.
@@ -100,6 +109,9 @@ MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about
 def calibration_bench(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """Set everything up; the session file is complete when the context ends.
 
+    Args:
+        job: what is to be calibrated, with which arm.
+
     Raises:
         InputError: robot file, calibrations and scenario do not fit each other, a device could not be opened,
             or the session cannot be written.
@@ -112,7 +124,12 @@ def calibration_bench(job: CalibrationJob) -> Iterator[CalibrationSetup]:
 
 
 def motion_in_words(kind: str, limits: Limits) -> str:
-    """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand."""
+    """What the arm does to have its encoders, drives or base calibrated, as a person reads it beforehand.
+
+    Args:
+        kind: of the calibration: encoder, torque or gravity.
+        limits: of the arm.
+    """
     travel_rad_s = travel_speed_rad_s(limits)
     if kind in MOTIONS:
         motion = MOTIONS[kind]
@@ -137,6 +154,11 @@ def run_motion(
 ) -> None:
     """Excite the arm in free air and log it: for torque and gravity, with the usual motion of the kind.
 
+    Args:
+        job: what is to be calibrated, with which arm.
+        settings: of the motion; None for the usual one of the kind.
+        watcher: makes who looks on, from the motion's duration [s].
+
     Raises:
         InputError: as `calibration_bench`, or no motion is clear of the ground.
         PalpateError: the arm was stopped.
@@ -160,6 +182,11 @@ def run_stops(
 ) -> None:
     """Touch the joints' hard stops and log it; lower and upper stops, (n,) each, are by default the URDF's.
 
+    Args:
+        job: what is to be calibrated, with which arm.
+        stops_rad: lower and upper stops, (n,) each [rad]; None for the URDF's.
+        watcher: makes who looks on, from the motion's duration [s].
+
     Raises:
         InputError: as `calibration_bench`, or a stop cannot be reached.
         PalpateError: the arm was stopped.
@@ -178,6 +205,9 @@ def run_stops(
 
 def run_pose(job: CalibrationJob) -> None:
     """Read the encoders of an arm that is held in a known pose, without power, and log it.
+
+    Args:
+        job: what is to be calibrated, with which arm.
 
     Raises:
         InputError: as `calibration_bench`.
@@ -202,6 +232,14 @@ def run_weighing(
 
     `place` sees to it that force number i [N], positive in compression, is there; see `weigh` for the rest.
 
+    Args:
+        job: what is to be calibrated, with which arm.
+        forces_n: on the sensor, one after the other [N], positive in compression.
+        place: sees to it that a force is there.
+        settle_s: time before each measurement [s].
+        measure_s: time of each measurement [s].
+        progress: called with the share that is done.
+
     Raises:
         InputError: as `calibration_bench`, or there are too few forces, or one is beyond the robot's limit.
         SafetyTripError: a sample is missing, old or beyond a limit.
@@ -224,7 +262,13 @@ def run_weighing(
 
 
 def put_simulated_weight(bench: CalibrationSetup, number: int, force_n: float) -> None:
-    """Put a force on the simulated sensor."""
+    """Put a force on the simulated sensor.
+
+    Args:
+        bench: the robot that is calibrated.
+        number: of the force, from 0; not used.
+        force_n: positive in compression [N].
+    """
     if bench.arm.world is not None:
         bench.arm.world().sensor_load_n = force_n
 

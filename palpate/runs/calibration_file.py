@@ -46,6 +46,11 @@ _FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
 def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     """A session to work a calibration of this kind and robot out from.
 
+    Args:
+        path: session file.
+        kind: of the calibration.
+        robot_file: of the robot that it is for.
+
     Raises:
         InputError: it was not made for that, is of another robot or device, or such a calibration was applied
             in it.
@@ -82,7 +87,13 @@ class Stamp:
 
     @classmethod
     def of(cls, robot_file: RobotFile, raw: Path, valid_days: float) -> "Stamp":
-        """As the session says; somebody's data file says nothing, and is taken as measured now."""
+        """As the session says; somebody's data file says nothing, and is taken as measured now.
+
+        Args:
+            robot_file: of the robot that it is for.
+            raw: session or data file.
+            valid_days: how long it may be used [days].
+        """
         if raw.suffix != ".mcap":
             return cls(robot_file, raw, datetime.now(UTC), valid_days)
         metadata = Session.open(raw).metadata
@@ -93,7 +104,11 @@ class Stamp:
         return cls(robot_file, raw, made_utc, valid_days, source, tuple(names))
 
     def content(self, kind: str) -> dict[str, object]:
-        """Everything but the values; `InputError` if the raw data or the URDF cannot be read."""
+        """Everything but the values; `InputError` if the raw data or the URDF cannot be read.
+
+        Args:
+            kind: of the calibration.
+        """
         with self.raw.open("rb") as file:
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         content: dict[str, object] = {
@@ -116,6 +131,11 @@ class Stamp:
 def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
     """Gains, offsets, friction and tilt from a session of `run_motion`.
 
+    Args:
+        session: of the motion.
+        urdf: file with the arm's masses.
+        tip_frame: the tip's frame in it.
+
     Raises:
         InputError: it is no such session, or does not determine a joint's gain.
     """
@@ -125,7 +145,14 @@ def arm_fit_of(session: Session, urdf: str | Path, tip_frame: str) -> ArmFit:
 def encoder_fit_of(
     session: Session, joint_count: int, pose_rad: Sequence[float] | None, known_std_rad: float
 ) -> EncoderFit:
-    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; `InputError` if it is none."""
+    """Zeros from a session of `run_stops`, or of `run_pose` in this pose; `InputError` if it is none.
+
+    Args:
+        session: of the stops or of the pose.
+        joint_count: of the arm.
+        pose_rad: in which the arm was held, (n,) [rad]; None where stops were touched.
+        known_std_rad: standard uncertainty of stops or pose [rad].
+    """
     if pose_rad is not None:
         return fit_pose(session, np.array(pose_rad, dtype=np.float64), known_std_rad)
     try:
@@ -135,7 +162,13 @@ def encoder_fit_of(
 
 
 def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
-    """The file's content."""
+    """The file's content.
+
+    Args:
+        fit: scale, zero and curvature.
+        reading_unit: of the sensor's readings.
+        stamp: where it comes from.
+    """
     values = {"zero": _entry(fit.zero, reading_unit), "scale": _entry(fit.scale, f"N/{reading_unit}")}
     if fit.curvature:
         values["curvature"] = _entry(fit.curvature, f"N/{reading_unit}^2")
@@ -150,14 +183,24 @@ def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCa
 
 
 def encoder_calibration(fit: EncoderFit, stamp: Stamp) -> EncoderCalibration:
-    """The file's content."""
+    """The file's content.
+
+    Args:
+        fit: the joints' zeros.
+        stamp: where it comes from.
+    """
     values = {"offset": _entry(UncertainValue(fit.offset_rad, fit.std_rad), "rad")}
     findings = {"repeatability": _exact(fit.repeatability_rad, "rad")}
     return validate(EncoderCalibration, stamp.content("encoder") | {"values": values, "findings": findings})
 
 
 def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
-    """The file's content; friction is a finding."""
+    """The file's content; friction is a finding.
+
+    Args:
+        fit: gains and offsets of the drives.
+        stamp: where it comes from.
+    """
     values = {
         "gain": _entry(fit.gain, "1"),
         "offset": _entry(fit.offset_nm, "N m"),
@@ -173,6 +216,10 @@ def torque_calibration(fit: ArmFit, stamp: Stamp) -> TorqueCalibration:
 
 def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
     """The file's content; an angle that the arm does not feel is left out.
+
+    Args:
+        fit: tilt of the base.
+        stamp: where it comes from.
 
     Raises:
         InputError: the arm feels no tilt at all.

@@ -31,6 +31,10 @@ def hide(scenario: Scenario, what: str) -> Scenario:
     They are "random"; the name of an effect, whose place and strength are then random; or a YAML file with a
     list `hidden`.
 
+    Args:
+        scenario: the world.
+        what: "random", an effect's name, or the path of a YAML file.
+
     Raises:
         InputError: no such effect or file, or they do not fit the world.
     """
@@ -51,6 +55,12 @@ def seal_hidden(
     `what` is how it was chosen, as for `hide`, or None if the scenario says so itself. The session's metadata
     has the mark that binds the answer to it.
 
+    Args:
+        session: file of the session.
+        scenario: its world.
+        what: how the effects were chosen, as for `hide`; None if the scenario says so itself.
+        metadata: of the session, with the mark that binds the answer to it.
+
     Raises:
         InputError: such a file is there already, or it cannot be written.
     """
@@ -61,12 +71,19 @@ def seal_hidden(
 
 
 def was_sealed(session: Session) -> bool:
-    """Whether something was hidden in a session, or an answer lies beside it."""
+    """Whether something was hidden in a session, or an answer lies beside it.
+
+    Args:
+        session: the session.
+    """
     return SEAL in session.metadata.extra or sealed_path(session.path).exists()
 
 
 def open_answer(session: Session) -> SealedAnswer:
     """What was hidden in a session.
+
+    Args:
+        session: beside which the sealed answer lies.
 
     Raises:
         InputError: there is no sealed answer, it is damaged, or it is that of another session.
@@ -88,7 +105,12 @@ def hidden_names() -> list[str]:
 
 
 def command_line(arguments: Sequence[str], hidden: str | None) -> str:
-    """How the program was started, for a session to keep: it does not tell what is hidden."""
+    """How the program was started, for a session to keep: it does not tell what is hidden.
+
+    Args:
+        arguments: of the program.
+        hidden: what was hidden, as typed; None for nothing.
+    """
     words = list(arguments)
     for number, word in enumerate(words):
         if hidden not in (None, "", RANDOM):
@@ -105,6 +127,9 @@ SURFACE = "surface"
 def scenario_of(session: Session) -> Scenario | None:
     """The simulated world of a session, None where it was no simulation.
 
+    Args:
+        session: the session.
+
     Raises:
         InputError: the session's copy of the scenario is not valid.
     """
@@ -116,13 +141,20 @@ def true_parameters(session: Session) -> dict[str, float]:
     """True values by "effect.parameter" as models call them; empty where it was no simulation.
 
     `SURFACE` is the surface's coordinate along the press direction (downwards) [m].
+
+    Args:
+        session: the session.
     """
     scenario = scenario_of(session)
     return {} if scenario is None else truth_of(scenario)
 
 
 def truth_of(scenario: Scenario) -> dict[str, float]:
-    """The same of a simulated world."""
+    """The same of a simulated world.
+
+    Args:
+        scenario: the world.
+    """
     surface = {SURFACE: -scenario.object.surface_height_m}
     match scenario.object.law:
         case KelvinVoigtLaw() | EngineContact() as law:

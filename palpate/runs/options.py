@@ -76,7 +76,11 @@ class RunOptions:
         }
 
     def stamped_name(self, kind: str = "") -> str:
-        """A name for a file of this arm that nobody has used yet."""
+        """A name for a file of this arm that nobody has used yet.
+
+        Args:
+            kind: what it holds, put last; empty for none.
+        """
         stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
         return "-".join(filter(None, (stamp, self.robot_file.name, kind)))
 
@@ -104,7 +108,13 @@ class MotionOptions(CalibrateOptions):
 
 
 def numbers(option: str, text: str, example: str = "") -> list[float]:
-    """Numbers with commas between them; `InputError` if they are none, or too large."""
+    """Numbers with commas between them; `InputError` if they are none, or too large.
+
+    Args:
+        option: its name, for errors.
+        text: as typed.
+        example: added to the error, such as ", such as 1,2".
+    """
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:
@@ -115,7 +125,13 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:
-    """One angle per joint [rad], or those of home; `InputError` if they are none, or of another number."""
+    """One angle per joint [rad], or those of home; `InputError` if they are none, or of another number.
+
+    Args:
+        option: its name, for errors.
+        text: angles as typed, or "home".
+        robot_file: of the arm.
+    """
     if text == "home":
         return list(robot_file.home_rad)
     angles = numbers(option, text)
@@ -130,6 +146,11 @@ def stops_of(
     lower: str | None, upper: str | None, robot_file: RobotFile
 ) -> tuple[FloatArray, FloatArray] | None:
     """Lower and upper stops that are stated, (n,) each [rad], NaN on a side that is not; None for the URDF's.
+
+    Args:
+        lower: angles as typed; None if not stated.
+        upper: the same of the upper stops.
+        robot_file: of the arm.
 
     Raises:
         InputError: one of them is no list of angles, or a lower stop is not below its upper one.
@@ -151,6 +172,10 @@ def stops_of(
 def pose_of(pose: str | None, robot_file: RobotFile) -> list[float] | None:
     """The pose that is stated, (n,) [rad]; None where none is.
 
+    Args:
+        pose: angles as typed; None if not stated.
+        robot_file: of the arm.
+
     Raises:
         InputError: it is no list of angles, or no joint of this arm can be turned so far.
     """
@@ -171,6 +196,12 @@ def forces_of(
     weights_kg: str | None, robot_file: RobotFile, gravity_m_s2: float, *, simulated: bool
 ) -> list[float]:
     """The forces that are put on, one after the other [N].
+
+    Args:
+        weights_kg: masses as typed [kg]; None if not stated.
+        robot_file: of the arm.
+        gravity_m_s2: what makes a mass a weight [m/s^2].
+        simulated: whether forces may be chosen.
 
     Raises:
         InputError: nobody said which, and they cannot be chosen; or one is negative.
@@ -198,6 +229,11 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
 
     With `yes` nothing is asked; the countdown still runs.
 
+    Args:
+        motion: what the arm is going to do, in one sentence.
+        yes: whether permission was given already.
+        pause: waits for so many seconds.
+
     Raises:
         InputError: the answer was no, or nobody is there to be asked; nothing has moved.
     """
@@ -217,7 +253,12 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
 
 
 def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    """What is asked of a real arm, for the question before it gets power."""
+    """What is asked of a real arm, for the question before it gets power.
+
+    Args:
+        robot_file: of the arm.
+        plan: what it does.
+    """
     speeds = ", ".join(f"{1e3 * speed:g}" for speed in plan.speeds_m_s)
     return (
         f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
@@ -233,6 +274,10 @@ def _confirmed() -> bool:
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
     """Wait until somebody holds a real arm in a pose (n,) [rad], if not `yes`; it gets no power.
+
+    Args:
+        pose_rad: joint positions, shape (n,) [rad].
+        yes: whether it is held there already.
 
     Raises:
         InputError: nobody is there to bring it.

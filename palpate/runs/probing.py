@@ -59,10 +59,20 @@ class Watcher:
         """The arm is ready, and begins to move after this."""
 
     def tick(self, measurement: Measurement, output: TaskOutput) -> None:
-        """A tick has passed. With a real arm, take no time here."""
+        """A tick has passed. With a real arm, take no time here.
+
+        Args:
+            measurement: of this tick.
+            output: what the task made of it.
+        """
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """An observer for the loop, which estimates nothing."""
+        """An observer for the loop, which estimates nothing.
+
+        Args:
+            measurement: of this tick.
+            output: what the task made of it.
+        """
         self.tick(measurement, output)
         return NO_ESTIMATE
 
@@ -94,6 +104,10 @@ class ProbingOutcome:
 
 def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
     """Probe, and write the session file; it is complete when this returns.
+
+    Args:
+        job: what is probed, with which arm.
+        watcher: looks on.
 
     Raises:
         InputError: robot file, plan and scenario do not fit each other, or the session cannot be written;
@@ -132,6 +146,14 @@ def run_guarded(  # noqa: PLR0917, what a run is made of
     watcher: Watcher = NOBODY,
 ) -> tuple[LoopResult, Path | None]:
     """Run a task on the arm of a job under its guard, and write the session; returns the sealed answer too.
+
+    Args:
+        job: which arm, and where to.
+        task: what the arm does.
+        calibrations: applied to its readings and commands.
+        extra: further texts for the session's metadata.
+        observe: called in each tick; gives estimates.
+        watcher: told when the arm begins to move.
 
     Raises:
         InputError: they do not fit each other; nothing has moved, and no session is left.
@@ -178,6 +200,9 @@ class ReplayJob(ArmJob):
 def references_of(session: Session) -> References:
     """What the arm of a session was to do, up to where it last stood between runs: there it can be let go.
 
+    Args:
+        session: of a probing.
+
     Raises:
         InputError: it is no probing, or holds no whole run.
     """
@@ -206,6 +231,11 @@ def run_replay(
     job: ReplayJob, references: References, watcher: Watcher = NOBODY
 ) -> tuple[LoopResult, Path | None]:
     """Repeat the references, and write a session of it; returns the sealed answer of a hidden world too.
+
+    Args:
+        job: which arm, and where to.
+        references: joint positions and velocities over time.
+        watcher: looks on.
 
     Raises:
         InputError: they are of another arm, or what they need does not fit each other; nothing has moved.
@@ -244,20 +274,34 @@ class TickRecords:
         self.records: list[tuple[object, ...]] = []
 
     def append(self, stream_name: str, record: tuple[object, ...]) -> None:
-        """Keep a tick's record."""
+        """Keep a tick's record.
+
+        Args:
+            stream_name: of the stream; not used.
+            record: of one tick.
+        """
         self.records.append(record)
 
     def event(self, time_s: float, kind: str, text: str, data: Mapping[str, object] | None = None) -> None:
         """Nothing is kept of events."""
 
     def samples(self, joint_count: int) -> Samples:
-        """All ticks, as a session would give them."""
+        """All ticks, as a session would give them.
+
+        Args:
+            joint_count: of the arm.
+        """
         stream = tick_stream(joint_count)
         return Samples.from_records(stream, np.array(self.records, stream.dtype))
 
 
 def probe_in_memory(robot_file: RobotFile, scenario: Scenario, plan: ProbingPlan) -> Samples:
     """Probe a simulated object as fast as the machine can; returns the stream "tick".
+
+    Args:
+        robot_file: of a simulated arm.
+        scenario: the world.
+        plan: speeds, forces, repeats.
 
     Raises:
         InputError: robot file, scenario and plan do not fit each other, or the robot is not simulated.

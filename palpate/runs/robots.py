@@ -38,7 +38,11 @@ def robot_names() -> list[str]:
 
 
 def find_robot(robot: str) -> RobotFile:
-    """The robot file of a shipped arm, by its name, or that at a path; `InputError` if there is none."""
+    """The robot file of a shipped arm, by its name, or that at a path; `InputError` if there is none.
+
+    Args:
+        robot: name of a shipped arm, or path of a robot file.
+    """
     shipped = shipped_robots()
     if robot in shipped:
         return load_robot_file(shipped[robot])
@@ -51,6 +55,9 @@ def find_robot(robot: str) -> RobotFile:
 
 def importable(packages: list[str]) -> tuple[str, ...]:
     """The packages, if Python finds them and they hold drivers.
+
+    Args:
+        packages: their names, as Python imports them.
 
     Raises:
         InputError: one is not found, fails, or holds no driver.
@@ -87,6 +94,9 @@ def _number_of_drivers(drivers: DriverCatalogue) -> int:
 def is_simulated(robot_file: RobotFile) -> bool:
     """Whether the robot's bus is a simulated world, without devices.
 
+    Args:
+        robot_file: of the robot.
+
     Raises:
         InputError: it is, but there is another bus too: devices would run on the time of a simulation.
     """
@@ -102,7 +112,11 @@ def is_simulated(robot_file: RobotFile) -> bool:
 
 
 def check_can_be_emulated(robot_file: RobotFile) -> None:
-    """Refuse with `InputError` a robot whose world is simulated without wires."""
+    """Refuse with `InputError` a robot whose world is simulated without wires.
+
+    Args:
+        robot_file: of the robot.
+    """
     if is_simulated(robot_file):
         raise InputError(
             f"robot '{robot_file.name}' is simulated without wires: --wire is for robots of hardware "
@@ -122,6 +136,13 @@ def emulate(
 
     On a simulated clock the devices run in lock-step with it. They are as `as_built` says, by default as the
     robot file does; `faults` go wrong, by bus name.
+
+    Args:
+        robot_file: of the robot.
+        scenario: the world behind the devices.
+        clock: of the devices.
+        as_built: the arm as it is put together; None for what the robot file says.
+        faults: that the devices have, by bus name.
 
     Raises:
         InputError: a bus cannot be emulated, or the two files do not have the same buses.
@@ -143,7 +164,11 @@ def emulate(
 
 
 def wires_in_words(robot_file: RobotFile) -> str:
-    """What is emulated, such as "motors (dynamixel_bus), load_cell (serial_line); no hardware is touched"."""
+    """What is emulated, such as "motors (dynamixel_bus), load_cell (serial_line); no hardware is touched".
+
+    Args:
+        robot_file: of the robot.
+    """
     check_can_be_emulated(robot_file)
     buses = ", ".join(f"{name} ({bus.driver})" for name, bus in robot_file.buses.items())
     return f"{buses}; no hardware is touched"

@@ -82,6 +82,12 @@ class ArmSession:
         Where its torque could not be switched off, that is the next try. The session is still open then:
         closing it may wait for its disk.
 
+        Args:
+            task: what the arm does.
+            guard: with the arm's limits.
+            rate_hz: control rate [Hz].
+            observer: called in each tick; gives estimates.
+
         Raises:
             InputError: the task does not suit where the arm stands; nothing has moved.
             DeviceError: the torque is off, but a device could not be released; says why the arm was stopped,
@@ -109,6 +115,10 @@ class ArmSession:
 def checked_body(robot_file: RobotFile, calibrations: Calibrations) -> RigidBody:
     """The arm, once it is known that its masses and its DH table can be relied on.
 
+    Args:
+        robot_file: of the arm.
+        calibrations: how its base and drives differ from the URDF.
+
     Raises:
         InputError: the URDF is not valid, says nothing of the arm's masses, or is not the DH table's arm.
     """
@@ -133,6 +143,13 @@ def arm_session(
 
     `extra` are further texts for the session's metadata; `now_utc` stands for the machine's wall clock;
     `streams` come beside that of the ticks.
+
+    Args:
+        job: which arm, and where to.
+        calibrations: applied to readings and commands.
+        extra: further texts for the session's metadata.
+        now_utc: stands for the machine's wall clock; None for that.
+        streams: that come beside that of the ticks.
 
     Raises:
         InputError: robot file, drivers and scenario do not fit each other, a device could not be opened, or
@@ -160,6 +177,9 @@ def arm_session(
 def raise_for_end(result: LoopResult) -> None:
     """Raise if the arm was stopped before all was done.
 
+    Args:
+        result: how the loop ended.
+
     Raises:
         SafetyTripError: the torque may still be on, or a limit was exceeded.
         KeyboardInterrupt: the user stopped it.
@@ -182,6 +202,13 @@ def begun_session(
 
     The session file is made before the answer is sealed, and neither replaces anything: of two programs that
     want the same name, one is refused before it has written anything.
+
+    Args:
+        job: which arm, and where to.
+        joint_count: of the arm.
+        metadata: of the session.
+        scenario: the simulated world; None with hardware.
+        streams: that come beside that of the ticks.
 
     Raises:
         InputError: from here, or from within the context, where it says that nothing has moved; neither of

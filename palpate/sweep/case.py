@@ -62,6 +62,9 @@ class Case:
 def code_version(module: str) -> str:
     """SHA-256 of the code that decides about results: palpate's physics, the work's folder, the libraries.
 
+    Args:
+        module: of the work, as Python imports it.
+
     Raises:
         InputError: there is no such module.
     """
@@ -114,7 +117,12 @@ class ResultStore:
             raise InputError(f"results folder {folder}: cannot be made ({error.strerror})") from error
 
     def land(self, address: str, rows: Sequence[Row]) -> None:
-        """Keep the rows of one case, at least one; OSError if they cannot be written."""
+        """Keep the rows of one case, at least one; OSError if they cannot be written.
+
+        Args:
+            address: of the case.
+            rows: its result.
+        """
         _write(
             self.folder / f"{address}{_ENDING}",
             pa.Table.from_pylist([{ADDRESS: address} | row for row in rows]),
@@ -131,6 +139,9 @@ class ResultStore:
         """Rows of these cases, in their order; cases that are not here are left out, as are values of None.
 
         A pack has the columns of all its cases; those that a case does not have are None in it.
+
+        Args:
+            addresses: of the cases.
 
         Raises:
             InputError: a file is damaged, or two of them disagree about a case.
@@ -242,7 +253,12 @@ class Errors:
 
 
 def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
-    """The errors of a parameter, such as "stiffness.k"."""
+    """The errors of a parameter, such as "stiffness.k".
+
+    Args:
+        rows: of one or several cases.
+        parameter: its name.
+    """
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
     found, true = column(known, parameter), column(known, TRUE + parameter)
     bound, error = column(known, BOUND + parameter), found - true
@@ -260,7 +276,12 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
 
 
 def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """Values of one column, shape (n,); NaN where a row has none. InputError: one is not a number."""
+    """Values of one column, shape (n,); NaN where a row has none. InputError: one is not a number.
+
+    Args:
+        rows: of any cases.
+        name: of the column.
+    """
     values = [np.nan if row.get(name) is None else row[name] for row in rows]
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -269,13 +290,22 @@ def column(rows: Sequence[Row], name: str) -> FloatArray:
 
 
 def parameters_of(rows: Iterable[Row]) -> list[str]:
-    """Names of the parameters of which the truth is known, the surface aside."""
+    """Names of the parameters of which the truth is known, the surface aside.
+
+    Args:
+        rows: of any cases.
+    """
     names = dict.fromkeys(key.removeprefix(TRUE) for row in rows for key in row if key.startswith(TRUE))
     return [name for name in names if name != SURFACE]
 
 
 def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T]]:
-    """Rows by a key, in the order in which the keys come."""
+    """Rows by a key, in the order in which the keys come.
+
+    Args:
+        rows: or anything else.
+        key: gives the key of each.
+    """
     groups: dict[Any, list[T]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
@@ -283,12 +313,23 @@ def grouped(rows: Iterable[T], key: Callable[[T], Hashable]) -> dict[Any, list[T
 
 
 def estimated(rows: Iterable[Row]) -> list[Row]:
-    """Those rows in which an estimator had an answer."""
+    """Those rows in which an estimator had an answer.
+
+    Args:
+        rows: of any cases.
+    """
     return [row for row in rows if row.get("estimator") and not row.get("problem") and not row["error"]]
 
 
 def error_table(name: str, title: str, rows: Sequence[Row], best_first: bool = False) -> SweepTable:
-    """One line for each estimator: worst and mean error, over the bound, and coverage, of each parameter."""
+    """One line for each estimator: worst and mean error, over the bound, and coverage, of each parameter.
+
+    Args:
+        name: of the table's file.
+        title: above it.
+        rows: of any cases.
+        best_first: order by the worst error, not by name.
+    """
     parameters = [p for p in parameters_of(rows) if any(row.get(p) is not None for row in rows)]
     lines = []
     for estimator, own in grouped(estimated(rows), lambda row: row["estimator"]).items():

@@ -70,7 +70,12 @@ class Drawing:
             return self._draw()
 
     def save(self, figure: Figure, path: str) -> None:
-        """Write it, PNG or SVG by the ending; OSError if it cannot be written."""
+        """Write it, PNG or SVG by the ending; OSError if it cannot be written.
+
+        Args:
+            figure: as drawn.
+            path: ends in .png or .svg.
+        """
         with mpl.rc_context(_STYLE):
             figure.savefig(path, metadata={"Date": None} if path.endswith("svg") else None)
 
@@ -90,7 +95,11 @@ def _drawing(name: str) -> Callable[[Callable[P, Figure]], Callable[P, Drawing]]
 
 @_drawing("fig3a_torque")
 def torques(ticks: Sequence[Row]) -> Figure:
-    """Figure 3a: commanded and measured torque of each joint over the first run."""
+    """Figure 3a: commanded and measured torque of each joint over the first run.
+
+    Args:
+        ticks: rows of one probing.
+    """
     own = [row for row in ticks if row["run"] == 0]
     time_s = column(own, "time_s")
     time_s -= time_s[0]
@@ -112,7 +121,11 @@ def torques(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig3b_transition")
 def transition(ticks: Sequence[Row]) -> Figure:
-    """Figure 3b: how the torques change where the tip meets the object, at the middle speed."""
+    """Figure 3b: how the torques change where the tip meets the object, at the middle speed.
+
+    Args:
+        ticks: rows of one probing.
+    """
     own = [row for row in ticks if row["run"] == 1]
     touch = next(i for i, row in enumerate(own) if row["phase"] == Phase.LOADING)
     own = own[touch - 60 : touch + 200]
@@ -135,7 +148,12 @@ def transition(ticks: Sequence[Row]) -> Figure:
 
 @_drawing("fig4a_force_displacement")
 def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
-    """Figure 4a: force over displacement at three speeds; beside it the peaks over what c v asks for."""
+    """Figure 4a: force over displacement at three speeds; beside it the peaks over what c v asks for.
+
+    Args:
+        ticks: rows of one probing.
+        grid: rows of the grid, one for each probing.
+    """
     figure, (left, right) = _panels(1, 2, TWO_COLUMNS_IN, 2.7)
     for run, (speed_mm_s, color) in enumerate(zip((150, 90, 60), SPEEDS, strict=True)):
         own = [
@@ -161,7 +179,11 @@ def force_displacement(ticks: Sequence[Row], grid: Sequence[Row]) -> Figure:
 
 @_drawing("fig4bc_estimates")
 def grid_estimates(rows: Sequence[Row]) -> Figure:
-    """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst."""
+    """Figures 4b and 4c: estimates over the grid, and their errors beside the paper's worst.
+
+    Args:
+        rows: of the grid.
+    """
     figure, all_axes = _panels(2, 2, TWO_COLUMNS_IN, 5.0)
     good = estimated(rows)
     k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
@@ -185,7 +207,11 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
 
 @_drawing("fig4d_noise")
 def noise(lines: Sequence[Sequence[Any]]) -> Figure:
-    """Figure 4d: mean error over the noise; lines as of the table of `palpate.sweep.paper`."""
+    """Figure 4d: mean error over the noise; lines as of the table of `palpate.sweep.paper`.
+
+    Args:
+        lines: by estimator and noise.
+    """
     figure, all_axes = _panels(1, 2, TWO_COLUMNS_IN, 2.8)
     for index, (axes, what) in enumerate(zip(all_axes, ("k", "c"), strict=True)):
         for number, (name, own) in enumerate(grouped(lines, lambda line: line[0]).items()):
@@ -211,7 +237,12 @@ def noise(lines: Sequence[Sequence[Any]]) -> Figure:
 
 @_drawing("ransac_map")
 def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
-    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5)."""
+    """Error of k over its bound: threshold and subset (1000 trials), threshold and trials (subsets of 5).
+
+    Args:
+        rows: of all settings and noises.
+        names: of the noises.
+    """
     figure, all_axes = _panels(2, 3, TWO_COLUMNS_IN, 4.4)
     norm = LogNorm(1, 100)
     by_noise = grouped(
@@ -240,7 +271,12 @@ def ransac_map(rows: Sequence[Row], names: Sequence[str]) -> Figure:
 
 @_drawing("hunt_crossley")
 def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
-    """Errors of k, b and n by object, of the best estimator, with one bound to either side."""
+    """Errors of k, b and n by object, of the best estimator, with one bound to either side.
+
+    Args:
+        rows: of all objects.
+        best: name of the estimator.
+    """
     figure, all_axes = _panels(1, 3, TWO_COLUMNS_IN, 2.7)
     own = [row for row in estimated(rows) if row["estimator"] == best]
     colors = dict(
@@ -269,7 +305,11 @@ def hunt_crossley(rows: Sequence[Row], best: str) -> Figure:
 
 @_drawing("errors")
 def error_spread(rows: Sequence[Row]) -> Figure:
-    """For any sweep: the spread of relative errors by estimator, one panel a parameter."""
+    """For any sweep: the spread of relative errors by estimator, one panel a parameter.
+
+    Args:
+        rows: of any cases.
+    """
     good = estimated(rows)
     parameters = [name for name in parameters_of(good) if any(row.get(name) is not None for row in good)]
     groups = grouped(good, lambda row: row["estimator"])

@@ -154,7 +154,11 @@ class GridFile(FileModel):
 
 
 def load_grid(path: Path) -> GridFile:
-    """Read the file of a sweep; `InputError` names file, line, key and the valid choices."""
+    """Read the file of a sweep; `InputError` names file, line, key and the valid choices.
+
+    Args:
+        path: YAML file.
+    """
     document = load_yaml(path)
     grid = validate(GridFile, document.data, document)
     lists = (grid.laws(), grid.speeds_mm_s, grid.noise_std_n, grid.noise_percent, grid.hidden)
@@ -165,7 +169,11 @@ def load_grid(path: Path) -> GridFile:
 
 
 def shipped_grid(name: str) -> GridFile:
-    """One of those that come with palpate."""
+    """One of those that come with palpate.
+
+    Args:
+        name: of the file, without its ending.
+    """
     return load_grid(SHIPPED / f"{name}.yaml")
 
 

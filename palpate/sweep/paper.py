@@ -75,7 +75,11 @@ _POWER_LAW = ("law stiffness", "law damping", "law exponent")
 
 
 def controller_section(ticks: Sequence[Row]) -> Section:
-    """Figure 3a."""
+    """Figure 3a.
+
+    Args:
+        ticks: rows of one probing.
+    """
     off_nm = max(_torque_error_nm(ticks, joint) for joint in (1, 2, 3))
     words = (
         "As in the paper the measured torque follows the commanded one, and the first joint carries most. "
@@ -86,7 +90,11 @@ def controller_section(ticks: Sequence[Row]) -> Section:
 
 
 def transition_section(ticks: Sequence[Row]) -> Section:
-    """Figure 3b."""
+    """Figure 3b.
+
+    Args:
+        ticks: rows of one probing.
+    """
     calm, hard = (_torque_at_touch_nm(ticks, run) for run in (1, 0))
     words = (
         "Reference position and speed are continuous through the switch from free motion to contact, so "
@@ -101,7 +109,12 @@ def transition_section(ticks: Sequence[Row]) -> Section:
 
 
 def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
-    """Figure 4a, and what the controller does where the dashpot alone is beyond the limit."""
+    """Figure 4a, and what the controller does where the dashpot alone is beyond the limit.
+
+    Args:
+        ticks: rows of one probing.
+        grid: rows of the grid.
+    """
     rows = _one_of_each(grid)
     runs = [(row, i, row["law damping_n_s_m"] * _speed(row, i)) for row in rows for i in range(3)]
     beyond = [run for run in runs if run[2] > LIMIT_N]
@@ -144,7 +157,12 @@ def force_section(ticks: Sequence[Row], grid: Sequence[Row]) -> Section:
 
 
 def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
-    """Figures 4b and 4c, and the worst errors of section VI-B."""
+    """Figures 4b and 4c, and the worst errors of section VI-B.
+
+    Args:
+        rows: of the grid.
+        clean: of the grid without sensor noise.
+    """
     found = grouped(estimated(rows), lambda row: row["estimator"])
     beside: list[tuple[str, float | None, float, float | None, float]] = []
     for name, (k_paper, c_paper) in WORST.items():
@@ -184,7 +202,11 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
 
 
 def noise_section(rows: Sequence[Row]) -> Section:
-    """Figure 4d."""
+    """Figure 4d.
+
+    Args:
+        rows: of all noises and estimators.
+    """
     groups = grouped(estimated(rows), lambda row: (row["estimator"], row["noise_percent"]))
     lines = []
     for (name, percent), own in groups.items():
@@ -218,7 +240,11 @@ def noise_section(rows: Sequence[Row]) -> Section:
 
 
 def cubes_section(rows: Sequence[Row]) -> Section:
-    """Tables I and II."""
+    """Tables I and II.
+
+    Args:
+        rows: of the silicone cubes.
+    """
     first = SweepTable(
         "table_1",
         "Table I: spring constant by equation (3), k = E A / l",
@@ -259,7 +285,11 @@ def cubes_section(rows: Sequence[Row]) -> Section:
 
 
 def ransac_section(rows: Sequence[Row]) -> Section:
-    """The influence of RANSAC's settings, which the paper leaves to the future."""
+    """The influence of RANSAC's settings, which the paper leaves to the future.
+
+    Args:
+        rows: of all settings and noises.
+    """
     names = ("sensor noise of 0.02 N", "and 10 % of the force", "and 30 % outliers")
     keys = ("threshold", "subset", "trials", "k_over_bound", "c_over_bound")
     by_noise = grouped(
@@ -298,7 +328,11 @@ def ransac_section(rows: Sequence[Row]) -> Section:
 
 
 def hunt_crossley_section(rows: Sequence[Row]) -> Section:
-    """Hunt-Crossley objects, which the paper leaves to the future."""
+    """Hunt-Crossley objects, which the paper leaves to the future.
+
+    Args:
+        rows: of all objects.
+    """
     table = error_table("hunt_crossley", "Hunt-Crossley, all objects", rows, best_first=True)
     best = table.rows[0]
     words = (

@@ -37,7 +37,15 @@ class Section:
 def write_page(
     folder: Path, title: str, summary: str, facts: Mapping[str, str], sections: Sequence[Section]
 ) -> Path:
-    """Write everything; returns the page. InputError: a file cannot be written."""
+    """Write everything; returns the page. InputError: a file cannot be written.
+
+    Args:
+        folder: where to.
+        title: of the page.
+        summary: below the title.
+        facts: in a list, by name.
+        sections: in order.
+    """
     for name in (FIGURES, TABLES):
         output_folder(folder / name)
     pictures = {}
@@ -60,7 +68,11 @@ def write_page(
 
 
 def as_csv(table: SweepTable) -> str:
-    """The table as CSV, with all digits."""
+    """The table as CSV, with all digits.
+
+    Args:
+        table: heads and rows.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.columns)
@@ -69,7 +81,11 @@ def as_csv(table: SweepTable) -> str:
 
 
 def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table
-    """A cell as it is printed."""
+    """A cell as it is printed.
+
+    Args:
+        value: text, number or None.
+    """
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if not isinstance(value, float):
@@ -101,7 +117,15 @@ _WORDS = (
 def write_grid(
     folder: Path, title: str, grid: GridFile, rows: Sequence[Row], facts: Mapping[str, str]
 ) -> Path:
-    """Write figure, tables and page of a grid; returns the page. InputError: a file cannot be written."""
+    """Write figure, tables and page of a grid; returns the page. InputError: a file cannot be written.
+
+    Args:
+        folder: where to.
+        title: of the page.
+        grid: the sweep's file.
+        rows: of all cases that are done.
+        facts: in a list, by name.
+    """
     sections = [_verdicts(rows)] if grid.diagnose else _estimates(rows)
     why = grouped(
         (row for row in rows if row["error"] or row.get("problem")),

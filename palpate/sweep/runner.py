@@ -34,6 +34,12 @@ Run = Callable[[Case, str, Path], None]  # works out a case, by its address, for
 def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: int) -> Iterator[str]:
     """Work out all cases, by address; a worker that ends is replaced, and its case begins again.
 
+    Args:
+        run: does the work of a case.
+        todo: cases by address.
+        folder: of the results.
+        workers: processes at a time.
+
     Yields:
         An empty text for each case that is done, and for any other why it is not.
     """
@@ -77,7 +83,12 @@ class _Worker:
 
     @classmethod
     def start(cls, run: Run, folder: Path) -> "_Worker":
-        """A new process, which waits for its first case."""
+        """A new process, which waits for its first case.
+
+        Args:
+            run: does the work of a case.
+            folder: of the results.
+        """
         context = get_context("spawn")
         own, other = context.Pipe()
         process = context.Process(target=_serve, args=(other, run, folder), daemon=True)
@@ -86,7 +97,12 @@ class _Worker:
         return cls(process, own)
 
     def give(self, case: Case, address: str) -> None:
-        """Let it work out a case; that it has ended is seen when the answer is asked for."""
+        """Let it work out a case; that it has ended is seen when the answer is asked for.
+
+        Args:
+            case: the case.
+            address: of its result.
+        """
         with suppress(OSError):
             self.pipe.send((case, address))
 
@@ -145,6 +161,12 @@ def run_cases(
     A case whose work raises has a result: a row that says so in its column `error`. Every row also has the
     case's `seed`, in `seconds` the processor time that the case took, and whether it is the case's `first`.
 
+    Args:
+        cases: in order.
+        store: where results are kept.
+        cluster: where cases run.
+        progress: called with the cases that are done, and all of them.
+
     Raises:
         InputError: there is no such scheduler, it has no workers, they do not see the store's folder, or run
             other code.
@@ -171,6 +193,11 @@ def run_cases(
 
 def run_one(case: Case, address: str, folder: Path) -> None:
     """What a worker does with a case: work it out and let the result land.
+
+    Args:
+        case: the case.
+        address: of its result, by the client's code.
+        folder: of the results.
 
     Raises:
         PalpateError: this worker's code is not the client's, as of one that joined later.

@@ -143,6 +143,9 @@ class DataArguments(ReadOptions):
     def refuse_unknown(self, model: str | None) -> None:
         """Refuse a model that does not exist and runs that are no numbers, before anything is read.
 
+        Args:
+            model: base model; None for what suits each channel.
+
         Raises:
             InputError: it is so.
         """

@@ -45,6 +45,10 @@ NOTHING = "none"  # hidden
 def estimate(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once, and estimate from each draw of the force noise; see `palpate.sweep.grid` for the keys.
 
+    Args:
+        parameters: of the case.
+        seed: of all that is random.
+
     Raises:
         PalpateError: the object could not be probed.
     """
@@ -75,6 +79,10 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """Probe once, and have the diagnosis say what is missing: one row for each channel that it judges.
 
     These are all, or those named in `channels` of the parameters.
+
+    Args:
+        parameters: of the case.
+        seed: of all that is random.
     """
     samples, scenario = probed(parameters, seed)
     robot = find_robot(parameters["robot"])
@@ -96,7 +104,12 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
 
 def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
-    """Probe once; one row for each tick of a run, for figures over time."""
+    """Probe once; one row for each tick of a run, for figures over time.
+
+    Args:
+        parameters: of the case.
+        seed: of all that is random.
+    """
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
     wanted = ("time_s", "run", "phase", "force_n", "desired_force_n")
@@ -118,6 +131,10 @@ def probed(parameters: Mapping[str, Any], seed: int) -> tuple[Samples, Scenario]
 
     With an `engine` among the parameters that one moves the arm in place of the scenario's, in the same world
     with the same noise.
+
+    Args:
+        parameters: of the case.
+        seed: of all that is random.
 
     Raises:
         PalpateError: the object could not be probed, or the parameters do not fit each other.
@@ -143,7 +160,12 @@ def _probed(text: str, seed: int, engine: EngineName | None) -> tuple[Samples, S
 
 
 def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
-    """The simulated world of a case. InputError: the parameters do not fit each other."""
+    """The simulated world of a case. InputError: the parameters do not fit each other.
+
+    Args:
+        parameters: of the case.
+        seed: of the world's noise.
+    """
     data = load_scenario(parameters["scenario"]).model_dump()
     data["object"]["law"] = parameters["law"]
     data["sensors"]["force"]["noise_std_n"] = parameters["noise_std_n"]
@@ -157,7 +179,11 @@ def world(parameters: Mapping[str, Any], seed: int) -> Scenario:
 
 
 def contact_channel(samples: Samples) -> ChannelData:
-    """The contact force, less what the sensor reads in free air; `InputError` if nothing was touched."""
+    """The contact force, less what the sensor reads in free air; `InputError` if nothing was touched.
+
+    Args:
+        samples: ticks of a probing.
+    """
     channels = contact_channels(samples, tared=True)
     if not channels:
         raise InputError("nothing was touched, or too shortly")
@@ -165,19 +191,32 @@ def contact_channel(samples: Samples) -> ChannelData:
 
 
 def with_relative_noise(channel: ChannelData, share: float, rng: np.random.Generator) -> ChannelData:
-    """The channel with Gaussian noise on its force of this share of the force."""
+    """The channel with Gaussian noise on its force of this share of the force.
+
+    Args:
+        channel: as measured.
+        share: standard deviation of the noise, of the force.
+        rng: draws the noise.
+    """
     if not share:
         return channel
     return replace(channel, effort=channel.effort * (1.0 + share * rng.standard_normal(len(channel))))
 
 
 def estimators_for(model: str) -> list[str]:
-    """Names of all that estimate the parameters of a model of the contact."""
+    """Names of all that estimate the parameters of a model of the contact.
+
+    Args:
+        model: its name.
+    """
     return [*ESTIMATORS, *(name for name, each in CONTACT_ESTIMATORS.items() if each.model == model)]
 
 
 def made_estimator(spec: str | Mapping[str, Any]) -> tuple[str, Estimator | ContactEstimator]:
     """A label and the estimator of a name, or of a mapping with `name`, settings and perhaps `label`.
+
+    Args:
+        spec: name, or mapping.
 
     Raises:
         InputError: there is no such estimator, or it does not take these settings.
@@ -257,6 +296,10 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
 
     Motion and surface are known exactly, so that all that differs is the setting. `outliers_percent` of the
     samples are off by up to the largest force; the bound is that of the samples without them.
+
+    Args:
+        parameters: of the case.
+        seed: of all that is random.
     """
     ticks, scenario = probed(parameters, seed)
     truth, channel = truth_of(scenario), contact_channel(ticks)
