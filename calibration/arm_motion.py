@@ -448,7 +448,7 @@ class FreeMotion:
         stands = float(np.abs(measurement.joint_velocity_rad_s).max()) < _REST_RAD_S
         if not stands and waited_s > _REST_WAIT_S:
             raise SafetyTripError(
-                "back where the motion started the arm does not come to rest; if it shakes, lower "
+                "the arm has returned but does not come to rest; if it shakes, lower "
                 "gains.tracking.bandwidth_rad_s in the robot file"
             )
         return stands

@@ -311,7 +311,7 @@ class StopTask:
             held = "friction holds it or " if at_stop else ""
             option = "--upper-stops" if approach.side > 0 else "--lower-stops"
             raise SafetyTripError(
-                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, its stop is said to be at "
+                f"joint {approach.joint + 1} {what} at {position_rad:.3f} rad, but its stop should be at "
                 f"{approach.stop_rad:.3f} rad (within {reach:g} rad); {remedy}say where its stop "
                 f"is ({option}), or, if {held}its zero is off by so much, calibrate in a known pose first "
                 "(--pose)"

@@ -171,8 +171,7 @@ def _newtons(table: Table, name: str, gravity_m_s2: float) -> float:
     unit = name.rpartition("_")[2].lower()
     if unit not in factors:
         raise InputError(
-            f"{table.path}: the unit of the reference is the end of its column's name; '{name}' says none of "
-            f"{', '.join(factors)}"
+            f"{table.path}: column '{name}' must end in the reference's unit, one of {', '.join(factors)}"
         )
     return factors[unit]
 

@@ -29,7 +29,7 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
         channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
     if not channels:
         raise InputError(
-            f"{session.path}: no channel with samples of a run; its streams: "
+            f"{session.path}: no stream holds samples of a run; its streams: "
             f"{', '.join(session.stream_names) or 'none'}"
         )
     for one in channels:

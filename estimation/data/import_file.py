@@ -99,9 +99,7 @@ def _check_context(columns: Columns, wanted: Iterable[str]) -> None:
     for column in wanted:
         if column in columns.used:
             there = ", ".join(columns.unused) or "none"
-            raise InputError(
-                f"--context {column}: the channel is made of that column. What nothing is made of: {there}"
-            )
+            raise InputError(f"--context {column}: this column is already used. Unused columns: {there}")
 
 
 def _signals(wanted: Iterable[str]) -> dict[str, str]:

@@ -121,8 +121,8 @@ def _check_times(columns: Columns, rows: Rows) -> None:
         return
     if (np.diff(rows.time_s)[np.diff(rows.run) == 0] < 0).all():
         raise InputError(
-            f"{columns.table.path}: column '{columns.name(TIME)}' runs backwards all along; "
-            "turn the order of the rows round"
+            f"{columns.table.path}: column '{columns.name(TIME)}' decreases throughout; "
+            "reverse the order of the rows"
         )
     before, after = (columns.table.rows[rows.order[late[0] + step]] for step in (0, 1))
     name, in_run, word = columns.name(TIME), "", columns.table.row_word

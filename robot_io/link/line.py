@@ -314,7 +314,7 @@ def _keep_to_this_machine(zenoh: Any, config: Any, settings: LineSettings) -> No
     config.insert_json5(_MULTICAST, "false")
     if open_to:
         raise InputError(
-            f"{settings.config}: {open_to[0]}: whoever is there could say where the arm presses. Give --key "
+            f"{settings.config}: {open_to[0]}: anybody who connects there could move the arm. Give --key "
             "FILE on both sides, or certificates (enable_mtls), or stay on 127.0.0.1"
         )
 

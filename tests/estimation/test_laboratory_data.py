@@ -179,7 +179,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
         ({"Force": T, "Force [N]": T}, {}, "columns 'Load [N]' and 'Force [N]' may hold force"),
         ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "columns 'A [N]' and 'B [N]' may hold force"),
         ({LOAD: None, "A [N]": T, "B [N]": -T}, {}, "choose with --column force='A [N]'"),
-        ({TIME: T[::-1]}, {}, "column 'Time [s]' runs backwards all along; turn the order of the rows"),
+        ({TIME: T[::-1]}, {}, "column 'Time [s]' decreases throughout; reverse the order of the rows"),
         (
             {WAY: None, "Travel": 1e3 * presses()[1]},
             {},

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from docs.make_commands import DOCUMENT, document
-from tests.palpate.cli import ROOT
+from tests.palpate.cli import ROOT, as_json
 
 DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 EXAMPLES = [
@@ -53,3 +53,30 @@ def test_the_site_builds_and_asks_no_other_host(tmp_path):
     assert len(pages) > 40
     load = r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=\"?(?:https?:)?//[^>]*>"
     assert not [tag for page in pages for tag in re.findall(load, page.read_text(encoding="utf-8"))]
+
+
+BY_NAME = ("parameters", "judged", "parts", "truth", "failures", "details")  # objects whose keys are names
+
+
+def json_keys(value, by_name=False):
+    """All keys in a result, without the names of parameters, channels and parts."""
+    if isinstance(value, list):
+        return set().union(*map(json_keys, value))
+    if not isinstance(value, dict):
+        return set()
+    inner = (json_keys(child, key in BY_NAME and not by_name) for key, child in value.items())
+    return set().union(() if by_name else value, *inner)
+
+
+def test_the_page_of_json_has_every_key(few_effects, hardening, tmp_path):
+    page = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"`(\w+)`", page))
+    diagnosis = json_keys(as_json("diagnose", hardening, "--out", tmp_path / "diagnosis"))
+    assert diagnosis - documented == set()
+    section = page.split("## diagnose")[1].split("\n## ")[0]
+    columns = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", section, re.MULTILINE)
+    assert set(re.findall(r"\w+", " ".join(columns))) - diagnosis == set()
+    folder = ("--out", tmp_path / "models")
+    assert json_keys(as_json("add", hardening, "cubic_stiffness", *folder)) - documented == set()
+    for command in ("estimate", "compare"):
+        assert json_keys(as_json(command, hardening)) - documented == set()

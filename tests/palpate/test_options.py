@@ -18,7 +18,7 @@ WHERE = ImportOptions(where={"run": "0,2"})
     ("options", "words"),
     [
         (("--estimator", "lsq,lsq"), ("lsq,lsq", "twice")),
-        (("--context", "force_N"), ("--context force_N", "made of that column")),
+        (("--context", "force_N"), ("--context force_N", "already used")),
         (("--tip-frame", "zz"), ("--tip-frame zz", "--urdf")),
         (("--runs", "0"), ("'--runs': '0' should be greater than or equal to 1", "--help")),
         (("--runs", "many"), ("'--runs': 'many' should be a valid integer (see",)),

@@ -108,9 +108,7 @@ class FeetechBus(ServoBus):
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
         """See `ServoBus._goals`: by the servos' law, from where each is during the next tick."""
         if self.sample is None:
-            raise LifecycleError(
-                "the servos have not been read yet: a torque is commanded from where they are"
-            )
+            raise LifecycleError("read the servos first: a torque command starts from their positions")
         ahead_s = self._clock.now_s() - self.sample.sampled_at_s + self._half_tick_s
         position_rad, velocity_rad_s, _ = self.sample.of_servos.tolist()
         counts, sent_nm = [], []

@@ -302,7 +302,7 @@ class RobstrideFrames(MitFrames):
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
         expect_length(frame, "parameter", 8)
         if frame.can_id != _READ << 24 | motor_id << 8 | self.host_id:  # between them: whether it failed
-            raise ProtocolError(f"no parameter: id {frame.can_id:08X}")
+            raise ProtocolError(f"not a parameter frame: id {frame.can_id:08X}")
         if frame.data[:4] != register.number.to_bytes(4, "little"):
             raise ProtocolError(f"no parameter {register.number:04X}: {frame.data.hex(' ')}")
         (value,) = struct.unpack(register.format, frame.data[4:])

@@ -216,4 +216,4 @@ class ServoBus(JointBus, Examinable):
         elif self._may_hold:
             reason = self._port.failure or "the port is closed"
             last_resort = self._line.last_resort
-            raise DeviceError(f"{self._port.path}: {reason}: torque not known to be off; {last_resort}")
+            raise DeviceError(f"{self._port.path}: {reason}: the torque may still be on; {last_resort}")

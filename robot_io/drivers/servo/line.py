@@ -80,7 +80,7 @@ class ServoLine(ABC):
             problem = "; ".join(failure for _, failure in failures if failure)
             if not still_on:
                 return
-        raise DeviceError(f"torque not known to be off: {problem}; {self.last_resort}")
+        raise DeviceError(f"the torque may still be on: {problem}; {self.last_resort}")
 
     def survey(self, registers: RegisterAccess) -> Survey:
         """Ping each servo of the settings by itself.
