@@ -278,7 +278,7 @@ def ask_for_weight(gravity_m_s2: float) -> runs.Place:
         gravity_m_s2: what makes a mass a weight [m/s^2].
     """
 
-    def ask(_bench: runs.CalibrationSetup, number: int, force_n: float) -> None:
+    def ask(_setup: runs.CalibrationSetup, number: int, force_n: float) -> None:
         weight = f"{force_n / gravity_m_s2:.4g} kg ({force_n:.3f} N)"
         console.stderr().print(f"{number + 1}: put {weight} on the sensor, let it come to rest, press Enter")
         if not sys.stdin.readline():

@@ -30,7 +30,6 @@ from palpate.workflows.demo import (
 from sim_backend.contact_laws.standard import KelvinVoigtLaw
 from sim_backend.engines import EngineName
 from sim_backend.hidden import sealed_path
-from sim_backend.imperfection import Imperfection
 from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
 
 DEFAULT = "default"
@@ -84,7 +83,12 @@ def demo_command(
     with talk.status("estimating, recording and plotting"):
         demo = show_demo(session)
     if not as_json:
-        _print(demo)
+        out_ = console.stdout()
+        print_estimates(out_, demo.found, demo.study.truth_of(demo.found.channel))
+        out_.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
+        out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
+        for number, plot in enumerate(demo.plots):
+            out_.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
     hidden = _find_hidden(second, world, seed, again) if second is not None else None
     if as_json:
         console.print_json({"again": again, **_as_data(demo, hidden)})
@@ -106,49 +110,37 @@ def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -
 
 
 def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
+    of_hidden: dict[str, Any] | None = None
+    if hidden is not None:
+        found = hidden.result.diagnosis
+        of_hidden = {
+            "session": str(hidden.session),
+            "files": {what: str(path) for what, path in hidden.files.items()},
+            "diagnosis": found.model_dump(mode="json") if found is not None else None,
+            "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
+            "found": hidden.found,
+        }
     return {
         "session": str(demo.session),
         "recording": str(demo.recording),
         "plots": [str(plot) for plot in demo.plots],
         "result": as_data(demo.found, demo.study.truth_of(demo.found.channel)),
-        "hidden": _hidden_data(hidden) if hidden is not None else None,
+        "hidden": of_hidden,
     }
-
-
-def _hidden_data(hidden: HiddenDemo) -> dict[str, Any]:
-    found = hidden.result.diagnosis
-    return {
-        "session": str(hidden.session),
-        "files": {what: str(path) for what, path in hidden.files.items()},
-        "diagnosis": found.model_dump(mode="json") if found is not None else None,
-        "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
-        "found": hidden.found,
-    }
-
-
-def _print(demo: Demo) -> None:
-    out = console.stdout()
-    print_estimates(out, demo.found, demo.study.truth_of(demo.found.channel))
-    out.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
-    out.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
-    for number, plot in enumerate(demo.plots):
-        out.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
 
 
 def _print_hidden(hidden: HiddenDemo) -> None:
     out = console.stdout()
     print_stages(out, result_view(hidden.result))
-    answer = "; ".join(_described(entry) for entry in hidden.answer.hidden)
+    answer = "; ".join(
+        f"[bold]{entry.name}[/bold] ("
+        + ", ".join(f"{name} {significant(value)} {unit}" for name, (value, unit) in entry.values().items())
+        + ")"
+        for entry in hidden.answer.hidden
+    )
     mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
     out.print(f"{mark}  the sealed answer was: {answer}\n")
     print_files(out, {"session": hidden.session, **hidden.files})
-
-
-def _described(entry: Imperfection) -> str:
-    values = ", ".join(
-        f"{name} {significant(value)} {unit}" for name, (value, unit) in entry.values().items()
-    )
-    return f"[bold]{entry.name}[/bold] ({values})"
 
 
 def _next(demo: Demo, hidden: HiddenDemo | None, again: str) -> None:

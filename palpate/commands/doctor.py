@@ -1,7 +1,7 @@
 """`palpate doctor`: does this machine have what palpate needs, and is an arm wired as its file says?"""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Annotated
 
 import typer
@@ -65,7 +65,11 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         findings = list(examine_all())
         verdict = ("palpate works here", "palpate will not work here")
         if not as_json:
-            _print_table(findings)
+            table = console.table("", "", "subject", "finding")
+            for finding in findings:
+                remedy = f"\n[cyan]→ {safe(finding.remedy)}[/cyan]" if finding.remedy else ""
+                table.add_row(MARKS[finding.level], finding.subject, safe(finding.text) + remedy)
+            console.stdout().print(table)
     else:
         if not wire:
             _refuse({"--as-built": as_built}, "it is for emulated devices, with --wire")
@@ -138,14 +142,6 @@ def _print_line(finding: Finding, *, quiet: bool) -> None:
     out.print(f"{mark}  {safe(finding.subject):<{_SUBJECT_WIDTH}}  {safe(finding.text)}", soft_wrap=True)
     if finding.remedy:
         out.print(f"{'':<{_SUBJECT_WIDTH + 8}}[cyan]→ {safe(finding.remedy)}[/cyan]", soft_wrap=True)
-
-
-def _print_table(findings: Iterable[Finding]) -> None:
-    table = console.table("", "", "subject", "finding")
-    for finding in findings:
-        remedy = f"\n[cyan]→ {safe(finding.remedy)}[/cyan]" if finding.remedy else ""
-        table.add_row(MARKS[finding.level], finding.subject, safe(finding.text) + remedy)
-    console.stdout().print(table)
 
 
 def _next_steps(

@@ -39,7 +39,15 @@ def effects_command(
     if name is None:
         if on is not None:
             raise InputError(f"--on {on}: name the effect that is to be drawn on it")
-        _list(as_json=as_json)
+        console.present(
+            {"effects": list(map(as_data, library()))},
+            lambda: print_library(console.stdout(), library()),
+            [
+                ("palpate effects NAME", "one of them in full, and drawn"),
+                ("palpate diagnose FILE", "which of them a measurement shows"),
+            ],
+            as_json=as_json,
+        )
         return
     effect = EFFECTS[name]()
     if as_json:
@@ -55,17 +63,6 @@ def effects_command(
     file = "FILE" if on is None else typed(on)
     steps.append((f"palpate add {file} {name}", "add it to the model of a measurement"))
     console.next_steps(*steps)
-
-
-def _list(*, as_json: bool) -> None:
-    if as_json:
-        console.print_json({"effects": list(map(as_data, library()))})
-        return
-    print_library(console.stdout(), library())
-    console.next_steps(
-        ("palpate effects NAME", "one of them in full, and drawn"),
-        ("palpate diagnose FILE", "which of them a measurement shows"),
-    )
 
 
 def _on(effect: Effect, file: Path) -> Example:

@@ -12,7 +12,6 @@ import typer
 from rich.table import Table as Printed
 
 from control.loop.task import Phase
-from estimation.channel import ChannelData
 from estimation.data.file_kind import is_session
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_files import data_files, import_files
@@ -64,20 +63,39 @@ def import_command(
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
+    more = " ..." if len(found) > _MOST_NAMES else ""
+    names = ", ".join(file.name for file in found[:_MOST_NAMES]) + more
     with import_progress() as progress:
         imported = import_files(found, options.options, lambda what, share: progress(what, _READ * share))
         write_session(
             session,
             import_streams(imported),
-            _metadata(found, imported),
+            SessionMetadata(
+                software_version=version("palpate"),
+                created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+                command_line=as_command(sys.argv[1:]),
+                extra={"source": f"imported from {names}"} | import_extra(imported),
+            ),
             progress=lambda share: progress("writing the session", _READ + (1.0 - _READ) * share),
         )
     notes = (*imported.notes, *implausible(imported))
     console.say_read(imported.read, notes)
-    if as_json:
-        console.print_json({"session": str(session), "channels": facts(imported), "notes": list(notes)})
-    else:
-        _print(imported, session)
+
+    def show() -> None:
+        for fact in facts(imported):
+            samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
+            lasts = duration(fact["recorded_s"])
+            console.stdout().print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {lasts}")
+        console.stdout().print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
+
+    content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
+    steps = (
+        (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
+        (f"palpate compare {typed(session)}", "how far off a simple model is, and where"),
+        (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
+        (f"palpate info {typed(session)}", "what is in the file"),
+    )
+    console.present(content, show, steps, as_json=as_json)
 
 
 def _data_in(path: Path) -> list[Path]:
@@ -90,18 +108,6 @@ def _data_in(path: Path) -> list[Path]:
     if not files:
         raise InputError(f"{path}: is a folder without a data file")
     return files
-
-
-def _metadata(files: Sequence[Path], imported: Imported) -> SessionMetadata:
-    names = ", ".join(file.name for file in files[:_MOST_NAMES]) + (
-        " ..." if len(files) > _MOST_NAMES else ""
-    )
-    return SessionMetadata(
-        software_version=version("palpate"),
-        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
-        command_line=as_command(sys.argv[1:]),
-        extra={"source": f"imported from {names}"} | import_extra(imported),
-    )
 
 
 def _look(
@@ -126,20 +132,6 @@ def _look(
     last = retyped(named[-1], **given, **{"fresh-runs": options.fresh_runs, "runs": runs})
     command = " ".join(filter(None, ["palpate import", more, last]))
     console.next_steps((command, "store it as a session"))
-
-
-def _print(imported: Imported, session: Path) -> None:
-    out = console.stdout()
-    for fact in facts(imported):
-        samples, runs = count(fact["samples"], "sample"), count(fact["runs"], "run")
-        out.print(f"{fact['channel']} ({fact['kind']}): {samples}, {runs}, {duration(fact['recorded_s'])}")
-    out.print(f"written: [bold]{shown(session)}[/bold]", soft_wrap=True)
-    console.next_steps(
-        (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
-        (f"palpate compare {typed(session)}", "how far off a simple model is, and where"),
-        (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
-        (f"palpate info {typed(session)}", "what is in the file"),
-    )
 
 
 _VALUES = 3  # of a column that are shown
@@ -222,7 +214,11 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
                 f"{one.effort.min():.2g} to {one.effort.max():.2g}",
             )
         out.print(made)
-        if phases := _phases(channel):
+        step_s = sample_time(channel.time_s, channel.run)
+        # of all runs together, in the order in which they came first
+        there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
+        spans = (f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
+        if phases := ", ".join(spans):
             out.print(f"phases: {phases}")
     for note in (*imported.notes, *implausible(imported)):
         out.print(f"[yellow]{safe(note)}[/yellow]")
@@ -249,13 +245,6 @@ def _columns(table: Table, roles: dict[str, str] | None = None) -> Printed:
         role = () if roles is None else (safe(roles.get(name, "")) or "[dim]not used[/dim]",)
         made.add_row(safe(name), *role, safe(values[:40]))
     return made
-
-
-def _phases(channel: ChannelData) -> str:
-    """How long each phase took in all runs together, in the order in which they came first."""
-    step_s = sample_time(channel.time_s, channel.run)
-    there = [number for number in dict.fromkeys(channel.phase.tolist()) if number in set(Phase)]
-    return ", ".join(f"{phase(n)[0]} {duration(step_s * np.sum(channel.phase == n))}" for n in there)
 
 
 def _told_apart(values: list[Any]) -> list[str]:

@@ -31,7 +31,7 @@ from palpate.runs.probing import (
 )
 from palpate.runs.robots import wires_in_words
 from palpate.runs.session import raise_for_end
-from palpate.workflows.resolve import DECISIONS, Budget, Decision, Resolved, resolve
+from palpate.workflows.resolve import DECISIONS, Budget, Decision, resolve
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
 
@@ -63,9 +63,27 @@ def probe_command(
     A real arm gets power after a question alone (or --yes), and a countdown.
     """
     robot_file = options.robot_file
-    speeds_m_s = _speeds(speed_mm_s) if speed_mm_s is not None else None
-    changes = {"speeds_m_s": speeds_m_s, "force_limit_n": force_limit_n, "hold_s": hold_s, "repeats": repeats}
-    plan = _plan(experiment, {key: value for key, value in changes.items() if value is not None})
+    speeds_m_s = None
+    if speed_mm_s is not None:
+        speeds_mm_s = numbers("--speed-mm-s", speed_mm_s, ", such as 150,90,60")
+        if not all(0 < speed <= 1000 for speed in speeds_mm_s):
+            raise InputError(f"--speed-mm-s {speed_mm_s!r}: each speed must be above 0 and at most 1000 mm/s")
+        speeds_m_s = [MILLI * speed for speed in speeds_mm_s]
+    changes: dict[str, Any] = {
+        "speeds_m_s": speeds_m_s,
+        "force_limit_n": force_limit_n,
+        "hold_s": hold_s,
+        "repeats": repeats,
+    }
+    changes = {key: value for key, value in changes.items() if value is not None}
+    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
+    try:
+        plan = validate(ProbingPlan, plan.model_dump() | changes)
+    except InputError as error:  # of plan and options together
+        key, _, problem = str(error).partition(": ")
+        is_option = key in changes and key != "speeds_m_s"  # whose option has another unit
+        said = f"--{key.replace('_', '-')}: {problem}" if is_option else f"probing plan: {error}"
+        raise InputError(said) from error
     if online not in (NO_ESTIMATOR, *online_estimators()):
         raise InputError(f"--online {online}: valid are {', '.join(online_estimators())}, {NO_ESTIMATOR}")
     job = ProbingJob(
@@ -84,25 +102,6 @@ def probe_command(
     else:
         _print(outcome, len(list(plan.runs())))
     outcome.raise_for_failure()
-
-
-def _speeds(text: str) -> list[float]:
-    """Speeds in m/s from comma-separated mm/s."""
-    speeds = numbers("--speed-mm-s", text, ", such as 150,90,60")
-    if not all(0 < speed <= 1000 for speed in speeds):
-        raise InputError(f"--speed-mm-s {text!r}: each speed must be above 0 and at most 1000 mm/s")
-    return [MILLI * speed for speed in speeds]
-
-
-def _plan(experiment: Path | None, changes: dict[str, Any]) -> ProbingPlan:
-    plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
-    try:
-        return validate(ProbingPlan, plan.model_dump() | changes)
-    except InputError as error:  # of plan and options together
-        key, _, problem = str(error).partition(": ")
-        typed = key in changes and key != "speeds_m_s"  # whose option has another unit
-        said = f"--{key.replace('_', '-')}: {problem}" if typed else f"probing plan: {error}"
-        raise InputError(said) from error
 
 
 def _as_data(outcome: ProbingOutcome) -> dict[str, Any]:
@@ -246,7 +245,12 @@ def resolve_command(
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
-    _check_channel(channel, robot_file.joint_count, len(plan.targets_world_m))
+    # Refuse a channel that no session of this arm and plan has, before the arm moves.
+    names = [*(f"joint_{number}" for number in range(1, robot_file.joint_count + 1)), "contact"]
+    if len(plan.targets_world_m) > 1:  # of places that are near to each other, there is one channel
+        names += [f"contact_{number}" for number in range(1, len(plan.targets_world_m) + 1)]
+    if channel is not None and channel not in names:
+        raise InputError(f"--channel {channel}: there are {', '.join(names)}")
     folder = out or SESSIONS / options.stamped_name("resolve")
     asked = [plan]
     job = ProbingJob(
@@ -273,33 +277,19 @@ def resolve_command(
         if folder.exists():
             console.stderr().print(f"kept: {shown(folder)}")
         raise
-    if options.as_json:
-        console.print_json(resolved.as_data())
-    else:
-        _print_resolved(resolved, hidden=options.hidden is not None)
 
+    def show() -> None:
+        total = sum(decision.seconds for decision in resolved.decisions)
+        done = f"{count(len(resolved.decisions), 'probe')}, {duration(total)}: [bold]{resolved.end}[/bold]"
+        log = shown(resolved.folder / DECISIONS)
+        console.stdout().print(f"\n{done}\nsessions   {shown(resolved.folder)}\ndecisions  {log}")
 
-def _print_resolved(resolved: Resolved, *, hidden: bool) -> None:
-    total = sum(decision.seconds for decision in resolved.decisions)
-    done = f"{count(len(resolved.decisions), 'probe')}, {duration(total)}: [bold]{resolved.end}[/bold]"
-    console.stdout().print(
-        f"\n{done}\nsessions   {shown(resolved.folder)}\ndecisions  {shown(resolved.folder / DECISIONS)}"
-    )
-    folder = typed(resolved.folder)
+    study = typed(resolved.folder)
     steps = [
-        (f"palpate diagnose {folder} --apply", "add what is missing, with all the evidence"),
-        (f"palpate compare {folder}", "where the model fails"),
+        (f"palpate diagnose {study} --apply", "add what is missing, with all the evidence"),
+        (f"palpate compare {study}", "where the model fails"),
     ]
-    if hidden:
+    if options.hidden is not None:
         first = typed(resolved.folder / resolved.decisions[0].session)
         steps.append((f"palpate reveal {first}", "what was hidden"))
-    console.next_steps(*steps)
-
-
-def _check_channel(channel: str | None, joint_count: int, target_count: int) -> None:
-    """Refuse a channel that no session of this arm and plan has, before the arm moves."""
-    names = [*(f"joint_{number}" for number in range(1, joint_count + 1)), "contact"]
-    if target_count > 1:  # of places that are near to each other, there is one channel
-        names += [f"contact_{number}" for number in range(1, target_count + 1)]
-    if channel is not None and channel not in names:
-        raise InputError(f"--channel {channel}: there are {', '.join(names)}")
+    console.present(resolved.as_data(), show, steps, as_json=options.as_json)

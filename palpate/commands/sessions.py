@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from numpy.typing import NDArray
-from rich.table import Table
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.channels import session_channels
@@ -27,7 +26,6 @@ from palpate.workflows.data_options import JsonOption
 from robot_io.calibration import parse_calibrations
 from robot_io.errors import InputError
 from robot_io.session import Session, SessionMetadata, Stream, write_session
-from robot_io.types import FloatArray
 from sim_backend.hidden import SealedAnswer
 from sim_backend.imperfection import Imperfection
 
@@ -107,7 +105,15 @@ def _print(session: Session, data: dict[str, Any]) -> None:
         table.add_row(safe(stream["name"]), str(stream["samples"]), rate, runs, f"[dim]{safe(columns)}[/dim]")
     out.print(table)
     if data["events"]:
-        out.print(_event_table(session))
+        table = console.table("Events", "time", "kind", "what", right=("time",))
+        times_s = (session.samples(name)["time_s"][:1].tolist() for name in session.stream_names)
+        # times count from the session's begin: a real arm's clock has run since its machine was started
+        start_s = min(chain(*times_s, (event.time_s for event in session.events)))
+        for event in session.events[:MOST_EVENTS]:
+            table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
+        if len(session.events) > MOST_EVENTS:
+            table.add_row("", "", f"... and {len(session.events) - MOST_EVENTS} more (see --json)")
+        out.print(table)
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:
@@ -135,18 +141,6 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     known = {*facts, RUN_LABELS, NOT_WHOLE}  # what runs were called is for programs, and in --json
     further = ((key, value) for key, value in data["extra"].items() if key not in known and len(value) < 100)
     return facts | {safe(key): safe(value) for key, value in further}
-
-
-def _event_table(session: Session) -> Table:
-    """Times count from the session's begin: a real arm's clock has run since its machine was started."""
-    table = console.table("Events", "time", "kind", "what", right=("time",))
-    times_s = (session.samples(name)["time_s"][:1].tolist() for name in session.stream_names)
-    start_s = min(chain(*times_s, (event.time_s for event in session.events)))
-    for event in session.events[:MOST_EVENTS]:
-        table.add_row(f"{event.time_s - start_s:.3f} s", safe(event.kind), safe(event.text))
-    if len(session.events) > MOST_EVENTS:
-        table.add_row("", "", f"... and {len(session.events) - MOST_EVENTS} more (see --json)")
-    return table
 
 
 def merge_command(
@@ -270,7 +264,14 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
         sessions: that are merged, in order.
     """
     try:
-        first, *others = map(_contacts, sessions)
+        first, *others = (
+            {
+                one.name: one
+                for one in session_channels(session, tared=True)
+                if one.kind is ChannelKind.CONTACT
+            }
+            for session in sessions
+        )
     except InputError:  # of one that holds no channel, nothing is judged
         return []
     return [
@@ -284,58 +285,48 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     ]
 
 
-def _contacts(session: Session) -> dict[str, ChannelData]:
-    channels = session_channels(session, tared=True)
-    return {channel.name: channel for channel in channels if channel.kind is ChannelKind.CONTACT}
-
-
 def _deeper(first: ChannelData, second: ChannelData) -> float:
     """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
     force_n = _BEGUN * min(one.effort[one.run == run].max() for one in (first, second) for run in one.runs)
-    a, b = (_begins(one, force_n) for one in (first, second))
+    begins = []  # where along the press direction each run exceeds that force on its way to the highest [m]
+    for contact in (first, second):
+        surface_m = 0.0 if contact.surface is None else contact.surface.position_m
+        found = []
+        for run in contact.runs:
+            rows = np.flatnonzero(contact.run == run)
+            up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
+            found.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
+        begins.append(np.array(found) + surface_m)
+    a, b = begins
     deepest = max(float(one.position.max()) for one in (first, second))
     deeper = float(np.median(b) - np.median(a))
     return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
-
-
-def _begins(contact: ChannelData, force_n: float) -> FloatArray:
-    """Where along the press direction each run exceeds a force on its way to the highest [m]."""
-    found = []
-    for run in contact.runs:
-        rows = np.flatnonzero(contact.run == run)
-        up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
-        found.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
-    return np.array(found) + (0.0 if contact.surface is None else contact.surface.position_m)
 
 
 def _check(sessions: Sequence[Session]) -> None:
     first = sessions[0]
     for session in sessions[1:]:
         if session.metadata.urdf != first.metadata.urdf:
-            raise InputError(f"{session.path}: {_other_arm(session, first)}")
+            if session.metadata.urdf and first.metadata.urdf:
+                raise InputError(
+                    f"{session.path}: was made by another arm than {first.path} (their URDFs differ)"
+                )
+            with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
+            raise InputError(
+                f"{session.path}: was{without} made by an arm, and {first.path} was{with_arm}; "
+                "merge like with like"
+            )
         if set(session.stream_names) != set(first.stream_names):
             there = [", ".join(each.stream_names) or "none" for each in (session, first)]
             raise InputError(f"{session.path}: has streams {there[0]}, and {first.path} has {there[1]}")
         for name in first.stream_names:
-            _check_columns(session, first, name)
-
-
-def _other_arm(session: Session, first: Session) -> str:
-    if not session.metadata.urdf or not first.metadata.urdf:
-        with_arm, without = ("", " not") if first.metadata.urdf else (" not", "")
-        return f"was{without} made by an arm, and {first.path} was{with_arm}; merge like with like"
-    return f"was made by another arm than {first.path} (their URDFs differ)"
-
-
-def _check_columns(session: Session, first: Session, name: str) -> None:
-    forms = [
-        {(c.name, c.width, c.unit) for c in each.samples(name).stream.columns} for each in (session, first)
-    ]
-    if forms[0] != forms[1]:
-        differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
-        raise InputError(
-            f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
-        )
+            streams = [each.samples(name).stream for each in (session, first)]
+            forms = [{(c.name, c.width, c.unit) for c in stream.columns} for stream in streams]
+            if forms[0] != forms[1]:
+                differing = ", ".join(sorted({column for column, *_ in forms[0] ^ forms[1]}))
+                raise InputError(
+                    f"{session.path}: stream '{name}' has other columns than in {first.path}: {differing}"
+                )
 
 
 def reveal_command(

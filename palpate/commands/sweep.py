@@ -59,7 +59,10 @@ def sweep_command(
     from palpate.sweep import Cluster, ResultStore, run_cases  # noqa: PLC0415, its libraries take a second
 
     parts, grid, title = _cases(what)
-    folder = _folder(out or SWEEPS / title)
+    folder = out or SWEEPS / title
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
+        raise InputError(f"output folder {folder}: holds other files; choose another")
+    output_folder(folder)
     store = ResultStore(folder / RESULTS)
     cases = [case for part in parts.values() for case in part]
     chosen = cases[: _SAMPLE if plan and not store.finished() else 0 if plan else limit]
@@ -87,8 +90,14 @@ def sweep_command(
         "command": f"palpate sweep {PAPER if grid is None else typed(Path(what))}",
     }
     page = None
-    if done == len(cases) or grid is not None:
-        page = _write(folder, title, grid, rows, facts)
+    if grid is not None:
+        from palpate.sweep.report import write_grid  # noqa: PLC0415, matplotlib takes a second
+
+        page = write_grid(folder, title, grid, rows["grid"], facts)
+    elif done == len(cases):
+        from palpate.sweep.paper import write_paper  # noqa: PLC0415, as above
+
+        page = write_paper(folder, rows, facts)
     outcome: dict[str, Any] = {
         "what": PAPER if grid is None else typed(Path(what)),
         "folder": str(folder),
@@ -119,23 +128,6 @@ def _cases(what: str) -> tuple[Mapping[str, Sequence[Any]], Any, str]:
     path = existing_file(Path(what), "sweep")
     grid = load_grid(path)
     return {"grid": list(grid.cases())}, grid, path.stem
-
-
-def _folder(folder: Path) -> Path:
-    """The folder, which must be empty or hold a sweep, so that nobody's files are replaced."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
-        raise InputError(f"output folder {folder}: holds other files; choose another")
-    return output_folder(folder)
-
-
-def _write(folder: Path, title: str, grid: Any, rows: Mapping[str, Any], facts: Mapping[str, str]) -> Path:  # noqa: ANN401
-    if grid is None:
-        from palpate.sweep.paper import write_paper  # noqa: PLC0415, matplotlib takes a second
-
-        return write_paper(folder, rows, facts)
-    from palpate.sweep.report import write_grid  # noqa: PLC0415, as above
-
-    return write_grid(folder, title, grid, rows["grid"], facts)
 
 
 def _print_plan(

@@ -28,7 +28,7 @@ from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
 from robot_io.clock import MonotonicClock
 from robot_io.errors import InputError
 from robot_io.link import Impairment, LineSettings, load_seal
-from robot_io.robot_file import RobotFile, load_robot_file
+from robot_io.robot_file import load_robot_file
 from sim_backend.scenario import load_scenario, shipped_scenarios
 
 MILLI, PERCENT = 1e-3, 0.01
@@ -101,11 +101,17 @@ def follower(
     """
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else PLAN
+    speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
+    motion = (
+        f"'{robot_file.name}' is going to move to wherever a leader asks: each place is probed at {speeds} "
+        f"mm/s, pressing with {plan.force_limit_n:g} N; its guard stops it beyond "
+        f"{robot_file.limits.force_n:g} N."
+    )
     job = FollowerJob(
         robot_file,
         output_session(out or SESSIONS / f"{options.stamped_name('teleop')}.mcap"),
         plan,
-        permission=lambda: ask_for_power(_motion(robot_file, plan), yes=yes),
+        permission=lambda: ask_for_power(motion, yes=yes),
         link=_line(name, port, link, key, bad_network),
         on_silence=on_silence,
         diagnose=diagnose,
@@ -114,7 +120,17 @@ def follower(
     talk = console.stderr()
     outcome = run_follower(job, lambda text: talk.print(safe(text)))
     if options.as_json:
-        console.print_json(_as_data(job, outcome))
+        console.print_json(
+            {
+                "session": str(job.session),
+                "outcome": str(outcome.loop.outcome),
+                "cause": outcome.loop.cause,
+                "targets": {str(number): state.name.lower() for number, state in outcome.states.items()},
+                "estimates": outcome.estimates,
+                "overruns": outcome.loop.overruns,
+                "link_error": outcome.talk_error,
+            }
+        )
     else:
         _print(job, outcome)
     raise_for_end(outcome.loop)
@@ -173,7 +189,13 @@ def leader(  # noqa: PLR0917, one parameter an option
     haptics = HapticJob(robot, operator, scene, session, metadata, largest_jump_n=jump_n)
     line = _line(name, port, link, key, bad_network)
     if isinstance(device, LeaderArm):
-        ask_for_power(_pushing(load_robot_file(device.settings.robot)), yes=yes)
+        arm = load_robot_file(device.settings.robot)
+        torques = ", ".join(f"{torque:g}" for torque in arm.limits.torque_nm)
+        ask_for_power(
+            f"'{arm.name}' is going to carry its own weight and to push the hand that holds it, "
+            f"with at most {torques} N m in its joints.",
+            yes=yes,
+        )
     talk = console.stderr()
     with talk.status("starting") as status:
         outcome = run_leader(
@@ -264,23 +286,6 @@ def _us(seconds: float) -> str:
     return f"{1e6 * seconds:.0f} us"
 
 
-def _motion(robot_file: RobotFile, plan: ProbingPlan) -> str:
-    speeds = ", ".join(f"{speed / MILLI:g}" for speed in plan.speeds_m_s)
-    return (
-        f"'{robot_file.name}' is going to move to wherever a leader asks: each place is probed at {speeds} "
-        f"mm/s, pressing with {plan.force_limit_n:g} N; its guard stops it beyond "
-        f"{robot_file.limits.force_n:g} N."
-    )
-
-
-def _pushing(robot_file: RobotFile) -> str:
-    torques = ", ".join(f"{torque:g}" for torque in robot_file.limits.torque_nm)
-    return (
-        f"'{robot_file.name}' is going to carry its own weight and to push the hand that holds it, "
-        f"with at most {torques} N m in its joints."
-    )
-
-
 def _line(
     name: str, port: int, config: Path | None, key: Path | None, bad_network: str | None
 ) -> LineSettings:
@@ -295,18 +300,6 @@ def _line(
     if key is not None:
         load_seal(existing_file(key, "key"), name)  # only to know that it is one
     return LineSettings(name, port, config, key, impairment)
-
-
-def _as_data(job: FollowerJob, outcome: FollowerOutcome) -> dict[str, object]:
-    return {
-        "session": str(job.session),
-        "outcome": str(outcome.loop.outcome),
-        "cause": outcome.loop.cause,
-        "targets": {str(number): state.name.lower() for number, state in outcome.states.items()},
-        "estimates": outcome.estimates,
-        "overruns": outcome.loop.overruns,
-        "link_error": outcome.talk_error,
-    }
 
 
 def _print(job: FollowerJob, outcome: FollowerOutcome) -> None:

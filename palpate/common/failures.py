@@ -90,14 +90,12 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text = "the memory is full; take fewer runs, or a shorter recording"
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
-    return report(text, DISK_FULL if _disk_is_full(error) else code, as_json=as_json)
-
-
-def _disk_is_full(error: BaseException | None) -> bool:
-    """Whether a disk that takes nothing more, or fails, is behind it: the input may be as good as can be."""
-    while error is not None and not isinstance(error, OSError | DeviceError):  # a line that fails is no disk
-        error = error.__cause__
-    return isinstance(error, OSError) and error.errno in _NO_ROOM
+    # A disk that takes nothing more, or fails, may be behind it: the input may be as good as can be.
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError | DeviceError):  # a line that fails is no disk
+        cause = cause.__cause__
+    is_disk_full = isinstance(cause, OSError) and cause.errno in _NO_ROOM
+    return report(text, DISK_FULL if is_disk_full else code, as_json=as_json)
 
 
 def report(text: str, code: int, *, as_json: bool = False) -> int:

@@ -115,9 +115,18 @@ def load_user_effect(text: str) -> Effect:
     module = _run(existing_file(Path(file), "effect file"))
     found = vars(module).get(name)
     if not (inspect.isclass(found) and issubclass(found, Effect)):
-        there = ", ".join(key for key, value in vars(module).items() if _is_effect(value, module))
+        classes = [(key, value) for key, value in vars(module).items() if inspect.isclass(value)]
+        own = [
+            key for key, value in classes if issubclass(value, Effect) and value.__module__ == module.__name__
+        ]
+        there = ", ".join(own)
         raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {there or 'none'}")
-    return _checked(text, found)
+    with foreign_code(f"--effect {text}", own_file=file_of(found)):
+        wrong = flaw(found)
+    if wrong:
+        raise InputError(f"--effect {text}: {wrong}")
+    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
+        return watched(found())
 
 
 def _run(file: Path) -> ModuleType:
@@ -130,19 +139,6 @@ def _run(file: Path) -> ModuleType:
     with foreign_code(f"effect file {file}", LIMIT_S, str(file.absolute())):
         spec.loader.exec_module(module)
     return module
-
-
-def _is_effect(value: Any, module: ModuleType) -> bool:  # noqa: ANN401
-    return inspect.isclass(value) and issubclass(value, Effect) and value.__module__ == module.__name__
-
-
-def _checked(text: str, found: type[Effect]) -> Effect:
-    with foreign_code(f"--effect {text}", own_file=file_of(found)):
-        wrong = flaw(found)
-    if wrong:
-        raise InputError(f"--effect {text}: {wrong}")
-    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
-        return watched(found())
 
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
@@ -315,7 +311,10 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
             effect.sense(data.effort, data, inner)
             effect.slope(data.effort, both, data, inner)
             effect.follow(data.effort, both, data, inner)
-    usual = _usual(*(EFFECTS[name]() for name in EFFECTS), effect)
+    known = [*(EFFECTS[name]() for name in EFFECTS), effect]
+    parameters = ((each.name, p) for each in known for p in (*each.gains, *each.inner))
+    # each in the middle of its typical range
+    usual = {f"{name}.{p.name}": float(p.spread(3)[1]) for name, p in parameters}
     noise = 0.01 * float(np.std(data.effort))
     effect.is_misnamed(data, usual, lambda: {name: 0.1 * abs(value) for name, value in usual.items()}, noise)
     return acts
@@ -330,7 +329,17 @@ def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str 
         values = ", ".join(sorted(wanted)) or "nothing: ({},)"
         return f"starts gives {list(made[:1])}, wanted are values for {values}"
     for what, array, shape in _arrays(effect, method, args, made):
-        if wrong := _wrong_array(array, shape):
+        kind = np.asarray(array).dtype
+        wrong = ""
+        if kind.kind not in _REAL:
+            wrong = f"values of type {kind}, wanted are real numbers"
+        elif np.shape(array) != shape:
+            wrong = f"an array of shape {np.shape(array)}, wanted is {shape}"
+        elif not np.isfinite(array).all():
+            wrong = "values that are not finite"
+        elif np.any(np.abs(array) > LARGEST):
+            wrong = f"values beyond {LARGEST:g}"
+        if wrong:
             return f"{what} gives {wrong}"
     return None
 
@@ -360,23 +369,6 @@ def _arrays(
         case "follow", (np.ndarray() as effort, np.ndarray() as columns, *_):
             yield "slopes of follow", made[0], columns.shape
             yield "effort of follow", made[1], effort.shape
-
-
-def _wrong_array(made: FloatArray, shape: _Shape) -> str | None:
-    kind = np.asarray(made).dtype
-    if kind.kind not in _REAL:
-        return f"values of type {kind}, wanted are real numbers"
-    if np.shape(made) != shape:
-        return f"an array of shape {np.shape(made)}, wanted is {shape}"
-    if not np.isfinite(made).all():
-        return "values that are not finite"
-    return f"values beyond {LARGEST:g}" if np.any(np.abs(made) > LARGEST) else None
-
-
-def _usual(*effects: Effect) -> dict[str, float]:
-    """All parameters, each in the middle of its typical range."""
-    parameters = ((effect.name, p) for effect in effects for p in (*effect.gains, *effect.inner))
-    return {f"{name}.{p.name}": float(p.spread(3)[1]) for name, p in parameters}
 
 
 def _frozen(values: FloatArray) -> FloatArray:

@@ -68,12 +68,23 @@ def examine_arm(check: ArmCheck) -> Iterator[Finding]:
         make = partial(build_robot, robot_file, drivers, clock, calibrations)
         doubt = doubtful(calibrations.encoder) if calibrations.encoder else None
 
+        def unpowered() -> Iterator[Finding]:
+            robot = make()
+            yield from examine_limits(robot_file, body)
+            if doubt:
+                remedy = "hold the arm in a known pose and compare; else palpate calibrate encoder"
+                yield warn("zeros", doubt, remedy)
+            ports = dict(examine_ports(robot_file))
+            yield from ports.values()
+            closed = {bus for bus, finding in ports.items() if finding.level is Level.FAIL}
+            yield from examine_devices(robot, robot_file, closed)
+
         def powered(robot: Robot) -> Iterator[Finding]:
             objections = list(count_down(robot, hand))
             yield from objections or examine_powered(robot, robot_file, body)
 
         stages: list[Callable[[], Iterator[Finding]]] = [
-            lambda: _unpowered(make(), robot_file, body, doubt),
+            unpowered,
             lambda: _with_robot(make, lambda robot: examine_rates(robot, robot_file)),
         ]
         if check.move:
@@ -106,16 +117,6 @@ def _set_up(check: ArmCheck, stack: ExitStack) -> tuple[Clock, RobotFile, Hand]:
     return SimulatedClock(), check.robot_file, Hand()
 
 
-def _unpowered(robot: Robot, robot_file: RobotFile, body: RigidBody, doubt: str | None) -> Iterator[Finding]:
-    yield from examine_limits(robot_file, body)
-    if doubt:
-        yield warn("zeros", doubt, "hold the arm in a known pose and compare; else palpate calibrate encoder")
-    ports = dict(examine_ports(robot_file))
-    yield from ports.values()
-    closed = {bus for bus, finding in ports.items() if finding.level is Level.FAIL}
-    yield from examine_devices(robot, robot_file, closed)
-
-
 def _with_robot(make: Callable[[], Robot], look: Callable[[Robot], Iterator[Finding]]) -> Iterator[Finding]:
     """Open the whole arm for one stage; it is closed, and so without torque, when the stage ends."""
     try:
@@ -140,19 +141,17 @@ def examine_ports(robot_file: RobotFile) -> Iterator[tuple[str, Finding]]:
     for name, bus in robot_file.buses.items():
         subject, port, channel = f"port of {name}", bus.settings.get("port"), bus.settings.get("channel")
         if isinstance(port, str) and port.startswith("/"):
-            yield name, _port(subject, Path(port))
+            if not Path(port).exists():
+                there = sorted(Path("/dev/serial/by-id").glob("*"))
+                others = ", ".join(map(str, there)) or "no USB adapter is connected"
+                remedy = f"plug it in, or correct the robot file ({others})"
+                yield name, fail(subject, f"{port}: is not there", remedy)
+            elif not Path(port).is_char_device():
+                yield name, fail(subject, f"{port}: is no serial port", "correct the robot file")
+            else:
+                yield name, serial_port(subject, Path(port), Level.FAIL)
         elif bus.settings.get("interface") == "socketcan" and isinstance(channel, str):
             yield name, can_interface(subject, channel, Level.FAIL)
-
-
-def _port(subject: str, port: Path) -> Finding:
-    if not port.exists():
-        there = sorted(Path("/dev/serial/by-id").glob("*"))
-        others = ", ".join(map(str, there)) or "no USB adapter is connected"
-        return fail(subject, f"{port}: is not there", f"plug it in, or correct the robot file ({others})")
-    if not port.is_char_device():
-        return fail(subject, f"{port}: is no serial port", "correct the robot file")
-    return serial_port(subject, port, Level.FAIL)
 
 
 def examine_devices(robot: Robot, robot_file: RobotFile, closed: Set[str]) -> Iterator[Finding]:
@@ -263,7 +262,11 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
     position_rad = np.mean([m.joint_position_rad for m in watched.measurements], axis=0)
     if np.isfinite(position_rad).all():  # else there are no samples, which has been said
-        yield from _joints(position_rad, robot_file)
+        ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
+        for number, (angle, low, high) in enumerate(ranges, 1):
+            value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
+            remedy = "move it inside by hand, or correct its zero_rad and reversed"
+            yield graded(f"joint {number}", value, (_FAIL, not low < angle < high, remedy))
         away_rad = position_rad - robot_file.home_rad
         joint = int(np.argmax(np.abs(away_rad)))
         value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
@@ -322,15 +325,6 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
     if saturated := Status.SATURATED in statuses:
         value += "; at the end of its range"
     return graded(subject, value, (_FAIL, saturated, "check its wiring and its range"))
-
-
-def _joints(position_rad: FloatArray, robot_file: RobotFile) -> Iterator[Finding]:
-    limits = robot_file.limits
-    ranges = zip(position_rad, limits.position_min_rad, limits.position_max_rad, strict=True)
-    for joint, (angle, low, high) in enumerate(ranges, 1):
-        value = f"at {angle:+.3f} rad (limits {low:+.2f} to {high:+.2f})"
-        remedy = "move it inside by hand, or correct its zero_rad and reversed"
-        yield graded(f"joint {joint}", value, (_FAIL, not low < angle < high, remedy))
 
 
 def _force(watched: _Watched, limit_n: float) -> Finding:

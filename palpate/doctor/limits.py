@@ -37,9 +37,23 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     limits, tick_s = robot_file.limits, 1.0 / robot_file.control_rate_hz
     poses_rad = np.vstack([robot_file.home_rad, random_poses_rad(limits)])
     weight_nm = np.abs([body.gravity(pose) for pose in poses_rad])
-    yield _weight(limits, weight_nm)
+    limit_nm, worst_nm, home_nm = np.array(limits.torque_nm), weight_nm.max(axis=0), weight_nm[0]
+    value = f"{_listed(limit_nm)} N m allowed, the weight needs up to {_listed(worst_nm)} N m"
+    if (home_nm >= limit_nm).any():
+        remedy = "raise torque_nm, or correct the URDF's masses"
+        yield fail("torque limits", f"{value}, and {_listed(home_nm)} N m at home", remedy)
+    else:
+        remedy = "raise torque_nm, or narrow the position limits"
+        yield graded("torque limits", value, (_WARN, (worst_nm >= limit_nm).any(), remedy))
     yield _brake(robot_file, body, poses_rad)
-    yield _ages(limits, tick_s)
+    ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
+    lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
+    yield graded(
+        "age limits",
+        ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
+        (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
+        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: allow less"),
+    )
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
@@ -53,8 +67,19 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     yield _force(robot_file)
     yield _torque(limits, body, float(weight_nm.max()))
     yield _position(limits, body)
-    yield _velocity(limits, body)
-    yield _tracking(limits)
+    limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
+    beyond = _beyond(limit_rad_s, _SPEEDS * urdf_rad_s)
+    value = f"{_listed(limit_rad_s)} rad/s, the URDF's are {_listed(urdf_rad_s)} rad/s"
+    remedy = "the guard would stop nothing: lower velocity_rad_s"
+    yield graded("velocity limits", value, (_FAIL, beyond, remedy))
+    widest_rad = max(limits.tracking_rad)
+    remedy = "lower tracking_rad: 0.1 rad is what a well-tuned arm keeps"
+    yield graded(
+        "tracking limits",
+        f"up to {widest_rad:g} rad from the path",
+        (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
+        (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
+    )
     yield from (_latch(name, limits, tick_s) for name in _LATCHES)
 
 
@@ -68,16 +93,6 @@ def random_poses_rad(limits: Limits) -> FloatArray:
     return np.random.default_rng(0).uniform(low, high, (POSES, len(low)))
 
 
-def _weight(limits: Limits, weight_nm: FloatArray) -> Finding:
-    limit_nm, worst_nm, home_nm = np.array(limits.torque_nm), weight_nm.max(axis=0), weight_nm[0]
-    value = f"{_listed(limit_nm)} N m allowed, the weight needs up to {_listed(worst_nm)} N m"
-    if (home_nm >= limit_nm).any():
-        remedy = "raise torque_nm, or correct the URDF's masses"
-        return fail("torque limits", f"{value}, and {_listed(home_nm)} N m at home", remedy)
-    remedy = "raise torque_nm, or narrow the position limits"
-    return graded("torque limits", value, (_WARN, (worst_nm >= limit_nm).any(), remedy))
-
-
 def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Finding:
     """See `robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
     lag_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
@@ -89,17 +104,6 @@ def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Fin
         f"damping {_listed(damping)} N m s/rad, steady up to {_listed(most)}",
         (_WARN, (damping > most).any(), "lower safe_state.damping_nms_rad, or the brake shakes the arm"),
         (_WARN, (damping == 0).any(), "a joint without damping is not braked in a stop: give it some"),
-    )
-
-
-def _ages(limits: Limits, tick_s: float) -> Finding:
-    ages_s = {name: getattr(limits, f"{name}_age_s") for name in ("encoder", "torque", "force")}
-    lost = f"a single lost sample stops the arm: allow {2e3 * tick_s:g} ms or more"
-    return graded(
-        "age limits",
-        ", ".join(f"{device} {1e3 * age_s:g} ms" for device, age_s in ages_s.items()),
-        (_WARN, min(ages_s.values()) < 2 * tick_s, lost),
-        (_WARN, max(ages_s.values()) > 50 * tick_s, "the arm would act on old samples: allow less"),
     )
 
 
@@ -144,27 +148,6 @@ def _position(limits: Limits, body: RigidBody) -> Finding:
     )
     remedy = "it would meet its stop: narrow position_min_rad and position_max_rad"
     return fail("position limits", value, remedy)
-
-
-def _velocity(limits: Limits, body: RigidBody) -> Finding:
-    limit_rad_s, urdf_rad_s = np.array(limits.velocity_rad_s), body.velocity_limits_rad_s
-    beyond = _beyond(limit_rad_s, _SPEEDS * urdf_rad_s)
-    value = f"{_listed(limit_rad_s)} rad/s, the URDF's are {_listed(urdf_rad_s)} rad/s"
-    remedy = "the guard would stop nothing: lower velocity_rad_s"
-    return graded("velocity limits", value, (_FAIL, beyond, remedy))
-
-
-def _tracking(limits: Limits) -> Finding:
-    widest_rad, remedy = (
-        max(limits.tracking_rad),
-        "lower tracking_rad: 0.1 rad is what a well-tuned arm keeps",
-    )
-    return graded(
-        "tracking limits",
-        f"up to {widest_rad:g} rad from the path",
-        (_FAIL, widest_rad > _NO_TRACKING_RAD, remedy),
-        (_WARN, widest_rad > _WIDE_TRACKING_RAD, remedy),
-    )
 
 
 def _latch(name: str, limits: Limits, tick_s: float) -> Finding:

@@ -74,10 +74,8 @@ def packages() -> Iterator[Finding]:
 
 def _pinned_versions() -> dict[str, str]:
     """Versions by package; empty where palpate is installed without its source tree."""
-    if not CONSTRAINTS.is_file():
-        return {}
-    lines = CONSTRAINTS.read_text(encoding="utf-8").splitlines()
-    pairs = (line.split("==") for line in lines if "==" in line)
+    text = CONSTRAINTS.read_text(encoding="utf-8") if CONSTRAINTS.is_file() else ""
+    pairs = (line.split("==") for line in text.splitlines() if "==" in line)
     return {name.strip().lower(): version.strip() for name, version in pairs}
 
 

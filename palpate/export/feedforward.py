@@ -109,7 +109,13 @@ class Feedforward:
         names = ", ".join(asdict(JointTerms()))
         text = _PYTHON.format(source=_comment(source), names=names, rows=rows)
         write_text(path.with_suffix(".py"), text)
-        write_text(path.with_suffix(".c"), self._c(source))
+        rows = "".join(
+            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
+            for joint, terms in zip(self.joints, self.terms, strict=True)
+        )
+        names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
+        text = _C.format(source=_comment(source), names=names, rows=rows)
+        write_text(path.with_suffix(".c"), text)
 
     def _yaml(self, source: str) -> str:
         joints = {
@@ -135,14 +141,6 @@ class Feedforward:
         }
         content = {"source": source, "equation": EQUATION, "joints": joints, "left_out": list(self.left_out)}
         return yaml.safe_dump(content, sort_keys=False, width=100, allow_unicode=True)
-
-    def _c(self, source: str) -> str:
-        rows = "".join(
-            f"    {{{joint.number}, {{{_literals(terms)}}}}}, /* {_title(joint)} */\n"
-            for joint, terms in zip(self.joints, self.terms, strict=True)
-        )
-        names = "".join(f"    double {name};\n" for name in asdict(JointTerms()))
-        return _C.format(source=_comment(source), names=names, rows=rows)
 
 
 def _literals(terms: JointTerms) -> str:
@@ -176,18 +174,16 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
                     values[fields[own]] = float(parameter.value)
                 else:
                     values[fields[own]] += float(parameter.value)
-                    left_out += _undetermined(joint, f"{effect}.{own}", parameter)
+                    low, high = parameter.interval
+                    if not (isfinite(low) and isfinite(high)) or low <= 0.0 <= high:
+                        value = f"{parameter.value:.3g} {parameter.unit}"
+                        left_out.append(
+                            f"{joint.name}: {effect}.{own} {value} is in, but its interval holds zero"
+                        )
             listed = ", ".join(f"{own} {one.value:.5g} {one.unit}" for own, one in parameters.items())
             used.append(f"{joint.name}: {effect} {listed}")
         terms.append(JointTerms(**values))
     return Feedforward(tuple(ordered), tuple(terms), tuple(used), tuple(left_out))
-
-
-def _undetermined(joint: FittedJoint, name: str, parameter: ParameterEstimate) -> list[str]:
-    low, high = parameter.interval
-    if isfinite(low) and isfinite(high) and not low <= 0.0 <= high:
-        return []
-    return [f"{joint.name}: {name} {parameter.value:.3g} {parameter.unit} is in, but its interval holds zero"]
 
 
 def _reason(effect: str) -> str:

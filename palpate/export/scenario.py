@@ -30,26 +30,8 @@ def _one(effect: str, **names: str) -> Term:
     return lambda p: [{"effect": effect} | {key: p[name] for key, name in names.items()}]
 
 
-def _drift(p: Values) -> list[Entry]:
-    return [{"effect": "drift", "rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}]
-
-
-def _adhesion(p: Values) -> list[Entry]:
-    # a neck that thins out linearly takes as much work as an exponential one of half the length
-    return [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}]
-
-
 def _viscous(p: Values) -> float:
     return 0.5 * (p["viscous_forward"] + p["viscous_backward"])
-
-
-def _asymmetric(p: Values) -> list[Entry]:
-    friction: Entry = {
-        "effect": "asymmetric_friction",
-        "positive_nm": p["forward"],
-        "negative_nm": p["backward"],
-    }
-    return [friction, {"effect": "viscous_friction", "viscous_nms_rad": max(_viscous(p), 0.0)}]
 
 
 def _ripple(p: Values) -> list[Entry]:
@@ -69,32 +51,6 @@ def _ripple(p: Values) -> list[Entry]:
     return waves
 
 
-def _torque_gain(p: Values) -> list[Entry]:
-    # fitted: reading over true torque; simulated: true torque over reading
-    return [{"effect": "torque_gain", "gain": 1.0 / p["gain"]}]
-
-
-def _offset(p: Values) -> list[Entry]:
-    # fitted: how much deeper the surface lies; simulated: how much higher
-    return [{"effect": "contact_offset", "offset_m": -p["offset"]}]
-
-
-def _joint_spring(p: Values) -> list[Entry]:
-    rest_rad = -p["preload"] / p["k"] if p["k"] else 0.0
-    return [{"effect": "joint_spring", "stiffness_nm_rad": p["k"], "rest_rad": rest_rad}]
-
-
-def _plastic_set(p: Values) -> list[Entry]:
-    # fitted: what is left by the next run; simulated: how fast it goes, where zero is never
-    recovery_s = 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S
-    return [{"effect": "plastic_set", "share": p["share"], "recovery_s": recovery_s}]
-
-
-def _dry_friction(p: Values) -> list[Entry]:
-    slip_m = max(p["presliding"], SHORTEST_SLIP_M)
-    return [{"effect": "dry_friction", "friction_n": p["force"], "slip_m": slip_m}]
-
-
 def lost(effect: str, p: Values) -> Iterator[str]:
     """What of a fitted effect is simulated otherwise, in a sentence.
 
@@ -112,13 +68,24 @@ def lost(effect: str, p: Values) -> Iterator[str]:
 
 
 CONTACT: Mapping[str, Term] = {
-    "adhesion": _adhesion,
-    "contact_offset": _offset,
+    # a neck that thins out linearly takes as much work as an exponential one of half the length
+    "adhesion": lambda p: [{"effect": "adhesion", "pull_off_n": p["force"], "neck_m": 2.0 * p["reach"]}],
+    # fitted: how much deeper the surface lies; simulated: how much higher
+    "contact_offset": lambda p: [{"effect": "contact_offset", "offset_m": -p["offset"]}],
     "cubic_stiffness": _one("cubic_stiffness", cubic_n_m3="k3"),
-    "dry_friction": _dry_friction,
+    "dry_friction": lambda p: [
+        {"effect": "dry_friction", "friction_n": p["force"], "slip_m": max(p["presliding"], SHORTEST_SLIP_M)}
+    ],
     "hunt_crossley": _one("hunt_crossley", stiffness="k", damping="b", exponent="n"),
     "layered_stiffness": _one("layered_stiffness", stiffness_n_m="k2", depth_m="depth"),
-    "plastic_set": _plastic_set,
+    # fitted: what is left by the next run; simulated: how fast it goes, where zero is never
+    "plastic_set": lambda p: [
+        {
+            "effect": "plastic_set",
+            "share": p["share"],
+            "recovery_s": 0.0 if p["kept"] > 0.5 else _GONE_BY_NEXT_RUN_S,
+        }
+    ],
     "quadratic_damping": _one("quadratic_damping", damping_n_s2_m2="c2"),
     "stress_relaxation": _one("stress_relaxation", stiffness_n_m="k1", time_s="tau"),
     "tool_compliance": _one("tool_compliance", compliance_m_n="compliance"),
@@ -126,17 +93,27 @@ CONTACT: Mapping[str, Term] = {
 
 JOINT: Mapping[str, Term] = {
     "armature": _one("armature", inertia_kg_m2="inertia"),
-    "asymmetric_friction": _asymmetric,
+    "asymmetric_friction": lambda p: [
+        {"effect": "asymmetric_friction", "positive_nm": p["forward"], "negative_nm": p["backward"]},
+        {"effect": "viscous_friction", "viscous_nms_rad": max(_viscous(p), 0.0)},
+    ],
     "backlash": _one("backlash", gap_rad="gap"),
     "coulomb_friction": _one("coulomb_friction", coulomb_nm="force"),
     "joint_elasticity": _one("joint_elasticity", compliance_rad_nm="compliance"),
-    "joint_spring": _joint_spring,
+    "joint_spring": lambda p: [
+        {
+            "effect": "joint_spring",
+            "stiffness_nm_rad": p["k"],
+            "rest_rad": -p["preload"] / p["k"] if p["k"] else 0.0,
+        }
+    ],
     "load_dependent_friction": _one("load_dependent_friction", load_share="mu"),
     "quadratic_friction": _one("quadratic_friction", quadratic_nms2_rad2="d2"),
     "stribeck_friction": _one(
         "stribeck_friction", coulomb_nm="coulomb", stiction_nm="rise", speed_rad_s="speed"
     ),
-    "torque_gain": _torque_gain,
+    # fitted: reading over true torque; simulated: true torque over reading
+    "torque_gain": lambda p: [{"effect": "torque_gain", "gain": 1.0 / p["gain"]}],
     "torque_ripple": _ripple,
     "viscous_friction": _one("viscous_friction", viscous_nms_rad="d"),
 }
@@ -151,7 +128,7 @@ SENSOR: Mapping[str, Term] = {
     "bias": _one("bias", bias="offset"),
     "deadband": _one("deadband", half_width="width"),
     "delay": _one("delay", delay_s="time"),
-    "drift": _drift,
+    "drift": lambda p: [{"effect": "drift", "rate_1_s": p["rate"]}, {"effect": "bias", "bias": p["offset"]}],
     "hysteresis": _one("hysteresis", half_width="width"),
     "lag": _one("lag", time_s="tau"),
     "quantisation": _one("quantisation", step="step"),
@@ -202,12 +179,19 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
     hidden: list[Imperfection] = []
     used: list[str] = []
     left_out: list[str] = []
-    taken = _told_by_the_contact(
-        fitted
-    )  # effects that belong to no single joint, and where they were found first
-    swallowed_n = 0.0 if taken else _swallowed_n(fitted)
-    for channel in fitted:
-        effects = _by_effect(channel.revision)
+    # What the contact's own model says already: a dead band that the joints found is the same one.
+    by_channel = [(channel, _by_effect(channel.revision)) for channel in fitted]
+    contacts = [
+        one.revision.channel for one, effects in by_channel if one.is_contact and "deadband" in effects
+    ]
+    # effects that belong to no single joint, and where they were found first
+    taken = {"force_deadband": contacts[0]} if contacts else {}
+    # Force [N] that the sensor swallows, as the joints tell; the contact took it for a deeper surface.
+    swallowed = (
+        effects["force_deadband"]["width"] for _, effects in by_channel if "force_deadband" in effects
+    )
+    swallowed_n = 0.0 if taken else next(swallowed, 0.0)
+    for channel, effects in by_channel:
         where = channel.revision.channel
         if channel.is_contact:
             scenario, lines = _with_object(scenario, effects, channel.surface, swallowed_n)
@@ -221,20 +205,6 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             (used if made else left_out).extend(f"{where}: {line}" for line in lines)
             left_out += [f"{where}: {line}" for line in lost(name, values)]
     return Export(scenario.with_hidden(hidden), tuple(used), tuple(left_out))
-
-
-def _told_by_the_contact(fitted: Sequence[FittedChannel]) -> dict[str, str]:
-    """What the contact's own model says already: a dead band that the joints found is the same one."""
-    contacts = [
-        one.revision.channel for one in fitted if one.is_contact and "deadband" in _by_effect(one.revision)
-    ]
-    return {"force_deadband": contacts[0]} if contacts else {}
-
-
-def _swallowed_n(fitted: Sequence[FittedChannel]) -> float:
-    """Force [N] that the sensor swallows, as the joints tell; the contact took it for a deeper surface."""
-    found = (_by_effect(one.revision).get("force_deadband") for one in fitted)
-    return next((effect["width"] for effect in found if effect), 0.0)
 
 
 def _by_effect(revision: Revision) -> Effects:

@@ -13,7 +13,7 @@ from control.loop.tick_record import STREAM_NAME
 from control.probing.plan import ProbingPlan
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
-from estimation.design import Choice, Experiment, Rivals, choose
+from estimation.design import Experiment, Rivals, choose
 from estimation.design.choice import NEARLY
 from estimation.design.discrimination import SMALL
 from estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
@@ -105,18 +105,34 @@ def next_probe(
     open_questions = undecided(study, diagnoses)
     if not open_questions:
         return _remedy(study, diagnoses, longest_s, progress)
-    ran = _plans_run(study)
+    sessions = filter(None, (study.source.session, *study.source.more))
+    ran = [_plan_of(session) for session in sessions]  # what the arm did so far
     single = _planned(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
     )
     single = [one.expected(open_questions) for one in single[:FITTED]]
-    paired = feasible(study, progress, pairs=_pairs(single), processes=processes)
+    # Two as one experiment, where both tell more than any alone; those that tell most first.
+    most = max((one.experiment.tells for one in single), default=0.0)
+    both_tell = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
+    both_tell.sort(key=lambda pair: pair[0], reverse=True)
+    pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * NEARLY > most]
+    paired = feasible(study, progress, pairs=pairs, processes=processes)
     joint = _planned(_new(paired, ran), study, open_questions, longest_s)
     every = [*single, *(one.expected(open_questions) for one in joint)]
     choice = choose([one.experiment for one in every])
     if choice is None:
         return None
-    return _next_probe(every[choice.index].candidate, open_questions, choice)
+    candidate, leads = every[choice.index].candidate, choice.experiment.leads
+    told = [one for one, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
+    names = list(dict.fromkeys(name for one in told for name in one.names))
+    proposal = NextExperiment(
+        purpose=f"tell apart {', '.join(names)}",
+        separates=names,
+        instruction=candidate.words,
+        probe=candidate.settings,
+    )
+    channels = tuple(dict.fromkeys(one.channel.name for one in told))
+    return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
 def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextProbe | None:
@@ -199,20 +215,6 @@ def _new(
     return (one for one in offered if one[0].plan not in ran)
 
 
-def _pairs(single: Sequence[_Planned]) -> list[tuple[CandidatePlan, CandidatePlan]]:
-    """Two of some experiments, where both tell more than any alone; those that tell most first."""
-    most = max((one.experiment.tells for one in single), default=0.0)
-    pairs = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
-    pairs.sort(key=lambda pair: pair[0], reverse=True)
-    return [(a.candidate, b.candidate) for tells, a, b in pairs if tells * NEARLY > most]
-
-
-def _plans_run(study: ModelStudy) -> list[ProbingPlan]:
-    """What the arm did so far."""
-    first = study.source.session
-    return [_plan_of(one) for one in (first, *study.source.more)] if first is not None else []
-
-
 def _plan_of(session: Session) -> ProbingPlan:
     text = session.metadata.extra.get(PLAN, "")
     return validate(ProbingPlan, dict(parse_yaml(text, f"{session.path}, its plan").data) if text else {})
@@ -278,31 +280,18 @@ def feasible(
 
 def _motion(one: Undecided, study: ModelStudy, ticks: Samples, *, elsewhere: bool) -> ChannelData | None:
     """The channel as it would move; None where it does not, or another place of the object is pressed."""
-    planned = _channel_like(one.channel.data, ticks)
+    data = one.channel.data
+    channels: Sequence[ChannelData]
+    if data.kind is ChannelKind.CONTACT:
+        channels = contact_channels(ticks, tared=False)
+    else:
+        directions = data.context.get(DIRECTION)
+        joints = joint_channels(ticks, None if directions is None else directions[0])
+        channels = [joint for joint in joints if joint.name == data.name]
+    planned = channels[0] if channels else None
     if planned is None or (elsewhere and planned.kind is ChannelKind.CONTACT):
         return None
     return channel_of(planned, one.channel.model.name, study.source.arm).data
-
-
-def _channel_like(data: ChannelData, ticks: Samples) -> ChannelData | None:
-    if data.kind is ChannelKind.CONTACT:
-        return next(iter(contact_channels(ticks, tared=False)), None)
-    directions = data.context.get(DIRECTION)
-    planned = joint_channels(ticks, None if directions is None else directions[0])
-    return next((one for one in planned if one.name == data.name), None)
-
-
-def _next_probe(candidate: CandidatePlan, left: Sequence[Undecided], choice: Choice) -> NextProbe:
-    told = [one for one, leads in zip(left, choice.experiment.leads, strict=True) if (leads > SMALL).any()]
-    names = list(dict.fromkeys(name for one in told for name in one.names))
-    proposal = NextExperiment(
-        purpose=f"tell apart {', '.join(names)}",
-        separates=names,
-        instruction=candidate.words,
-        probe=candidate.settings,
-    )
-    channels = tuple(dict.fromkeys(one.channel.name for one in told))
-    return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion, about
 
 
 @contextmanager
-def calibration_bench(job: CalibrationJob) -> Iterator[CalibrationSetup]:
+def calibration_setup(job: CalibrationJob) -> Iterator[CalibrationSetup]:
     """Set everything up; the session file is complete when the context ends.
 
     Args:
@@ -160,19 +160,19 @@ def run_motion(
         watcher: makes who looks on, from the motion's duration [s].
 
     Raises:
-        InputError: as `calibration_bench`, or no motion is clear of the ground.
+        InputError: as `calibration_setup`, or no motion is clear of the ground.
         PalpateError: the arm was stopped.
         KeyboardInterrupt: the user stopped it.
     """
     settings, robot_file = settings or MOTIONS[job.kind], job.robot_file
     limits = robot_file.limits
-    with calibration_bench(job) as bench:
+    with calibration_setup(job) as setup:
         bodies = GravityBodies.from_urdf(robot_file.urdf_path, robot_file.tip_frame)
         rng = np.random.default_rng(0)
-        path = choose_path(bench.body, bodies, bench.start_rad(), limits, settings=settings, rng=rng)
-        task = PathTask(bench.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
+        path = choose_path(setup.body, bodies, setup.start_rad(), limits, settings=settings, rng=rng)
+        task = PathTask(setup.body, gains_of(robot_file).tracking, path, travel_speed_rad_s(limits))
         guarded = _slowed(limits, SPEED_MARGIN * max(settings.speed_rad_s, 1.0))
-        bench.run(task, guarded, watcher(settings.duration_s + 10.0))
+        setup.run(task, guarded, watcher(settings.duration_s + 10.0))
 
 
 def run_stops(
@@ -188,19 +188,19 @@ def run_stops(
         watcher: makes who looks on, from the motion's duration [s].
 
     Raises:
-        InputError: as `calibration_bench`, or a stop cannot be reached.
+        InputError: as `calibration_setup`, or a stop cannot be reached.
         PalpateError: the arm was stopped.
         KeyboardInterrupt: the user stopped it.
     """
     limits = job.robot_file.limits
     settings = StopSettings.within(limits)
-    with calibration_bench(job) as bench:
-        stops_rad = stops_rad or bench.body.position_limits_rad
-        start_rad = bench.start_rad()
-        up_rad, approaches = plan_stops(bench.body, start_rad, limits, stops_rad, settings.reach_rad)
-        task = StopTask(bench.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
+    with calibration_setup(job) as setup:
+        stops_rad = stops_rad or setup.body.position_limits_rad
+        start_rad = setup.start_rad()
+        up_rad, approaches = plan_stops(setup.body, start_rad, limits, stops_rad, settings.reach_rad)
+        task = StopTask(setup.body, gains_of(job.robot_file).tracking, up_rad, approaches, settings)
         opened = with_room_for_stops(limits, approaches, settings.reach_rad + BEYOND_RAD)
-        bench.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
+        setup.run(task, _slowed(opened, STOP_SPEED_RAD_S), watcher(12.0 * len(approaches)))
 
 
 def run_pose(job: CalibrationJob) -> None:
@@ -210,11 +210,11 @@ def run_pose(job: CalibrationJob) -> None:
         job: what is to be calibrated, with which arm.
 
     Raises:
-        InputError: as `calibration_bench`.
+        InputError: as `calibration_setup`.
         SafetyTripError: a sample is missing or old.
     """
-    with calibration_bench(job) as bench:
-        still = bench.still()
+    with calibration_setup(job) as setup:
+        still = setup.still()
         still.await_samples()
         still.watch(POSE_S, 0)
 
@@ -241,7 +241,7 @@ def run_weighing(
         progress: called with the share that is done.
 
     Raises:
-        InputError: as `calibration_bench`, or there are too few forces, or one is beyond the robot's limit.
+        InputError: as `calibration_setup`, or there are too few forces, or one is beyond the robot's limit.
         SafetyTripError: a sample is missing, old or beyond a limit.
         KeyboardInterrupt: the user stopped it.
     """
@@ -251,26 +251,26 @@ def run_weighing(
         raise InputError(
             f"{max(forces_n, key=abs):.4g} N: limits.force_n of '{job.robot_file.name}' is {limit_n:g} N"
         )
-    with calibration_bench(job) as bench:
-        still = bench.still()
+    with calibration_setup(job) as setup:
+        still = setup.still()
         still.await_samples()
 
         def put(number: int, force_n: float) -> None:
-            place(bench, number, force_n)
+            place(setup, number, force_n)
 
         weigh(still, forces_n, put, settle_s=settle_s, measure_s=measure_s, progress=progress)
 
 
-def put_simulated_weight(bench: CalibrationSetup, number: int, force_n: float) -> None:
+def put_simulated_weight(setup: CalibrationSetup, number: int, force_n: float) -> None:
     """Put a force on the simulated sensor.
 
     Args:
-        bench: the robot that is calibrated.
+        setup: the robot that is calibrated.
         number: of the force, from 0; not used.
         force_n: positive in compression [N].
     """
-    if bench.arm.world is not None:
-        bench.arm.world().sensor_load_n = force_n
+    if setup.arm.world is not None:
+        setup.arm.world().sensor_load_n = force_n
 
 
 def _slowed(limits: Limits, speed_rad_s: float) -> Limits:

@@ -245,7 +245,9 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     talk = console.stderr()
     talk.print(f"[bold]{safe(motion)}[/bold]")
     talk.print("Keep clear of it, also from below, with its switch in your hand.")
-    if not yes and not _confirmed():
+    if not yes:  # stdout, where `--json` goes, is left alone
+        talk.print("Power the arm now? \\[y/N]: ", end="")
+    if not yes and sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError("permission to power the arm denied: nothing has moved")
     for left_s in range(COUNTDOWN_S, 0, -1):
         talk.print(f"power in {left_s} s; Ctrl-C stops it")
@@ -264,12 +266,6 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
         f"'{robot_file.name}' is going to move: {count(len(list(plan.runs())), 'run')} at {speeds} mm/s, "
         f"pressing with {plan.force_limit_n:g} N; its guard stops it beyond {robot_file.limits.force_n:g} N."
     )
-
-
-def _confirmed() -> bool:
-    """Whether the answer is yes; stdout, where `--json` goes, is left alone."""
-    console.stderr().print("Power the arm now? \\[y/N]: ", end="")
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:

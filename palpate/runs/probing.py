@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from control.arm.rigid_body import RigidBody
-from control.laws.gains import TouchGains, gains_of
+from control.laws.gains import gains_of
 from control.loop.loop import run_loop
 from control.loop.realtime import realtime
 from control.loop.result import LoopResult
@@ -120,7 +120,14 @@ def run_probing(job: ProbingJob, watcher: Watcher = NOBODY) -> ProbingOutcome:
             f"{MOST_TICKS / rate_hz / 3600:.3g} h at {rate_hz:g} Hz: plan fewer runs, shorter holds "
             "or faster approaches"
         )
-    online = _online_estimator(job.online, gains_of(robot_file).touch)
+    online = None
+    if job.online is not None:
+        registry = CONTACT_ESTIMATORS if job.online in CONTACT_ESTIMATORS else ESTIMATORS
+        estimator = registry[job.online]()
+        if not isinstance(estimator, OnlineEstimator | OnlineContactLaw):
+            valid = ", ".join(online_estimators())
+            raise InputError(f"estimator '{job.online}' needs all samples at once. Online: {valid}")
+        online = OnlineContactEstimator(estimator, gains_of(robot_file).touch)
     phases: set[Phase] = set()
 
     def observe(measurement: Measurement, output: TaskOutput) -> Estimates:
@@ -173,16 +180,6 @@ def online_estimators() -> list[str]:
     """Names of the estimators that can run while the arm is probing."""
     linear = [name for name, estimator in ESTIMATORS.items() if issubclass(estimator, OnlineEstimator)]
     return linear + [name for name, law in CONTACT_ESTIMATORS.items() if issubclass(law, OnlineContactLaw)]
-
-
-def _online_estimator(name: str | None, touch: TouchGains) -> OnlineContactEstimator | None:
-    if name is None:
-        return None
-    estimator = (CONTACT_ESTIMATORS if name in CONTACT_ESTIMATORS else ESTIMATORS)[name]()
-    if not isinstance(estimator, OnlineEstimator | OnlineContactLaw):
-        valid = ", ".join(online_estimators())
-        raise InputError(f"estimator '{name}' needs all samples at once. Online: {valid}")
-    return OnlineContactEstimator(estimator, touch)
 
 
 REPLAY_OF = "replay_of"  # key of the session that was repeated, in the session's metadata

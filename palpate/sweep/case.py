@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -68,20 +69,17 @@ def code_version(module: str) -> str:
     Raises:
         InputError: there is no such module.
     """
-    digest = sha256("".join(f"{name} {_version_of(name)}\n" for name in _LIBRARIES).encode())
+    versions = dict.fromkeys(_LIBRARIES, "not installed")
+    for name in _LIBRARIES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    digest = sha256("".join(f"{name} {installed}\n" for name, installed in versions.items()).encode())
     for folder in (*map(_folder_of, _PHYSICS), _folder_of(module)):
         for path in sorted(folder.rglob("*")):
             if path.suffix in _ENDINGS and path.is_file():
                 digest.update(f"{folder.name}/{path.relative_to(folder).as_posix()}\0".encode())
                 digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _version_of(library: str) -> str:
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _folder_of(module: str) -> Path:

@@ -14,7 +14,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 from control.loop.task import Phase
 from palpate.render.palette import BASE, FLOOR, JOINTS, MEASURED, MODEL, TRUTH
 from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
-from robot_io.types import FloatArray
 
 P = ParamSpec("P")
 ONE_COLUMN_IN, TWO_COLUMNS_IN = 3.5, 7.16
@@ -103,9 +102,10 @@ def torques(ticks: Sequence[Row]) -> Figure:
     own = [row for row in ticks if row["run"] == 0]
     time_s = column(own, "time_s")
     time_s -= time_s[0]
+    touching = np.isin([row["phase"] for row in own], [Phase.LOADING, Phase.HOLD, Phase.UNLOADING])
     figure, all_axes = _panels(3, 1, TWO_COLUMNS_IN, 3.6, sharex=True)
     for joint, axes in enumerate(all_axes, 1):
-        _shade_contact(axes, own, time_s)
+        axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
         for what, style in (("measured", {"color": JOINTS[joint - 1], "lw": 2.4, "alpha": 0.55}),
                             ("commanded", {"color": "#1d2733", "lw": 0.7})):  # fmt: skip
             axes.plot(time_s, column(own, f"torque_{what}_{joint}_nm"), label=what, **style)
@@ -334,11 +334,6 @@ def _panels(rows: int, columns: int, width_in: float, height_in: float, **shared
     figure = Figure(figsize=(width_in, height_in))
     axes = figure.subplots(rows, columns, squeeze=False, **shared)  # type: ignore[call-overload]
     return figure, axes if rows > 1 and columns > 1 else axes.ravel()
-
-
-def _shade_contact(axes: Axes, own: Sequence[Row], time_s: FloatArray) -> None:
-    touching = np.isin([row["phase"] for row in own], [Phase.LOADING, Phase.HOLD, Phase.UNLOADING])
-    axes.axvspan(time_s[touching][0], time_s[touching][-1], color="#f0e4d4", lw=0)
 
 
 def _peaks(axes: Axes, grid: Sequence[Row]) -> None:

@@ -80,7 +80,11 @@ def controller_section(ticks: Sequence[Row]) -> Section:
     Args:
         ticks: rows of one probing.
     """
-    off_nm = max(_torque_error_nm(ticks, joint) for joint in (1, 2, 3))
+    own = [row for row in ticks if row["run"] == 0]
+    off_nm = 0.0
+    for joint in (1, 2, 3):
+        measured, commanded = (column(own, f"torque_{what}_{joint}_nm") for what in ("measured", "commanded"))
+        off_nm = max(off_nm, float(np.sqrt(np.mean((measured[1:] - commanded[:-1]) ** 2))))
     words = (
         "As in the paper the measured torque follows the commanded one, and the first joint carries most. "
         f"Ours differ by {off_nm:.3f} N m at most (root mean square), which is the noise of the simulated "
@@ -212,7 +216,9 @@ def noise_section(rows: Sequence[Row]) -> Section:
     for (name, percent), own in groups.items():
         errors = [errors_of(own, parameter) for parameter in (K, C)]
         means = (100 * float(np.mean(np.abs(each.relative))) for each in errors)
-        least = (_least_percent(own, parameter) for parameter in (K, C))
+        # the mean absolute error [%] of a Gaussian estimate at the bound
+        bounds = (column(own, BOUND + name) / column(own, TRUE + name) for name in (K, C))
+        least = (100 * float(np.sqrt(2 / np.pi) * np.mean(bound)) for bound in bounds)
         lines.append((name, percent, *means, *(each.over_bound for each in errors), *least))
     heads = ("k [%]", "c [%]", "k over bound", "c over bound")
     title = "Mean absolute error; k = 500 N/m, c = 100 N s/m"
@@ -365,18 +371,6 @@ def _worst(rows: Sequence[Row], parameter: str) -> float:
     return 100 * float(np.abs(errors_of(rows, parameter).relative).max())
 
 
-def _least_percent(rows: Sequence[Row], parameter: str) -> float:
-    """The mean absolute error [%] of a Gaussian estimate at the bound."""
-    bound = column(rows, BOUND + parameter) / column(rows, TRUE + parameter)
-    return 100 * float(np.sqrt(2 / np.pi) * np.mean(bound))
-
-
-def _torque_error_nm(ticks: Sequence[Row], joint: int) -> float:
-    own = [row for row in ticks if row["run"] == 0]
-    measured, commanded = (column(own, f"torque_{what}_{joint}_nm") for what in ("measured", "commanded"))
-    return float(np.sqrt(np.mean((measured[1:] - commanded[:-1]) ** 2)))
-
-
 def _torque_at_touch_nm(ticks: Sequence[Row], run: int) -> tuple[float, float, float]:
     """Torque of joint 1 before the touch, the lowest in the 5 ms after it, and the highest after that one."""
     own = [row for row in ticks if row["run"] == run]
@@ -397,7 +391,12 @@ _RANSAC = "palpate.sweep.works.probing:ransac_errors"
 def paper_cases() -> dict[str, list[Case]]:
     """All cases of the study, part by part."""
     names = ("grid", "clean", "noise", "cubes", "hunt_crossley")
-    parts = {name: list(map(_as_in_paper, shipped_grid(f"paper_{name}").cases())) for name in names}
+    parts: dict[str, list[Case]] = {}
+    for name in names:  # with RANSAC's threshold as in the paper
+        parts[name] = []
+        for case in shipped_grid(f"paper_{name}").cases():
+            specs = [_PAPER_RANSAC if one == "ransac" else one for one in case.parameters["estimators"]]
+            parts[name].append(replace(case, parameters=dict(case.parameters) | {"estimators": specs}))
     object_4a = parts["noise"][0].parameters  # k = 500, c = 100
     ransac = []
     settings = product(RANSAC_NOISES, _THRESHOLDS_N, _SUBSETS, _TRIALS)
@@ -406,12 +405,6 @@ def paper_cases() -> dict[str, list[Case]]:
         own |= {"settings": {"threshold": threshold, "subset": subset, "trials": trials}}
         ransac.append(Case(_RANSAC, dict(object_4a) | own, seed=1))
     return {"ticks": [Case(_TICKS, object_4a, seed=1)], **parts, "ransac": ransac}
-
-
-def _as_in_paper(case: Case) -> Case:
-    """The case with RANSAC's threshold as in the paper."""
-    estimators = [_PAPER_RANSAC if spec == "ransac" else spec for spec in case.parameters["estimators"]]
-    return replace(case, parameters=dict(case.parameters) | {"estimators": estimators})
 
 
 def write_paper(folder: Path, parts: Mapping[str, Sequence[Row]], facts: Mapping[str, str]) -> Path:

@@ -134,7 +134,9 @@ def write_grid(
     lines = tuple((text, len(own)) for text, own in why.items())
     tables = (SweepTable("failures", "Why a case has no result", ("why", "cases"), lines),) if lines else ()
     sections.append(Section("Cases without a result", None, (), tables))
-    sections[0] = Section(**vars(sections[0]) | {"more": (_all_rows(rows),)})
+    keys = tuple(dict.fromkeys(key for row in rows for key in row if key not in _NOT_SHOWN))
+    every = SweepTable("cases", "Every row", keys, tuple(tuple(row.get(key) for key in keys) for row in rows))
+    sections[0] = Section(**vars(sections[0]) | {"more": (every,)})
     return write_page(
         folder,
         title,
@@ -179,10 +181,3 @@ def _verdicts(rows: Sequence[Row]) -> Section:
         lines,
     )
     return Section("Diagnosis", None, (), (table,))
-
-
-def _all_rows(rows: Sequence[Row]) -> SweepTable:
-    names = tuple(dict.fromkeys(key for row in rows for key in row if key not in _NOT_SHOWN))
-    return SweepTable(
-        "cases", "Every row", names, tuple(tuple(row.get(name) for name in names) for row in rows)
-    )

@@ -95,7 +95,7 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
     channel: str | None = None,
     tell: Callable[[Decision], None] = lambda decision: None,
     watch: Watch = lambda plan: nullcontext(NOBODY),
-    work: Work = lambda channels: nullcontext(_unseen),
+    work: Work = lambda channels: nullcontext(lambda what, share: None),
     design: Design = Study.next_probe,
 ) -> Resolved:
     """Run a first probe and those that follow from it; each decision is told, and logged beside the sessions.
@@ -157,10 +157,6 @@ def new_folder(folder: Path) -> Path:
     if any(folder.glob("*.mcap")):
         raise InputError(f"{folder}: holds sessions already; name another folder, which is made")
     return output_folder(folder)
-
-
-def _unseen(what: str, share: float) -> None:
-    """Nobody looks on."""
 
 
 def _decide(  # noqa: PLR0917 (all that it depends on)

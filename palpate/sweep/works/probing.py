@@ -13,7 +13,7 @@ from control.loop.task import Phase
 from control.probing.plan import ProbingPlan
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData
-from estimation.contact_estimator import ContactEstimator, ContactLaw
+from estimation.contact_estimator import ContactEstimator
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.data.tick_channels import contact_channels, joint_channels
 from estimation.effects.contact_geometry import ContactOffset
@@ -243,7 +243,11 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
             rows = fitting_rows(channel)
             surface_m = fit_samples(model, channel, rows).parameters[f"{ContactOffset.name}.offset"]
             samples = channel.position[rows] - surface_m, channel.velocity[rows], channel.effort[rows]
-            return row | _parameters_of(estimator.fit(*samples, rng=rng), model.name)
+            law = estimator.fit(*samples, rng=rng)  # these estimators state no intervals
+            if model.name == "hunt_crossley":
+                names = (f"{model.name}.{name}" for name in "kbn")
+                return row | dict(zip(names, law[:3], strict=True))
+            return row | {"stiffness.k": law.stiffness, "damping.c": law.damping}
         found = estimate_channel(channel, model, estimator, rng=rng)
     except (InputError, np.linalg.LinAlgError) as error:
         return row | {"problem": str(error)}
@@ -254,13 +258,6 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
             f"high {parameter.name}": parameter.interval[1],
         }
     return row | {"inlier_share": float(np.mean(found.inliers)), "rmse_n": found.rmse}
-
-
-def _parameters_of(law: ContactLaw, model: str) -> Row:
-    """The law's parameters as the model calls them; these estimators state no intervals."""
-    if model == "hunt_crossley":
-        return {f"{model}.{name}": value for name, value in zip("kbn", law[:3], strict=True)}
-    return {"stiffness.k": law.stiffness, "damping.c": law.damping}
 
 
 def _conditions(parameters: Mapping[str, Any]) -> Row:
