@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
+from control.arm.inverse_kinematics import Elbow, PlanarArm
+from control.paths.excitation import Excitation, Profile, position_amplitude_m
+from control.paths.press_line import PressLine
 from control.paths.trajectory import (
     JointMove,
     LineReturn,
@@ -14,6 +18,7 @@ from control.paths.trajectory import (
     turning_distance_m,
 )
 from robot_io.errors import InputError
+from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
 
 STEP_S = 1e-4
 speeds = st.floats(-0.3, 0.3)
@@ -142,3 +147,141 @@ def test_no_way_is_no_time():
 def test_limits_must_be_positive(make):
     with pytest.raises(InputError, match="must be positive"):
         make()
+
+
+EXCITATION_STEP_S = 1e-5
+SHAPES = ["multisine", "chirp"]
+
+
+def values(profile: Profile, step_s: float = 1e-3) -> np.ndarray:
+    times = np.arange(0.0, profile.duration_s, step_s)
+    return np.array([profile.at(time_s).value for time_s in times])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("offset", [1.0, 3.0])
+def test_it_begins_at_rest_and_only_takes_away(shape, offset):
+    profile = Profile(Excitation(shape=shape), offset)
+    start = profile.at(0.0)
+    assert start.value == start.rate_1_s == start.acceleration_1_s2 == 0.0
+    found = values(profile)
+    assert found.max() <= 1e-3
+    assert found.min() >= -offset - 1.0 - 1e-3
+    assert np.ptp(found[1000:]) > 1.5
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_rate_and_acceleration_are_derivatives(shape):
+    profile = Profile(Excitation(shape=shape))
+    for time_s in np.linspace(0.01, 3.9, 60):
+        behind, now, ahead = (profile.at(time_s + s) for s in (-EXCITATION_STEP_S, 0.0, EXCITATION_STEP_S))
+        assert now.rate_1_s == pytest.approx((ahead.value - behind.value) / (2 * EXCITATION_STEP_S), abs=1e-4)
+        bend = (ahead.rate_1_s - behind.rate_1_s) / (2 * EXCITATION_STEP_S)
+        assert now.acceleration_1_s2 == pytest.approx(bend, abs=0.02)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_its_power_lies_between_the_frequencies(shape):
+    excitation = Excitation(shape=shape, low_hz=1.0, high_hz=6.0, duration_s=8.0)
+    found = values(Profile(excitation))[round(excitation.ramp_s * 500) :]  # from half way into the fade
+    power = np.abs(np.fft.rfft(found - found.mean())) ** 2
+    hertz = np.fft.rfftfreq(len(found), 1e-3)
+    assert power[hertz > 7.0].sum() / power.sum() < 0.01
+    assert power[hertz < 0.8].sum() / power.sum() < 0.5
+    for low, high in ((0.9, 2.2), (2.2, 4.0), (4.0, 6.2)):
+        assert power[(hertz > low) & (hertz < high)].sum() / power.sum() > 0.05
+
+
+def test_position_and_force_amplitude_fit_the_object():
+    excitation = Excitation(amplitude_n=1.5, high_hz=8.0)
+    stiff, offset = position_amplitude_m(
+        excitation, stiffness_n_m=7100.0, damping_n_s_m=0.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
+    assert stiff == pytest.approx(1.5 / 7100.0)
+    assert offset == 1.0
+    soft, _ = position_amplitude_m(
+        excitation, stiffness_n_m=100.0, damping_n_s_m=0.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
+    assert soft * 2 * np.pi * 8.0 <= 0.15 + 1e-12  # the speed limit, not 15 mm
+    damped, offset = position_amplitude_m(
+        excitation, stiffness_n_m=500.0, damping_n_s_m=50.0, force_limit_n=10.0, speed_limit_m_s=0.15
+    )
+    assert offset > 1.0
+    assert damped * np.hypot(500.0, 2 * np.pi * 8.0 * 50.0) <= 1.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    "changes", [{"low_hz": 9.0}, {"amplitude_n": 0.0}, {"duration_s": 1.0}, {"shape": "square"}, {"amp": 1}]
+)
+def test_nonsense_is_refused(changes):
+    with pytest.raises(ValidationError):
+        Excitation(**changes)
+
+
+START = np.array([0.42, 0.0, 0.10])
+SLANTED = np.array([0.6, 0.0, -0.8])
+NOWHERE = (np.full(3, -9.0), np.full(3, 9.0))
+
+
+def line(start=START, direction=DOWN, elbow=Elbow.POSITIVE) -> PressLine:
+    return PressLine(PlanarArm(test_arm(), TOOL_AXIS_TIP), start, direction, elbow)
+
+
+@pytest.mark.parametrize("direction", [DOWN, SLANTED])
+@pytest.mark.parametrize("elbow", list(Elbow))
+def test_the_tip_follows_the_line_and_keeps_the_tool_direction(direction, elbow):
+    body, press = test_arm(), line(direction=direction, elbow=elbow)
+    near = press.start.position_rad
+    for travel_m in (0.0, 0.02, 0.05):
+        motion = press.joint_motion(LineState(travel_m, 0.15, 2.0), near)
+        tip = body.tip_motion(motion.position_rad, motion.velocity_rad_s)
+        assert tip.position_world_m == pytest.approx(START + travel_m * direction, abs=1e-9)
+        assert tip.velocity_world_m_s == pytest.approx(0.15 * direction, abs=1e-9)
+        assert tip.rotation_world_tip @ TOOL_AXIS_TIP == pytest.approx(direction, abs=1e-9)
+        assert tip.jacobian_world[3:] @ motion.velocity_rad_s == pytest.approx(np.zeros(3), abs=1e-9)
+        assert press.travel_of(tip.position_world_m) == pytest.approx(travel_m, abs=1e-12)
+
+
+def test_joint_velocity_and_acceleration_match_finite_differences():
+    press, step_s = line(direction=SLANTED), 1e-4
+    near = press.start.position_rad
+
+    def at(time_s: float):
+        speed, acceleration = 0.1 + 1.5 * time_s, 1.5
+        return press.joint_motion(
+            LineState(0.02 + 0.1 * time_s + 0.75 * time_s**2, speed, acceleration), near
+        )
+
+    behind, now, ahead = at(-step_s), at(0.0), at(step_s)
+    velocity = (ahead.position_rad - behind.position_rad) / (2 * step_s)
+    acceleration = (ahead.velocity_rad_s - behind.velocity_rad_s) / (2 * step_s)
+    assert now.velocity_rad_s == pytest.approx(velocity, abs=1e-6)
+    assert now.acceleration_rad_s2 == pytest.approx(acceleration, abs=1e-5)
+
+
+def test_positions_stay_on_the_turn_they_were_on():
+    press = line()
+    near = press.start.position_rad + np.array([2 * np.pi, -2 * np.pi, 0.0])
+    assert press.joint_motion(LineState(0.0), near).position_rad == pytest.approx(near)
+
+
+def test_reach_ends_at_the_arm_and_at_the_joint_limits():
+    press = line()
+    near = press.start.position_rad
+    assert press.reach_m(0.05, near, NOWHERE) == pytest.approx(0.05)
+    far_m = press.reach_m(2.0, near, NOWHERE)
+    assert 0.1 < far_m < 1.0
+    press.joint_motion(LineState(far_m), near)  # reachable
+    with pytest.raises(InputError, match=r"reach|singular"):
+        press.joint_motion(LineState(far_m + 0.02), near)
+    assert press.reach_m(-2.0, near, NOWHERE) < -0.1
+    tight = (near - 0.05, near + 0.05)
+    limited_m = press.reach_m(2.0, near, tight)
+    assert 0.0 < limited_m < far_m
+    moved = press.joint_motion(LineState(limited_m), near).position_rad
+    assert (np.abs(moved - near) <= 0.05).all()
+
+
+def test_a_start_out_of_reach_is_refused():
+    with pytest.raises(InputError, match="out of reach"):
+        line(start=np.array([0.9, 0.0, 0.1]))

@@ -4,7 +4,10 @@ import pytest
 from control.laws.gains import TouchGains
 from control.loop.task import Phase, TaskOutput
 from estimation.estimators import ESTIMATORS
+from estimation.estimators.cusum_rls import CusumRls
+from estimation.estimators.preemptive_ransac import PreemptiveRansac
 from estimation.estimators.rls import Rls
+from estimation.estimators.sprls import Sprls
 from estimation.online import OnlineContactEstimator
 from robot_io.types import Command, Measurement, Status
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe
@@ -116,3 +119,62 @@ def test_the_robot_s_own_touch_force_counts():
             online.update(1e-3 * number, 1e-4 * number, force_n)
     assert gentle.in_contact
     assert not firm.in_contact
+
+
+DAMPING = 20.0
+CHANGE = 3000
+
+
+def excited(stiffness, *, share=0.0, noise_n=0.005, outliers=0.0, seed=0):
+    """Rows and forces of a motion of 5 and 8 Hz; `stiffness` (n,) of each sample."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(len(stiffness)) * 1e-3
+    depth = 0.008 + 0.004 * np.sin(10 * np.pi * t) + 0.0025 * np.sin(16 * np.pi * t + 1)
+    rows = np.column_stack([depth, np.gradient(depth, 1e-3)])
+    force = stiffness * depth + DAMPING * rows[:, 1]
+    measured = force + np.hypot(noise_n, share * force) * rng.standard_normal(len(t))
+    wrong = rng.random(len(t)) < outliers
+    return rows, np.where(wrong, measured + rng.uniform(-1.0, 4.0, len(t)), measured)
+
+
+def follow_change(estimator, rows, forces):
+    estimator.start(rows.shape[1])
+    return np.array(
+        [estimator.update(row, force)[0] for row, force in zip(rows, forces.tolist(), strict=True)]
+    )
+
+
+def stepped(count=4000):
+    return np.where(np.arange(count) < CHANGE, 500.0, 1000.0)
+
+
+@pytest.mark.parametrize("noise", [{"noise_n": 0.02}, {"share": 0.02}, {"share": 0.1}])
+def test_a_step_is_tracked_within_100_ms(noise):
+    late = [
+        follow_change(CusumRls(), *excited(stepped(), seed=seed, **noise))[CHANGE + 100] for seed in range(5)
+    ]
+    np.testing.assert_allclose(late, 1000.0, rtol=0.05)
+
+
+def test_at_rest_it_scatters_far_less_than_the_self_perturbing_one():
+    data = excited(np.full(CHANGE, 500.0), share=0.1)
+    calm, perturbed = (np.var(follow_change(each, *data)[1500:]) for each in (CusumRls(), Sprls()))
+    assert calm < 0.25 * perturbed
+
+
+def test_without_a_change_it_is_recursive_least_squares():
+    data = excited(np.full(2000, 500.0), noise_n=0.02)
+    np.testing.assert_allclose(follow_change(CusumRls(), *data), follow_change(ESTIMATORS["rls"](), *data))
+
+
+def test_outliers_do_not_move_the_consensus():
+    data = excited(np.full(2000, 500.0), noise_n=0.02, outliers=0.3)
+    assert follow_change(PreemptiveRansac(), *data)[-1] == pytest.approx(500.0, rel=0.005)
+    assert abs(follow_change(ESTIMATORS["rls"](), *data)[-1] - 500.0) > 10.0
+
+
+def test_a_new_consensus_takes_over():
+    data = excited(stepped(), noise_n=0.02, outliers=0.2)
+    found = follow_change(PreemptiveRansac(), *data)
+    assert found[CHANGE - 1] == pytest.approx(500.0, rel=0.01)
+    assert found[CHANGE + 400] == pytest.approx(1000.0, rel=0.01)

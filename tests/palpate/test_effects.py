@@ -1,15 +1,26 @@
 """`palpate effects`: the vocabulary in words, as equations, and drawn."""
 
 import io
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+import palpate.study
 from docs.make_effects import DOCUMENT, renewed
+from estimation.channel import ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
 from estimation.effects import EFFECTS
+from palpate.common import user_effects
+from palpate.common.user_effects import rehearse, watched
 from palpate.render.effects import Example, drawing, drawn, kind_of, library, print_effect, print_library
+from palpate.study import Study
+from robot_io.errors import InputError
+from tests.estimation.presses import kelvin_voigt, session
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
+from tests.palpate.presses import write_presses
 
 BLANK = "⠀"
 
@@ -103,3 +114,156 @@ def test_a_curve_is_drawn_where_it_is():
 def test_the_document_has_the_same_tables():
     text = DOCUMENT.read_text(encoding="utf-8")
     assert renewed(text) == text
+
+
+DATA = session(1, lambda t, x, v, run: kelvin_voigt(x, v))
+
+
+@pytest.mark.parametrize("kind", ChannelKind)
+@pytest.mark.parametrize("name", EFFECTS)
+def test_palpates_own_effects_pass(name, kind):
+    rehearse(watched(EFFECTS[name]()), replace(DATA, kind=kind))
+
+
+class SoundEffect(AdditiveEffect):
+    """What the effects of the table spoil in one way each."""
+
+    name = "mine"
+    physics = equation = source = signature = "none"
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "N", -1e6, 1e6, (0.1, 10.0)),)
+
+    def columns(self, data, inner):
+        return data.position[:, None] ** 2
+
+
+RNG = np.random.default_rng(0)
+SPOILT = {
+    "columns are zero throughout contact": lambda data: 0.0 * data.position[:, None],
+    "columns gives other values when it is called again": lambda data: RNG.normal(size=(len(data), 1)),
+    r"values beyond 1e\+30": lambda data: np.full((len(data), 1), 1e200),
+    "has not come to an end in 0.2 s": lambda data: time.sleep(5.0),
+}
+
+
+@pytest.mark.parametrize("said", SPOILT)
+def test_columns_that_nothing_could_be_fitted_to_are_refused(said, monkeypatch):
+    if "0.2 s" in said:  # the others may take their time on a busy machine
+        monkeypatch.setattr(palpate.study, "LIMIT_S", 0.2)
+    spoilt = type("Spoilt", (SoundEffect,), {"columns": lambda self, data, inner: SPOILT[said](data)})
+    with pytest.raises(InputError, match=f"Spoilt: .*{said}"):
+        Study([DATA], effects=[spoilt()])
+
+
+def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(user_effects, "LIMIT_S", 0.2)
+    file = tmp_path / "waits.py"
+    file.write_text(
+        "import time\nfrom estimation.effects.sensor_statics import Bias\n"
+        "class Waits(Bias):\n    name = 'waits'\n    def __init__(self):\n        time.sleep(9)\n"
+    )
+    with pytest.raises(InputError, match=r"Waits.*: cannot be made: has not come to an end in 0\.2 s"):
+        Study([DATA], effects=[f"{file}:Waits"])
+
+
+GUARDED_DATA = session(1)
+
+
+class Power(AdditiveEffect):
+    """Sound up to a depth, and then as `goes_wrong` has it."""
+
+    name = "power"
+    physics = equation = source = signature = "none"
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("k", "N", -1e6, 1e6, (0.1, 10.0)),)
+    inner = (Parameter("d", "m", 0.0, 0.2, (0.001, 0.02)),)
+    goes_wrong = staticmethod(lambda data, columns: columns)
+
+    def columns(self, data, inner):
+        made = np.maximum(data.position - inner["d"], 0.0)[:, None] ** 2
+        return type(self).goes_wrong(data, made) if inner["d"] > 0.015 else made
+
+
+def write(data, columns):
+    data.effort[:] = 0.0
+    return columns
+
+
+def stop(data, columns):
+    raise ZeroDivisionError("by nothing")
+
+
+WRONG = {
+    "read-only": write,
+    "by nothing": stop,
+    "not finite": lambda data, columns: columns * np.nan,
+    "shape": lambda data, columns: columns[:, 0],
+    "type complex": lambda data, columns: columns * 1j,
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words):
+    found = type("Wrong", (Power,), {"goes_wrong": staticmethod(WRONG[words])})
+    effect, before = watched(found()), GUARDED_DATA.effort.copy()
+    rehearse(effect, GUARDED_DATA)
+    with pytest.raises(InputError, match=f"effect 'power' on channel 'contact'.*{words}"):
+        effect.columns(GUARDED_DATA, {"d": 0.018})
+    assert np.array_equal(GUARDED_DATA.effort, before)
+
+
+OWN = """\
+import numpy as np
+
+from estimation.channel import ChannelKind
+from estimation.effect import AdditiveEffect, Parameter
+
+
+class Mine(AdditiveEffect):
+    name = "mine"
+    physics = equation = source = signature = "none"
+    signals = ("position",)
+    channels = frozenset({ChannelKind.CONTACT})
+    gains = (Parameter("k", "N", -1e6, 1e6, (0.1, 10.0)),)
+
+    def columns(self, data, inner):
+        depth = np.maximum(data.position, 0.0)
+        return depth[:, None]
+"""
+
+
+@pytest.mark.parametrize(
+    ("sound", "wrong", "line", "words"),
+    [
+        ("return depth[:, None]", "return np.linalg.inv(depth[:, None])", 16, "square"),  # raised in numpy
+        ("return depth[:, None]", "return depth", 14, "shape"),
+        ("return depth[:, None]", "return 0.0 * depth[:, None]", 14, "zero throughout"),
+        ("return depth[:, None]", "return np.random.rand(len(depth), 1)", 14, "other values"),
+        ('name = "mine"', 'name = "My name"', 8, "its name is"),
+        ("(0.1, 10.0)", "(10.0, 0.1)", 12, "ascending order"),
+        ("frozenset({ChannelKind.CONTACT})", '{"contact"}', 11, "ChannelKind.REVOLUTE"),
+        (
+            '    signals = ("position",)\n',
+            '    signals = ("position",)\n    needs = 3\n',
+            11,
+            "its needs are",
+        ),
+        ('"mine"\n    physics = ', '"mine"\n    ', 7, "states no physics"),
+        ("data.position", "data.depth", 15, "depth"),
+    ],
+)
+def test_the_error_of_an_own_effect_names_the_user_s_line(tmp_path, sound, wrong, line, words):
+    assert sound in OWN
+    (tmp_path / "mine.py").write_text(OWN.replace(sound, wrong))
+    with pytest.raises(InputError, match=words) as error:
+        Study(write_presses(tmp_path / "press.csv"), keep=False, effects=[f"{tmp_path}/mine.py:Mine"])
+    assert f"(mine.py, line {line})" in str(error.value)
+
+
+def test_a_sound_effect_gives_what_it_gave_before_and_keeps_its_module():
+    effect = watched(Power())
+    assert np.array_equal(
+        effect.columns(GUARDED_DATA, {"d": 0.018}), Power().columns(GUARDED_DATA, {"d": 0.018})
+    )
+    assert type(effect).__module__ == Power.__module__
+    assert isinstance(effect, Power)

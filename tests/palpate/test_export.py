@@ -1,6 +1,11 @@
-"""`palpate export`: what was measured can be probed again in simulation."""
+"""`palpate export`: the improved model as a world, layouts for viewers, and what was recorded as a table."""
+
+import json
+from xml.etree import ElementTree
 
 import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 from control.loop.task import Phase
@@ -9,11 +14,13 @@ from estimation.surface import Surface
 from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel, export_scenario
 from palpate.study import Study
 from robot_io.errors import InputError
-from robot_io.session import Session
+from robot_io.session import Event, Session, SessionMetadata, write_session, writer
 from sim_backend.imperfection import IMPERFECTIONS
 from sim_backend.scenario import Scenario, load_scenario
-from tests.palpate.cli import as_json, assert_refused, next_commands, run
+from tests.palpate import synthetic
+from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses
+from tests.palpate.sessions import EVENTS, synthetic_session
 from tests.revisions import revision
 
 
@@ -178,3 +185,148 @@ def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
     assert [(one.parent, one.effects) for one in grown("B", "bias")] == [(None, []), (2, ["bias"])]
     for of, law in ((of_a, "cubic_stiffness"), (of_b, "bias")):
         assert law in run(*of, "--json").stdout
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    return synthetic_session(tmp_path_factory.mktemp("layout") / "touch.mcap")
+
+
+def series_of(program, path):
+    """What the layout shows, as "stream.column", with the number of a wide column's value."""
+    if program == "foxglove":
+        panels = json.loads(path.read_text())["configById"].values()
+        return [one["value"] for panel in panels for one in panel["paths"]]
+    curves = ElementTree.parse(path).getroot().iter("curve")
+    return [one.get("name").replace("/", ".", 1) for one in curves]
+
+
+@pytest.mark.parametrize("program", ["foxglove", "plotjuggler"])
+def test_every_curve_is_a_value_of_the_session(program, session, tmp_path):
+    done("export", session, "--layout", program, "-o", tmp_path / "layout")
+    shown, ticks = series_of(program, tmp_path / "layout"), Session.open(session).samples("tick")
+    assert {"tick.force_n", "tick.joint_position_rad[2]", "tick.phase"} <= set(shown)
+    for one in shown:
+        name, _, number = one.partition(".")[2].rstrip("]").partition("[")
+        assert ticks.vector(name).shape[1] > int(number or 0)
+        assert (number == "") == (ticks.vector(name).shape[1] == 1)
+
+
+@pytest.mark.parametrize("program", ["foxglove", "plotjuggler"])
+def test_of_a_long_session_the_first_value_of_each_message_is_shown(program, tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "_MANY", 10)
+    session = synthetic_session(tmp_path / "long.mcap")
+    result = run("export", session, "--layout", program, "-o", tmp_path / "layout")
+    assert "it shows every " in result.stderr
+    assert {"tick.force_n[0]", "tick.joint_position_rad[2]"} <= set(series_of(program, tmp_path / "layout"))
+
+
+def test_every_panel_of_foxglove_has_its_place(session, tmp_path):
+    run("export", session, "--layout", "foxglove", "-o", tmp_path / "layout")
+    layout = json.loads((tmp_path / "layout").read_text())
+
+    def placed(tree):
+        return [tree] if isinstance(tree, str) else placed(tree["first"]) + placed(tree["second"])
+
+    assert placed(layout["layout"]) == list(layout["configById"])
+
+
+def test_plotjuggler_stacks_its_plots(session, tmp_path):
+    """Its plot_docker.cpp writes "-" for a splitter that is vertical, and "|" for plots side by side."""
+    run("export", session, "--layout", "plotjuggler", "-o", tmp_path / "layout")
+    (split,) = ElementTree.parse(tmp_path / "layout").getroot().iter("DockSplitter")
+    assert split.get("orientation") == "-"
+    assert len(split.get("sizes").split(";")) == len(split) == int(split.get("count"))
+
+
+def test_without_a_name_it_lies_beside_the_session(session):
+    told = as_json("export", session, "--layout", "plotjuggler")
+    assert told["layout"] == str(session.with_suffix("") / "plotjuggler.xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--layout", "excel"), ("excel", "foxglove")),
+        (("--layout", "foxglove", "--stream", "tick"), ("--stream and --layout",)),
+    ],
+)
+def test_what_makes_no_sense_is_refused(session, options, words):
+    assert_refused(run("export", session, *options), *words)
+
+
+def test_a_session_without_streams_has_no_layout(tmp_path):
+    path = write_session(tmp_path / "x.mcap", [], SessionMetadata())
+    assert_refused(run("export", path, "--layout", "foxglove"), "no stream with anything to plot")
+
+
+@pytest.fixture(scope="module")
+def table_session(tmp_path_factory):
+    return synthetic_session(tmp_path_factory.mktemp("table") / "touch.mcap")
+
+
+def exported(path, name, file):
+    done("export", path, "--stream", name, "-o", file)
+    return pyarrow.parquet.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_stream_comes_back_to_the_last_digit(table_session, tmp_path, ending):
+    table, ticks = exported(table_session, "tick", tmp_path / f"t{ending}"), synthetic.ticks()
+    assert table.num_rows == len(ticks["time_s"])
+    for name, values in (
+        ("time_s", ticks["time_s"]),
+        ("joint_position_rad_2", ticks["joint_position_rad"][:, 1]),
+    ):
+        np.testing.assert_array_equal(table[name].to_numpy(), values)
+
+
+def test_parquet_keeps_the_units(table_session, tmp_path):
+    table = exported(table_session, "tick", tmp_path / "t.parquet")
+    assert table.schema.field("torque_sent_nm_3").metadata[b"unit"] == b"N m"
+
+
+def test_events_are_a_table_with_their_text_as_it_is(table_session, tmp_path):
+    table = exported(table_session, "events", tmp_path / "e.csv").to_pydict()
+    assert table["text"] == [event.text for event in EVENTS]
+    assert json.loads(table["data"][0]) == {"run": 0}
+
+
+def test_of_a_session_without_a_channel_streams_and_events_are_written_too(tmp_path):
+    path = write_session(tmp_path / "x.mcap", [], SessionMetadata(), [Event(0.5, "start", "it begins", None)])
+    assert exported(path, "events", tmp_path / "e.csv")["time_s"].to_pylist() == [0.5]
+    assert_refused(run("export", path, "--stream", "tick", "-o", tmp_path / "t.csv"), "Its streams: events")
+
+
+def test_a_channel_is_imported_again_as_the_same(probed, tmp_path):
+    file = tmp_path / "contact.csv"
+    exported(probed[0], "contact", file)
+    first, again = (Study(path, keep=False).channel("contact").data for path in (probed[0], file))
+    for name in ("position", "velocity", "effort", "phase"):
+        np.testing.assert_array_equal(getattr(first, name)[first.run >= 0], getattr(again, name))
+    told = run("export", probed[0], "--stream", "contact", "-o", file, "--force")
+    assert next_commands(told) == [["import", str(file)]]
+
+
+def test_without_a_name_it_goes_where_what_is_derived_lies(table_session):
+    told = as_json("export", table_session, "--stream", "tick")
+    assert told["table"] == str(table_session.with_suffix("") / "tick.csv")
+    assert "force_n" in told["columns"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--stream", "nope"), ("no stream or channel 'nope'", "events, tick")),
+        (("--stream", "joint_9"), ("no stream or channel 'joint_9'", "contact, joint_1")),
+        (("--stream", "tick", "-o", "x.xlsx"), ("x.xlsx", ".csv or .parquet")),
+        (("--stream", "tick", "--revision", 1), ("--revision",)),
+        (("--stream", "tick", "-o", "SESSION"), (".csv or .parquet",)),
+    ],
+)
+def test_what_cannot_be_written_is_refused(table_session, options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(
+        run("export", table_session, *(table_session if one == "SESSION" else one for one in options)), *words
+    )
+    assert list(tmp_path.iterdir()) == []

@@ -1,12 +1,14 @@
-"""What goes wrong with MIT-mode motors, and what the robot makes of it."""
+"""What goes wrong with CAN motors in MIT mode and moteus, and what the robot makes of it."""
 
 import numpy as np
 import pytest
 
+from robot_io.drivers.can.line import CanFrame
 from robot_io.errors import DeviceError
+from robot_io.examination import Level
 from robot_io.types import Command, Status
 from sim_backend.emulators import FaultKind
-from tests.wire.parts import CUBEMARS
+from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 
 PUSH_NM = (3.0, -2.0, 1.0)
 
@@ -119,3 +121,161 @@ def test_a_motor_that_answers_late_is_examined_as_one_that_answers(bench):
     ]
     assert findings
     assert not [one.text for one in findings if "does not answer" in one.text]
+
+
+TIMEOUT, MODE, VMAX = 9, 10, 22  # registers
+
+
+@pytest.mark.parametrize(("stuck", "problem"), [(True, "torque off"), (False, "motor mode")])
+def test_a_motor_is_on_or_off_once_it_says_so(bench, stuck, problem):
+    """An answer alone is no confirmation."""
+    arm = bench(DAMIAO)
+    arm.robot.configure()
+    if stuck:
+        arm.robot.activate()
+
+    class Stuck(type(arm.motors[0])):
+        enabled = property(lambda self: stuck, lambda self, value: None)
+
+    arm.motors[0].__class__ = Stuck
+    with pytest.raises(DeviceError, match=rf"{problem} is not confirmed by joint 1 \(motor 1\)"):
+        arm.robot.deactivate() if stuck else arm.robot.activate()
+
+
+def test_a_late_answer_about_a_register_is_no_position(bench):
+    arm = bench(DAMIAO).start()
+    before = arm.tick().joint_position_rad
+    bus = arm.robot.buses["motors"]
+    bus._take(CanFrame(17, bytes((1, 0, 0x33, TIMEOUT, 0xD0, 0x07, 0, 0))), arm.clock.now_s())
+    np.testing.assert_allclose(bus._position_rad, before)
+
+
+def test_an_error_other_than_the_timeout_s_is_not_cleared_in_silence(bench):
+    arm = bench(DAMIAO).start()
+    arm.robot.deactivate()
+    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.ticks(2, None)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): MOSFET over temperature"):
+            arm.robot.activate()
+    assert arm.motors[2].error == 11
+
+
+STATE, CONTROL, ANSWER, FAULTS, HOST = 2, 1, 17, 21, 0xFD
+
+
+def test_another_host_is_answered(bench):
+    arm = bench(ROBSTRIDE, [("maker: robstride", "maker: robstride\n    host_id: 0")]).start()
+    assert arm.ticks(5).torque_status is Status.OK
+
+
+def test_faults_are_told_by_name_also_those_that_no_state_has(bench):
+    arm = bench(ROBSTRIDE).start()
+    arm.motors[2].tell_faults(1 << 3 | 1 << 16)
+    assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
+    assert "joint 3 (motor 3): over voltage, over current in phase A" in arm.problem
+    arm.robot.deactivate()
+    with pytest.raises(DeviceError, match="over voltage, over current in phase A: remove the cause"):
+        arm.robot.activate()
+    arm.robot.activate()  # which the motor takes, and says no more of it
+    assert arm.ticks(3).torque_status is Status.OK
+
+
+def test_a_fault_that_stays_is_not_cleared_in_silence(bench):
+    arm = bench(ROBSTRIDE).start()
+    arm.robot.deactivate()
+    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    arm.ticks(2, None)
+    for _ in range(2):
+        with pytest.raises(DeviceError, match=r"joint 3 \(motor 3\): over temperature: remove"):
+            arm.robot.activate()
+
+
+@pytest.mark.parametrize(
+    ("kind", "middle", "host"),
+    [
+        (STATE, 2 << 14 | 9, HOST),  # of a motor that is not there
+        (STATE, 2 << 14 | 1, 0x01),  # to another host
+        (CONTROL, 1, HOST),
+        (24, 2 << 14 | 1, HOST),  # a report by itself
+        (ANSWER, 1, HOST),
+        (STATE, 3 << 14 | 1, HOST),  # a mode that does not exist
+    ],
+)
+def test_frames_that_are_no_state_of_a_motor_of_ours_are_no_position(bench, kind, middle, host):
+    arm = bench(ROBSTRIDE).start()
+    before = arm.tick().joint_position_rad
+    bus = arm.robot.buses["motors"]
+    for extended in (True, False):
+        bus.line.drain = lambda _, one=extended: [
+            (CanFrame(kind << 24 | middle << 8 | host, bytes(8), one), 9.0)
+        ]
+        bus._drain(0.0)
+    np.testing.assert_allclose(bus._position_rad, before)
+
+
+def test_no_torque_and_no_mode_before_it_is_activated(bench):
+    arm = bench(MOTEUS)
+    arm.robot.configure()
+    assert arm.ticks(10, None).encoder_status is Status.OK
+    assert [node.mode for node in arm.motors] == [0] * 3
+    arm.robot.activate()
+    arm.robot.deactivate()
+    assert [node.mode for node in arm.motors] == [0] * 3
+
+
+def test_a_fault_is_named_and_forgotten_at_the_next_activation(bench):
+    arm = bench(MOTEUS).start()
+    arm.strike("motors", FaultKind.ALERT, device=3, times=1)
+    assert arm.ticks_until(lambda m: m.torque_status is Status.FAULT) <= 3
+    assert "joint 3 (motor 3): over temperature" in arm.problem
+    (third,) = (one for one in arm.robot.buses["motors"].examine() if "motor 3" in one.subject)
+    assert third.level is Level.WARN
+    assert "over temperature; mode 1, 24.0 V, 31" in third.text
+    arm.robot.deactivate()
+    arm.robot.activate()
+    assert arm.ticks(5).torque_status is Status.OK
+
+
+def test_a_reference_that_is_lost_by_a_restart_is_missed_at_the_next_activation(bench):
+    arm = bench(MOTEUS).start()
+    arm.robot.deactivate()
+    arm.motors[1].home = 0
+    with pytest.raises(DeviceError, match=r"joint 2 \(motor 2\): has no reference for its position"):
+        arm.robot.activate()
+    assert [node.mode for node in arm.motors] == [0] * 3
+
+
+def test_a_position_that_is_lost_is_no_old_one(bench):
+    arm = bench(MOTEUS).start()
+    arm.motors[0].known = False
+    assert arm.ticks(3).encoder_status is Status.FAULT
+    before = arm.tick().torque_at_s
+    assert arm.ticks(3).torque_at_s == before
+
+
+def test_what_cuts_a_torque_is_said(bench):
+    arm = bench(MOTEUS).start()
+    arm.motors[2]._max_torque_nm = 0.25
+    arm.ticks(4, PUSH_NM)
+    assert "joint 3 (motor 3): its torque is limited by servo.max_current_A" in arm.problem
+
+
+@pytest.mark.parametrize(("number", "fd"), [(0x100, False), (0x900, True), (0x101, True), (0x8100, True)])
+def test_answers_that_are_not_for_us_or_no_can_fd_are_no_position(bench, number, fd):
+    arm = bench(MOTEUS).start()
+    before = arm.tick().joint_position_rad
+    bus = arm.robot.buses["motors"]
+    bus.line.drain = lambda _: [(CanFrame(number, bytes(24), extended=True, fd=fd), 9.0)]
+    bus._drain(0.0)
+    np.testing.assert_allclose(bus._position_rad, before)
+    assert bus.line.counts["foreign id"] == 1
+
+
+def test_frames_of_classic_can_are_told_from_can_fd(bench):
+    """Other drivers take none of the latter."""
+    arm = bench(MOTEUS).start()
+    sent = []
+    arm.robot.buses["motors"].line._bus.send = lambda message, timeout: sent.append(message)
+    arm.tick()
+    assert {(one.is_fd, one.bitrate_switch, one.is_extended_id) for one in sent} == {(True, True, True)}

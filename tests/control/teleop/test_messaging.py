@@ -1,11 +1,21 @@
-"""Whom one side of the link listens to."""
+"""What a side of the link believes: whom it hears, where model and measurement part, how the arm follows."""
 
 from math import nan
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
+from control.arm.rigid_body import RigidBody
+from control.teleop.force_mismatch import MismatchMonitor
 from control.teleop.messaging import Messaging
+from control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
+from control.teleop.virtual_arm import VirtualArm
 from robot_io.clock import SimulatedClock
-from robot_io.link import Heard, Intent, decode, encode
+from robot_io.errors import InputError
+from robot_io.link import Frame, Heard, Intent, decode, encode
+from robot_io.robot_file import load_robot_file
+from tests.control.simulated_arms import ARMS
 
 US, PEER, OTHER = 1, 2, 3
 
@@ -67,3 +77,167 @@ def test_a_side_that_nobody_answers_is_told_that_somebody_else_is_answered():
     clock.sleep_until(clock.now_s() + 11.0)
     assert "answers another program" in side.problem()
     assert not side.problem()
+
+
+FRAME = Frame(1, 77, 0, 100.0, 0, nan, nan, 0, b"")
+FRESH, LATE, REPEATED, REORDERED, FOREIGN = Arrival
+
+
+def frame(sequence: int, sent_s: float = 100.0, **changes) -> Frame:
+    return FRAME._replace(sequence=sequence, sent_s=sent_s, **changes)
+
+
+def judged(*steps: tuple[int, float, float], sender: int = 77) -> tuple[list[Arrival], Peer]:
+    """What frames are, given as sequence, time sent and time of arrival."""
+    peer = Peer(PeerLimits(late_s=3.0, silent_s=1.0))
+    return [peer.judge(frame(n, sent, sender=sender), arrived) for n, sent, arrived in steps], peer
+
+
+@pytest.mark.parametrize(
+    ("steps", "expected", "lost"),
+    [
+        ([(0, 100.0, 5.0), (1, 100.1, 5.1)], [FRESH, FRESH], 0),
+        ([(0, 100.0, 5.0), (0, 100.0, 5.1)], [FRESH, REPEATED], 0),
+        ([(0, 100.0, 5.0), (4, 100.4, 5.4)], [FRESH, FRESH], 3),
+        (
+            [(0, 100.0, 5.0), (2, 100.2, 5.2), (1, 100.1, 5.3), (1, 100.1, 5.4)],
+            [FRESH, FRESH, REORDERED, REPEATED],
+            0,
+        ),
+        ([(0, 100.0, 5.0), (1, 100.1, 8.4)], [FRESH, LATE], 0),
+        ([(9, 100.0, 5.0), (200, 101.0, 6.0), (10, 100.1, 6.1)], [FRESH, FRESH, REPEATED], 190),
+    ],
+)
+def test_frames_are_told_apart(steps, expected, lost):
+    found, peer = judged(*steps)
+    assert found == expected
+    assert peer.lost == lost
+    assert peer.counts == {kind: expected.count(kind) for kind in Arrival}
+
+
+def test_another_sender_is_foreign_until_the_first_is_silent():
+    _, peer = judged((5, 100.0, 5.0))
+    stranger = frame(0, 0.0, sender=99)
+    assert peer.judge(stranger, 5.9) is FOREIGN
+    assert peer.restarts == 0
+    assert peer.silent(6.1)
+    assert peer.judge(stranger, 6.1) is FRESH
+    assert peer.restarts == 1
+    assert peer.judge(frame(6, 101.0), 6.2) is FOREIGN
+
+
+def test_late_frames_do_not_keep_the_peer_alive():
+    _, peer = judged((0, 100.0, 5.0))
+    for n in range(1, 40):
+        assert peer.judge(frame(n, 100.0 + 0.1 * n), 5.0 + 3.5 + 0.1 * n) is LATE
+    assert peer.silent(9.0)
+
+
+def test_the_offset_is_found_through_a_jittery_network():
+    """Two clocks 1234 s apart; the answer is within half the round trip, as RFC 5905 says."""
+    rng, clocks, offset_s = np.random.default_rng(2), ClockOffset(), 1234.5
+    for t0_s in np.arange(0.0, 2.0, 0.02):
+        there_s, back_s = 0.005 + rng.exponential(0.02, 2)
+        t1_s = t0_s + there_s + offset_s
+        t2_s = t1_s + 0.01
+        clocks.update(t0_s, t1_s, t2_s, t2_s - offset_s + back_s)
+    assert clocks.best is not None
+    assert abs(clocks.best.offset_s - offset_s) <= 0.5 * clocks.best.round_trip_s
+    assert clocks.best.round_trip_s < 0.02
+
+
+def test_a_clock_that_slips_is_followed_within_seconds():
+    clocks = ClockOffset()
+    for t0_s in np.arange(0.0, 10.0, 0.02):
+        offset_s = 0.0 if t0_s < 5.0 else 0.5
+        clocks.update(t0_s, t0_s + 0.01 + offset_s, t0_s + 0.01 + offset_s, t0_s + 0.02)
+    assert clocks.best is not None
+    assert clocks.best.offset_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("stamps", [(nan, 1.0, 2.0, 3.0), (1.0, 2.0, 9.0, 3.0), (5.0, 2.0, 2.0, 3.0)])
+def test_stamps_that_contradict_each_other_are_left_out(stamps):
+    clocks = ClockOffset()
+    clocks.update(*stamps)
+    assert clocks.best is None
+
+
+def test_ages_are_on_the_own_clock():
+    peer = Peer(PeerLimits())
+    assert peer.age_s(5.0) != peer.age_s(5.0)
+    peer.judge(frame(0, 105.02, heard_sent_s=5.0, heard_at_s=105.01), 5.03)
+    assert peer.offset is not None
+    assert peer.offset.offset_s == pytest.approx(100.0)
+    assert peer.age_s(6.0) == pytest.approx(0.98)
+    assert peer.since_s(104.0, 6.0) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("limits", [{"late_s": 0.0}, {"silent_s": 61.0}, {"silent_s": nan}])
+def test_limits_that_make_no_sense(limits):
+    with pytest.raises(InputError):
+        PeerLimits(**limits)
+
+
+RNG = np.random.default_rng(4)
+
+
+def pressed(
+    monitor: MismatchMonitor, place: str, real_n_m: float, model_n_m: float, noise_n: float = 0.02
+) -> None:
+    for depth_m in np.linspace(0.002, 0.012, 60):
+        measured_n = real_n_m * depth_m + RNG.normal(0.0, noise_n)
+        monitor.add(place, depth_m, measured_n, model_n_m * depth_m)
+
+
+def test_a_model_that_fits_raises_nothing():
+    monitor = MismatchMonitor(noise_n=0.02)
+    pressed(monitor, "hold", 500.0, 500.0)
+    pressed(monitor, "loading", 500.0, 490.0)
+    assert monitor.mismatches() == []
+
+
+def test_a_harder_place_is_named_with_depth_and_size():
+    monitor = MismatchMonitor(noise_n=0.02)
+    pressed(monitor, "soft", 500.0, 500.0)
+    pressed(monitor, "hard", 1000.0, 500.0)
+    (misfit,) = monitor.mismatches()
+    assert misfit.place == "hard"
+    assert misfit.summary().startswith("2.0 to 12.0 mm deep the virtual object is")
+    assert 40.0 < 100.0 * misfit.share < 60.0
+    assert "softer" in misfit.summary()
+
+
+def test_noise_alone_is_no_disagreement():
+    monitor = MismatchMonitor(noise_n=0.5)
+    pressed(monitor, "hold", 100.0, 100.0, noise_n=0.5)
+    assert monitor.mismatches() == []
+
+
+def test_the_worst_comes_first_and_too_stiff_is_told_from_too_soft():
+    monitor = MismatchMonitor()
+    pressed(monitor, "worse", 2000.0, 500.0)
+    pressed(monitor, "bad", 1000.0, 500.0)
+    assert [misfit.place for misfit in monitor.mismatches()] == ["worse", "bad"]
+    other = MismatchMonitor()
+    pressed(other, "stiff model", 500.0, 1000.0)
+    assert "stiffer" in other.mismatches()[0].summary()
+
+
+def test_the_tip_is_where_the_hand_is_and_the_tool_points_down():
+    robot_file = load_robot_file(ARMS / "leader" / "leader.yaml")
+    body = RigidBody.of_robot(robot_file)
+    axis, down = np.array(robot_file.sensor_axis_tip), np.array((0.0, 0.0, -1.0))
+    arm = VirtualArm(body, axis, down, np.array(robot_file.home_rad))
+    before_rad = arm.position_rad
+    for x_m in np.linspace(0.30, 0.45, 40):
+        hand = np.array((x_m, 0.0, 0.1))
+        arm.follow(hand)
+        tip, rotation = body.tip_pose(arm.position_rad)
+        np.testing.assert_allclose(tip, hand, atol=1e-9)
+        np.testing.assert_allclose(rotation @ axis, down, atol=1e-9)
+        assert arm.reached
+    assert np.abs(arm.position_rad - before_rad).max() < 1.5  # no turns, and the elbow stays where it was
+    there_rad = arm.position_rad
+    arm.follow(np.array((3.0, 0.0, 0.1)))
+    assert not arm.reached
+    np.testing.assert_array_equal(arm.position_rad, there_rad)

@@ -17,10 +17,12 @@ from estimation.fit.flexible_regression import (
     model_features,
 )
 from estimation.fit.normal_equations import gram_matrices
+from estimation.fit.nuisance import nuisance_of
 from estimation.fit.smooth_features import hats, smooth_features
 from estimation.model import Model
 from estimation.signals.exponential_memory import low_pass
 from estimation.signals.runwise import derivative, play, shift
+from tests.estimation.fit.test_fit_problem import COLUMNS, COUNT, TARGET, problem
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, smoothed, swings, within
 
@@ -283,3 +285,34 @@ def test_signals_are_taken_one_by_one_where_another_would_mislead(weights, taken
 def test_what_a_window_took_off_is_about_as_large_as_it_should_be(gains, fits):
     taken = np.array([[5.0, 1.0, 0.0, 0.0], [-5.0, -1.0, 0.0, 0.0]])
     assert is_plausible_bias(taken, np.array(gains)) is fits
+
+
+RNG = np.random.default_rng(9)
+FLEXIBLE = RNG.normal(size=(COUNT, 4)) + COLUMNS[:, :1]  # not orthogonal to what is fitted
+PER_RUN = np.column_stack([np.ones(COUNT), RNG.normal(size=COUNT) + COLUMNS[:, 0]])
+NONE = np.empty((COUNT, 0))
+
+
+@pytest.mark.parametrize("per_run", [NONE, PER_RUN])
+@pytest.mark.parametrize("flexible", [NONE, FLEXIBLE, np.column_stack([FLEXIBLE, FLEXIBLE.sum(axis=1)])])
+def test_gains_beside_flexible_columns_are_those_of_all_fitted_together(flexible, per_run):
+    """Some blocks do not count; a column that others make up takes nothing away."""
+    some = np.arange(COUNT) % 7 > 0
+    plain = problem(trusted=some)
+    run = plain.blocked.run
+    projected = replace(plain, nuisance=nuisance_of(flexible, per_run, run, some))
+    own = [per_run * (run == number)[:, None] for number in np.unique(run)]
+    columns = np.hstack([COLUMNS, flexible, *own])[some]
+    expected, *_ = np.linalg.lstsq(columns, TARGET[some], rcond=None)
+    found = projected.solve(COLUMNS, TARGET)
+    assert found.gains == pytest.approx(expected[:3], rel=1e-6)
+    left = TARGET[some] - columns @ expected
+    assert found.sse.sum() == pytest.approx(left @ left, rel=1e-6)
+
+
+def test_what_the_flexible_columns_explain_is_gone():
+    nuisance = nuisance_of(FLEXIBLE, PER_RUN, problem().blocked.run, np.ones(COUNT, dtype=bool))
+    assert nuisance.remove(FLEXIBLE @ [1.0, -2.0, 0.5, 3.0]) == pytest.approx(0.0, abs=1e-9)
+    assert nuisance.remove(PER_RUN) == pytest.approx(0.0, abs=1e-9)
+    once = nuisance.remove(TARGET)
+    assert nuisance.remove(once) == pytest.approx(once)
