@@ -1,5 +1,6 @@
 """Writes docs/reference/commands.md from the commands' own help: `.venv/bin/python docs/make_commands.py`."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,8 @@ def section(name: str, command: Any, level: int) -> Iterator[str]:  # noqa: ANN4
 
 def _prose(text: str) -> str:
     """Help without the marks of the terminal's markup, as Markdown."""
-    return text.replace("\\[", "[").replace("<", "&lt;").replace("*", "\\*")
+    plain = re.sub(r"\[/?bold\]", "", text).replace("\\[", "[")
+    return plain.replace("<", "&lt;").replace("*", "\\*")
 
 
 def _cell(text: str) -> str:

@@ -78,9 +78,9 @@ def force(
             help="Masses to put on the sensor, in this order, such as 0,1,2,4,2,1,0.", metavar="KG,..."
         ),
     ] = None,
-    gravity_m_s2: Annotated[float, typer.Option(help="What makes a mass a weight.", min=9.7, max=9.9)] = (
-        STANDARD_GRAVITY_M_S2
-    ),
+    gravity_m_s2: Annotated[
+        float, typer.Option(help="Gravitational acceleration at the site.", min=9.7, max=9.9)
+    ] = (STANDARD_GRAVITY_M_S2),
     reference_percent: Annotated[
         float,
         typer.Option(

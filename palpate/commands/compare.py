@@ -176,23 +176,27 @@ def compare_command(
     *,
     other: Annotated[
         Path | None,
-        typer.Argument(help="Another one, to put beside it: a twin, before and after, two specimens."),
+        typer.Argument(
+            help="Second measurement: a simulated twin, the same after a change, another specimen."
+        ),
     ] = None,
     model: ModelOption = None,
     other_model: Annotated[
         str | None,
         typer.Option(
-            help="Base model of the other; without another, two models of FILE.", autocompletion=model_names
+            help="Base model of OTHER; without OTHER, a second model of FILE.", autocompletion=model_names
         ),
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Only this channel, such as contact.")] = None,
     revision: Annotated[
         list[int] | None,
-        typer.Option(help="What was added, instead of the base model (palpate revisions).", metavar="N"),
+        typer.Option(
+            help="Compare this revision instead of the base model (palpate revisions).", metavar="N"
+        ),
     ] = None,
     other_revision: Annotated[
         list[int] | None,
-        typer.Option(help="That of the other; without it, the same model is fitted to both.", metavar="N"),
+        typer.Option(help="Revision of OTHER; default: the same model is fitted to both.", metavar="N"),
     ] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
@@ -203,11 +207,11 @@ def compare_command(
 ) -> None:
     """Put a model beside the measurement: how far off it is, and where it fails first.
 
-    The base model, whatever was added; --revision shows that. All errors are on runs that the fit has not
-    seen; the noise level is what a complete model would leave.
+    Compares the base model; use --revision N for a later one. All errors are on runs that the fit has not
+    seen; the noise level is the error that a complete model would leave.
 
-    With OTHER, two measurements side by side: how far each follows the other and each model describes the
-    other (fit in %), how parameters differ, and what each model leaves.
+    With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
+    parameters differ, and the residuals of each model.
 
     Examples: palpate compare a.mcap; palpate compare before.csv after.csv --out there; palpate compare a.mcap
     --model kelvin_voigt --other-model hunt_crossley

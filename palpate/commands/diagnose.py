@@ -62,8 +62,8 @@ def diagnose_command(
     """Say whether anything is missing in a model, which physical effect it is, and how sure that is.
 
     Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (this
-    data cannot say). All is judged on runs that the fit has not seen. What is in the session's own folder
-    is renewed.
+    data cannot say). All errors are on runs that the fit has not seen. Overwrites earlier results in the
+    session's folder.
     """
     study = data.study(model, out)
     data.say_left_out()

@@ -49,7 +49,7 @@ def export_command(
         Format,
         typer.Option(
             "--format",
-            help="A simulated world, or what moves the joints: a table with functions in Python and C.",
+            help="A simulated world, or joint torques as a table and as functions in Python and C.",
         ),
     ] = Format.SCENARIO,
     stream: Annotated[
@@ -60,7 +60,7 @@ def export_command(
     ] = None,
     layout: Annotated[
         Program | None,
-        typer.Option(help="Write a layout instead, in which this program shows the session itself."),
+        typer.Option(help="Write a layout file with which this program shows the session."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -77,13 +77,13 @@ def export_command(
 ) -> None:
     """Write the fitted models of object and joints as a scenario, so that they can be probed in simulation.
 
-    Where the simulator cannot do what was fitted, that is said, and the rest is written.
+    What the simulator cannot represent is reported and left out.
 
-    With --format feedforward, gravity, inertia and friction of each joint as a table, and beside it the same
-    as a Python and a C function of the desired motion.
+    With --format feedforward, writes gravity, inertia and friction of each joint as a table, and as a Python
+    and a C function of the desired motion.
 
-    With --stream, what was recorded, as CSV or Parquet: a stream of a session, its events, or a channel as
-    palpate import takes it.
+    With --stream, writes recorded data as CSV or Parquet: a stream of a session, its events, or a channel in
+    the form that palpate import reads.
 
     Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
     palpate export stiff.mcap --stream tick -o ticks.parquet

@@ -48,11 +48,11 @@ def probe_command(
         str | None, typer.Option(help="Approach speeds, such as 150,90,60.", metavar="MM/S,...")
     ] = None,
     force_limit_n: Annotated[float | None, typer.Option(help="Load up to this force.", metavar="N")] = None,
-    hold_s: Annotated[float | None, typer.Option(help="Hold the force for so long.", metavar="S")] = None,
+    hold_s: Annotated[float | None, typer.Option(help="How long to hold the force.", metavar="S")] = None,
     repeats: Annotated[int | None, typer.Option(help="How often all speeds are run.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     online: Annotated[
-        str, typer.Option(help=f"Estimator that runs along: {', '.join(online_estimators())}, or none.")
+        str, typer.Option(help=f"Estimator to run while probing: {', '.join(online_estimators())}, or none.")
     ] = "rls",
     yes: YesOption = False,
 ) -> None:
@@ -60,7 +60,7 @@ def probe_command(
 
     Without a robot file of your own this runs in simulation. The session file holds every tick.
 
-    A real arm gets power after a question alone (or --yes), and a countdown.
+    A real arm gets power only after a confirmation (or --yes) and a countdown.
     """
     robot_file = options.robot_file
     speeds_m_s = None
@@ -173,9 +173,9 @@ def replay_command(
 ) -> None:
     """Repeat the joint motion of a session: in a simulated world, or with a real arm.
 
-    The simulated world is that of --scenario, else that of the session without what was hidden in it.
-    A real arm gets power after a question alone (or --yes), and a countdown; no force is controlled, and its
-    guard stops it at its limits.
+    The simulated world is --scenario; default: the session's own, without its hidden effects.
+    A real arm gets power only after a confirmation (or --yes) and a countdown. Its guard stops it at its
+    limits; the force is not controlled.
 
     Example: palpate export real.mcap -o twin.yaml; palpate replay real.mcap --scenario twin.yaml
     -o twin.mcap; palpate compare real.mcap twin.mcap
@@ -219,11 +219,13 @@ def resolve_command(
     options: RunOptions,
     *,
     experiment: Annotated[Path | None, typer.Option(help="Plan (YAML) of the first probe.")] = None,
-    probes: Annotated[int, typer.Option(help="Probes at most, the first among them.", min=1, max=50)] = 4,
+    probes: Annotated[
+        int, typer.Option(help="Maximum number of probes, including the first.", min=1, max=50)
+    ] = 4,
     seconds: Annotated[
         float,
         typer.Option(
-            help="Time of probing at most; the first probe is always run.", metavar="S", min=1.0, max=36000.0
+            help="Maximum time of probing; the first probe is always run.", metavar="S", min=1.0, max=36000.0
         ),
     ] = 300.0,
     channel: Annotated[str | None, typer.Option(help="Explain only this channel, such as joint_2.")] = None,
@@ -232,11 +234,11 @@ def resolve_command(
     ] = None,
     yes: YesOption = False,
 ) -> None:
-    """Probe, diagnose, and run the experiment that sets apart what is left, until one explanation is.
+    """Probe, diagnose and run the most informative experiment, until one explanation is left.
 
     Each further experiment is the feasible plan whose data are expected to tell the explanations apart best.
-    Decisions are told, and logged beside the sessions, which are one study: every command takes their folder.
-    A real arm gets power after a question before each probe (or --yes). Ctrl-C keeps all that was recorded.
+    Decisions are printed and logged beside the sessions. Every command takes the folder as one measurement.
+    A real arm gets power only after a confirmation of each probe (or --yes). Ctrl-C keeps what was recorded.
 
     Examples:
       palpate resolve --hidden random --seed 7

@@ -40,7 +40,7 @@ def add_command(
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
     model: ModelOption = None,
-    channel: Annotated[str | None, typer.Option(help="Where to add them, such as joint_2.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel to add them to, such as joint_2.")] = None,
     as_json: JsonOption = False,
     out: Annotated[
         Path | None, typer.Option(help="Keep revisions and pictures here.", metavar="FOLDER")
@@ -99,7 +99,7 @@ def remove_command(
         str, typer.Argument(help="Effect to take out.", metavar="EFFECT", autocompletion=effect_names)
     ],
     model: ModelOption = None,
-    channel: Annotated[str | None, typer.Option(help="Where, such as joint_2.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Channel of the effect, such as joint_2.")] = None,
     folder: FolderOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -120,7 +120,7 @@ def remove_command(
 
 @takes_data
 def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
-    """List the stages of a session's models: what was added to what, and how large the error was then.
+    """List the revisions of a measurement's models, each with what was added and its held-out error.
 
     Options for reading a data file are taken as well, so that a command can be edited into another one.
     """

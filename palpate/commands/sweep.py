@@ -25,7 +25,8 @@ def sweep_command(
     ],
     *,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder to write into; what is there is gone on from.")
+        Path | None,
+        typer.Option("--out", "-o", help="Output folder; an interrupted sweep in it is continued."),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
@@ -46,7 +47,7 @@ def sweep_command(
 ) -> None:
     """Probe many simulated objects, estimate with every method, and write figures, tables and a page.
 
-    Stopped or killed, the same command goes on: no finished case is repeated.
+    After an interruption, the same command continues; no finished case is repeated.
 
     palpate sweep paper --out paper
 

@@ -46,7 +46,7 @@ virtual object changes to match.
 )
 
 
-NameOption = Annotated[str, typer.Option("--name", help="Of the pair; the same on both sides.")]
+NameOption = Annotated[str, typer.Option("--name", help="Name of the pair; the same on both sides.")]
 PortOption = Annotated[int, typer.Option("--port", help="On this machine's loopback, without --link.")]
 LinkOption = Annotated[
     Path | None,
@@ -58,7 +58,7 @@ KeyOption = Annotated[
     Path | None,
     typer.Option(
         "--key",
-        help="Secret of the pair, the same file on both sides: no other's messages count.",
+        help="Secret of the pair, the same file on both sides; all other messages are ignored.",
         metavar="FILE",
     ),
 ]
@@ -93,8 +93,8 @@ def follower(
     """Probe the places that a leader chooses, and send back what the object there is like.
 
     The arm holds still until a leader is heard and while it is silent. How fast and how hard it probes is in
-    this side's own plan; its guard is in charge, whatever comes over the line. A real arm gets power after a
-    question alone (or --yes), and a countdown.
+    this side's own plan; its guard is in charge, whatever comes over the line. A real arm gets power only
+    after a confirmation (or --yes) and a countdown.
 
       palpate teleop follower --scenario stiff -o follower.mcap
       palpate teleop follower --robot my_arm.yaml --experiment gentle.yaml --link router.json5
@@ -174,9 +174,9 @@ def leader(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Move a virtual arm, feel a virtual object, and choose places for the follower to probe.
 
-    The device's button chooses the place below the tip; pressed again there, it calls that off. Every
+    The device's button chooses the place below the tip; pressed again there, it cancels that target. Every
     estimate that comes back changes the object that is felt, and says how far it can be trusted. An arm as
-    device (leader_arm) gets power after a question alone (or --yes), and a countdown.
+    device (leader_arm) gets power only after a confirmation (or --yes) and a countdown.
 
       palpate teleop leader --operator gamepad -o leader.mcap
       palpate teleop leader --operator touch.yaml --link router.json5

@@ -65,10 +65,10 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
 
-    With the sessions of a leader and its follower, both on one time line (palpate teleop).
+    Two sessions, of a leader and its follower (palpate teleop), are shown on one time line.
 
-    Without a display the recording is written to a file that Rerun opens anywhere: into the session's own
-    folder, where it is renewed each time, or where --save says.
+    Without a display the recording is written to a file that Rerun opens on any machine: --save, or a file in
+    the session's folder, which is overwritten.
     """
     found = open_session(session)
     merged = None if other is None else merge_sessions(found, open_session(other))
@@ -115,7 +115,9 @@ def report_command(
     out: Annotated[Path, typer.Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(
         REPORT
     ),
-    force: Annotated[bool, typer.Option("--force", help="Replace what is no page of palpate.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the file even if palpate did not write it.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write measurement, models, what was found missing and what was added as one page that needs no network.
@@ -144,12 +146,14 @@ def workbench_command(
     data: DataArguments,
     *,
     model: ModelOption = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="On this machine; 0 for any free one.")] = 8090,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 takes any free one.")
+    ] = 8090,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     foxglove: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, help="Also serve a probing that goes on to Foxglove, here.", metavar="PORT"
+            min=0, max=65535, help="Also serve a running probe to Foxglove, on this port.", metavar="PORT"
         ),
     ] = None,
     riddle: Annotated[

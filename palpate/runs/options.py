@@ -32,7 +32,7 @@ BEYOND_STOPS_RAD = 0.1  # an arm may be held against its stops, which are not qu
 _ROBOT = f"Robot file, or a shipped arm: {', '.join(shipped_robots())}."
 _SCENARIO = f"Simulated world: a file, or one of {', '.join(shipped_scenarios())}."
 ENGINE = "Physics engine of the simulated world; default: as the scenario says, or PyBullet if installed."
-_HIDDEN = "Hide effects in the simulated world: random, one's name, or a YAML file with a list."
+_HIDDEN = "Hide effects in the simulated world: random, the name of an effect, or a YAML file with a list."
 _WIRE = "Real drivers, byte by byte, but emulated devices: no hardware is touched."
 _DRIVERS = "Python package with drivers of your own."
 YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask before a real arm gets power.")]
@@ -91,7 +91,7 @@ class CalibrateOptions(RunOptions):
 
     from_: Annotated[
         Path | None,
-        typer.Option("--from", help="Work it out from this file; nothing moves.", metavar="FILE"),
+        typer.Option("--from", help="Compute the calibration from this file; nothing moves.", metavar="FILE"),
     ] = None
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Calibration file to write (YAML).")] = None
     session: Annotated[Path | None, typer.Option(help="Session file to write.")] = None

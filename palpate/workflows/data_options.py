@@ -27,7 +27,7 @@ ForceOption = Annotated[
 ModelOption = Annotated[
     str | None,
     typer.Option(
-        help="Such as kelvin_voigt (an unknown name gets the list); default: what suits each channel.",
+        help="Base model, such as kelvin_voigt (an unknown name prints the list); default: by channel.",
         autocompletion=model_names,
     ),
 ]
@@ -65,7 +65,7 @@ class ReadOptions:
     ] = False
     runs: Annotated[
         int | None,
-        typer.Option(min=1, help="How many presses one recording holds; found by itself.", metavar="N"),
+        typer.Option(min=1, help="Number of presses in a recording; default: detected.", metavar="N"),
     ] = None
 
     @property
@@ -102,8 +102,8 @@ class DataArguments(ReadOptions):
     held_out: Annotated[
         str | None,
         typer.Option(
-            help="Runs that nothing is fitted to, and which alone judge models in compare and add; "
-            "default: each by the others.",
+            help="Runs excluded from fitting, which alone score models in compare and add; "
+            "default: each run is predicted from the others.",
             metavar="RUNS",
         ),
     ] = None
