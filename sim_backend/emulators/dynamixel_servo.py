@@ -42,7 +42,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class DynamixelModel:
+class EmulatedModel:
     """What is particular to a model."""
 
     number: int  # model number
@@ -57,18 +57,18 @@ class DynamixelModel:
 
 
 MODELS = {
-    "XM430-W350": DynamixelModel(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
-    "XM430-W210": DynamixelModel(1030, 0.00269, 1193, 3.0 / 2.3, 224, 28, 52, 120, (95, 160)),
-    "XM540-W150": DynamixelModel(1130, 0.00269, 2047, 7.3 / 4.4, 224, 28, 52, 120, (95, 160)),
-    "XM540-W270": DynamixelModel(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
-    "XH540-W150": DynamixelModel(1110, 0.00269, 2047, 7.1 / 4.9, 224, 28, 52, 120, (95, 160)),
-    "XH540-W270": DynamixelModel(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
-    "XL330-M077": DynamixelModel(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
-    "XL330-M288": DynamixelModel(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
-    "XC330-T181": DynamixelModel(1210, 0.001, 910, 0.76 / 0.80, 208, 20, 52, 111, (55, 140)),
-    "XC330-T288": DynamixelModel(1220, 0.001, 910, 0.92 / 0.80, 208, 20, 52, 111, (55, 140)),
-    "XC330-M181": DynamixelModel(1230, 0.001, 2352, 0.60 / 1.80, 208, 20, 52, 50, (35, 70)),
-    "XC330-M288": DynamixelModel(1240, 0.001, 2352, 0.93 / 1.80, 208, 20, 52, 50, (35, 70)),
+    "XM430-W350": EmulatedModel(1020, 0.00269, 1193, 4.1 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM430-W210": EmulatedModel(1030, 0.00269, 1193, 3.0 / 2.3, 224, 28, 52, 120, (95, 160)),
+    "XM540-W150": EmulatedModel(1130, 0.00269, 2047, 7.3 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XM540-W270": EmulatedModel(1120, 0.00269, 2047, 10.6 / 4.4, 224, 28, 52, 120, (95, 160)),
+    "XH540-W150": EmulatedModel(1110, 0.00269, 2047, 7.1 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XH540-W270": EmulatedModel(1100, 0.00269, 2047, 9.9 / 4.9, 224, 28, 52, 120, (95, 160)),
+    "XL330-M077": EmulatedModel(1190, 0.001, 1750, 0.215 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XL330-M288": EmulatedModel(1200, 0.001, 1750, 0.52 / 1.47, 208, 20, 53, 50, (35, 70)),
+    "XC330-T181": EmulatedModel(1210, 0.001, 910, 0.76 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-T288": EmulatedModel(1220, 0.001, 910, 0.92 / 0.80, 208, 20, 52, 111, (55, 140)),
+    "XC330-M181": EmulatedModel(1230, 0.001, 2352, 0.60 / 1.80, 208, 20, 52, 50, (35, 70)),
+    "XC330-M288": EmulatedModel(1240, 0.001, 2352, 0.93 / 1.80, 208, 20, 52, 50, (35, 70)),
 }
 
 INDIRECT_ADDRESS = 168
@@ -79,7 +79,7 @@ PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION = 126, 128, 132
 GOALS = range(100, 120)
 
 
-def items_of(model: DynamixelModel, servo_id: int, firmware: int) -> dict[int, Item]:
+def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, Item]:
     """The rows of a model's table by address; rows that nothing here depends on are left out."""
     rows = [
         Item(0, 2, False, model.number),
@@ -131,7 +131,7 @@ def items_of(model: DynamixelModel, servo_id: int, firmware: int) -> dict[int, I
 class Memory:
     """One servo's memory, from the rows of its control table by address."""
 
-    def __init__(self, items: dict[int, Item], model: DynamixelModel) -> None:
+    def __init__(self, items: dict[int, Item], model: EmulatedModel) -> None:
         self._items = items
         self._indirect = range(model.indirect_data, model.indirect_data + model.indirect_count)
         self._bytes = bytearray(self._indirect.stop)

@@ -421,7 +421,7 @@ CODECS: dict[str, Codec] = {
         dynamixel_status,
         dynamixel_wire.status,
         dynamixel.decode_status,
-        lambda: dynamixel.StatusReader(128),
+        lambda: dynamixel.DynamixelStatusReader(128),
     ),
     "dynamixel_fast_reply": Codec(
         fast_reply, lambda: lambda data: [dynamixel.FastReply(_IDS, _SIZE).decode(data)], is_wrong_fast_reply
@@ -431,7 +431,7 @@ CODECS: dict[str, Codec] = {
         feetech_status,
         feetech_wire.status,
         feetech.decode_status,
-        lambda: feetech.StatusReader(largest=64),
+        lambda: feetech.FeetechStatusReader(largest=64),
     ),
     "mit": Codec(mit_frame, single(lambda data: mit.decode_state(CanFrame(0, data), _RANGES)), is_wrong_mit),
     "mit_damiao": Codec(

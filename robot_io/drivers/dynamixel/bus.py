@@ -6,7 +6,7 @@ import numpy as np
 
 from robot_io.driver import DriverContext
 from robot_io.drivers.dynamixel.examination import examine_servo
-from robot_io.drivers.dynamixel.feedback import Feedback, feedback_problem
+from robot_io.drivers.dynamixel.feedback import DynamixelFeedback, feedback_problem
 from robot_io.drivers.dynamixel.servos import DynamixelLine
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
@@ -51,7 +51,7 @@ class DynamixelBus(ServoBus):
         wire_s = super().tick_wire_s()
         return None if wire_s is None else wire_s + self._settings.return_delay_s * len(self._ids)
 
-    def _prepare_feedback(self) -> FeedbackReader[Feedback]:
+    def _prepare_feedback(self) -> FeedbackReader[DynamixelFeedback]:
         self._line.identify()
         self._line.prepare_feedback()
         steps_nm = np.abs(self._joints.steps[2])
@@ -59,15 +59,15 @@ class DynamixelBus(ServoBus):
         self._largest_current = (self._pairs.weaker(limits_nm) / steps_nm + 1e-9).astype(int).tolist()
         return self._line.feedback_reader()
 
-    def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
+    def _counts(self, feedback: Sequence[DynamixelFeedback]) -> Sequence[Sequence[int]]:
         _, _, _, _, current, velocity, position = zip(*feedback, strict=True)
         return position, velocity, current
 
-    def _is_well(self, feedback: Sequence[Feedback]) -> bool:
+    def _is_well(self, feedback: Sequence[DynamixelFeedback]) -> bool:
         told = (0, int(self._powered), 0, self._watchdog)
         return all(servo[:4] == told for servo in feedback)
 
-    def _problem(self, feedback: Sequence[Feedback]) -> str | None:
+    def _problem(self, feedback: Sequence[DynamixelFeedback]) -> str | None:
         return feedback_problem(feedback, self._labels, self._watchdog, powered=self._powered)
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from robot_io.clock import Clock
 from robot_io.drivers.dynamixel import protocol
-from robot_io.drivers.dynamixel.protocol import FastReply, StatusPacket, StatusReader
+from robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
 from robot_io.drivers.dynamixel.tables import (
     BUS_WATCHDOG,
     HARDWARE_ERROR_STATUS,
@@ -44,7 +44,7 @@ _STATUS_PACKET = 11  # bytes around the data
 _LARGEST_ANSWER = _STATUS_PACKET + 4 * (FEEDBACK_SIZE + PADDING) // 3 + 1  # bytes, every third one stuffed
 
 
-class Feedback(NamedTuple):
+class DynamixelFeedback(NamedTuple):
     """One servo's state, in its own units."""
 
     error: int  # error byte of its answer: 0, or the alert
@@ -72,7 +72,7 @@ def block_addresses() -> tuple[int, ...]:
     return (*[TORQUE_ENABLE.address] * PADDING, *block)
 
 
-def decode_feedback(packet: StatusPacket) -> Feedback:
+def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
     """Decode the block at the end of an answer.
 
     Args:
@@ -83,12 +83,12 @@ def decode_feedback(packet: StatusPacket) -> Feedback:
     """
     if packet.refusal:
         raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
-    return Feedback(packet.error, *_FORMAT.unpack(packet.data[-FEEDBACK_SIZE:]))
+    return DynamixelFeedback(packet.error, *_FORMAT.unpack(packet.data[-FEEDBACK_SIZE:]))
 
 
 def feedback_reader(
     port: SerialPort, clock: Clock, servo_ids: Sequence[int], indirect_data: int, *, fast: bool
-) -> FeedbackReader[Feedback]:
+) -> FeedbackReader[DynamixelFeedback]:
     """Make the reader of the block of all servos.
 
     Args:
@@ -106,13 +106,13 @@ def feedback_reader(
         clock,
         ids,
         asking={size: ask(indirect_data + PADDING + FEEDBACK_SIZE - size, size, ids) for size in sizes},
-        packets=StatusReader(_LARGEST_ANSWER),
+        packets=DynamixelStatusReader(_LARGEST_ANSWER),
         decode=decode_feedback,
         around=_STATUS_PACKET,
     )
 
 
-class _FastReader(FeedbackReader[Feedback]):
+class _FastReader(FeedbackReader[DynamixelFeedback]):
     """The servos make one packet together; its length says at once which request it answers."""
 
     _buffer = b""
@@ -128,7 +128,7 @@ class _FastReader(FeedbackReader[Feedback]):
     def _answer_size(self, size: int) -> int:
         return self._replies[size].size
 
-    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[StatusPacket]]]:
+    def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[DynamixelStatus]]]:
         self._buffer = buffer = self._buffer + data
         place, incomplete = 0, -1
         while (start := buffer.find(protocol.FAST_HEADER, place)) >= 0:
@@ -161,7 +161,7 @@ class _FastReader(FeedbackReader[Feedback]):
 
 
 def feedback_problem(
-    feedback: Sequence[Feedback], labels: Sequence[str], watchdog: int, *, powered: bool
+    feedback: Sequence[DynamixelFeedback], labels: Sequence[str], watchdog: int, *, powered: bool
 ) -> str | None:
     """Say why some of the feedback cannot be trusted, or None.
 

@@ -68,7 +68,7 @@ _ERROR_NAMES = {
 }
 
 
-class StatusPacket(NamedTuple):
+class DynamixelStatus(NamedTuple):
     """What a servo answers."""
 
     servo_id: int  # who answers
@@ -109,7 +109,7 @@ def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> b
     return packet + crc16(packet).to_bytes(_CRC, "little")
 
 
-def decode_status(packet: bytes) -> StatusPacket:
+def decode_status(packet: bytes) -> DynamixelStatus:
     """Decode a status packet.
 
     Args:
@@ -128,10 +128,10 @@ def decode_status(packet: bytes) -> StatusPacket:
     if packet[_HEAD] != _STATUS or servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}, instruction {packet[_HEAD]:#04x}")
     body = packet[_HEAD + 1 : -_CRC].replace(_STUFFED, _LAST_BEFORE_STUFFING)
-    return StatusPacket(servo_id, body[0], body[1:])
+    return DynamixelStatus(servo_id, body[0], body[1:])
 
 
-class StatusReader(PacketStream[StatusPacket]):
+class DynamixelStatusReader(PacketStream[DynamixelStatus]):
     """Finds status packets in a stream; see `PacketStream`."""
 
     header = HEADER
@@ -143,13 +143,13 @@ class StatusReader(PacketStream[StatusPacket]):
     def _size(self, buffer: bytes, start: int) -> int:
         return _HEAD + (buffer[start + 5] | buffer[start + 6] << 8)
 
-    def _decode(self, packet: bytes) -> StatusPacket:
+    def _decode(self, packet: bytes) -> DynamixelStatus:
         return decode_status(packet)
 
 
-def packet_reader(request: bytes) -> StatusReader:
+def packet_reader(request: bytes) -> DynamixelStatusReader:
     """Make what finds the answers to a request; its echo is no status packet."""
-    return StatusReader()
+    return DynamixelStatusReader()
 
 
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -252,7 +252,7 @@ class FastReply:
         """Count the servos that have added their part to an answer that is not complete."""
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 
-    def decode(self, packet: bytes) -> list[StatusPacket]:
+    def decode(self, packet: bytes) -> list[DynamixelStatus]:
         """Split a whole answer.
 
         Args:
@@ -272,7 +272,7 @@ class FastReply:
         if ids != self._ids:
             answered, asked = next(pair for pair in zip(ids, self._ids, strict=True) if pair[0] != pair[1])
             raise ProtocolError(f"servo {answered} answered in place of servo {asked}")
-        return list(map(StatusPacket, ids, errors, map(packet.__getitem__, self._data)))
+        return list(map(DynamixelStatus, ids, errors, map(packet.__getitem__, self._data)))
 
     def _damaged_part(self, packet: bytes) -> str:
         """Whose part has the first CRC mismatch; the last one covers all, and is enough to accept."""

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from robot_io.clock import Clock
 from robot_io.drivers.dynamixel import protocol, tables
-from robot_io.drivers.dynamixel.feedback import Feedback, block_addresses, feedback_reader
+from robot_io.drivers.dynamixel.feedback import DynamixelFeedback, block_addresses, feedback_reader
 from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from robot_io.drivers.dynamixel.tables import (
     HARDWARE_ERROR_STATUS,
@@ -14,7 +14,7 @@ from robot_io.drivers.dynamixel.tables import (
     model_name,
 )
 from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import Dialect
+from robot_io.drivers.servo.dialect import ServoDialect
 from robot_io.drivers.servo.feedback import FeedbackReader
 from robot_io.drivers.servo.line import ServoLine
 from robot_io.errors import DeviceError
@@ -68,7 +68,7 @@ class DynamixelLine(ServoLine):
         current_limits: largest current that each servo takes, in its unit, once they have been looked at.
     """
 
-    dialect: ClassVar[Dialect] = protocol
+    dialect: ClassVar[ServoDialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_CURRENT
@@ -111,7 +111,7 @@ class DynamixelLine(ServoLine):
             raise DeviceError(f"servo {servo.id}: {trouble}; {remedy}")
         return firmware
 
-    def feedback_reader(self) -> FeedbackReader[Feedback]:
+    def feedback_reader(self) -> FeedbackReader[DynamixelFeedback]:
         """What reads the servos in each tick, by the fastest way that all of them know."""
         indirect_data = self._settings.servos[0].servo_model.indirect_data
         return feedback_reader(self.port, self.clock, self.ids, indirect_data, fast=self._fast)

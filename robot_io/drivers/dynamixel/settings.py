@@ -12,7 +12,7 @@ from robot_io.drivers.dynamixel.tables import (
     MODELS,
     RETURN_DELAY_STEP_S,
     WATCHDOG_STEP_S,
-    ServoModel,
+    DynamixelModel,
 )
 from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 from robot_io.files.file_model import NotNegative, Positive, TorqueConstant
@@ -29,7 +29,7 @@ class ServoSettings(ServoMounting):
     torque_constant_nm_a: TorqueConstant | None = None  # instead of the model's own [N m/A]
 
     @property
-    def servo_model(self) -> ServoModel:
+    def servo_model(self) -> DynamixelModel:
         """The model's data."""
         return MODELS[self.model]
 

@@ -83,7 +83,7 @@ WATCHDOG_FIRMWARE: Final = 38  # the bus watchdog exists from here on
 
 
 @dataclass(frozen=True, slots=True)
-class ServoModel:
+class DynamixelModel:
     """One model."""
 
     name: str  # as printed on it
@@ -98,18 +98,18 @@ class ServoModel:
 MODELS: Final = {
     model.name: model
     for model in (
-        ServoModel("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3, 224, 45),
-        ServoModel("XM430-W210", 1030, 2.69e-3, 1193, 3.0 / 2.3, 224, 45),
-        ServoModel("XM540-W150", 1130, 2.69e-3, 2047, 7.3 / 4.4, 224, 45),
-        ServoModel("XM540-W270", 1120, 2.69e-3, 2047, 10.6 / 4.4, 224, 45),
-        ServoModel("XH540-W150", 1110, 2.69e-3, 2047, 7.1 / 4.9, 224, 45),
-        ServoModel("XH540-W270", 1100, 2.69e-3, 2047, 9.9 / 4.9, 224, 45),
-        ServoModel("XL330-M077", 1190, 1e-3, 1750, 0.215 / 1.47, 208, 46),
-        ServoModel("XL330-M288", 1200, 1e-3, 1750, 0.52 / 1.47, 208, 46),
-        ServoModel("XC330-T181", 1210, 1e-3, 910, 0.76 / 0.80, 208, 46),
-        ServoModel("XC330-T288", 1220, 1e-3, 910, 0.92 / 0.80, 208, 46),
-        ServoModel("XC330-M181", 1230, 1e-3, 2352, 0.60 / 1.80, 208, 46),
-        ServoModel("XC330-M288", 1240, 1e-3, 2352, 0.93 / 1.80, 208, 46),
+        DynamixelModel("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3, 224, 45),
+        DynamixelModel("XM430-W210", 1030, 2.69e-3, 1193, 3.0 / 2.3, 224, 45),
+        DynamixelModel("XM540-W150", 1130, 2.69e-3, 2047, 7.3 / 4.4, 224, 45),
+        DynamixelModel("XM540-W270", 1120, 2.69e-3, 2047, 10.6 / 4.4, 224, 45),
+        DynamixelModel("XH540-W150", 1110, 2.69e-3, 2047, 7.1 / 4.9, 224, 45),
+        DynamixelModel("XH540-W270", 1100, 2.69e-3, 2047, 9.9 / 4.9, 224, 45),
+        DynamixelModel("XL330-M077", 1190, 1e-3, 1750, 0.215 / 1.47, 208, 46),
+        DynamixelModel("XL330-M288", 1200, 1e-3, 1750, 0.52 / 1.47, 208, 46),
+        DynamixelModel("XC330-T181", 1210, 1e-3, 910, 0.76 / 0.80, 208, 46),
+        DynamixelModel("XC330-T288", 1220, 1e-3, 910, 0.92 / 0.80, 208, 46),
+        DynamixelModel("XC330-M181", 1230, 1e-3, 2352, 0.60 / 1.80, 208, 46),
+        DynamixelModel("XC330-M288", 1240, 1e-3, 2352, 0.93 / 1.80, 208, 46),
     )
 }
 

@@ -14,7 +14,7 @@ import numpy as np
 from robot_io.driver import DriverContext
 from robot_io.drivers.feetech import tables
 from robot_io.drivers.feetech.examination import examine_servo
-from robot_io.drivers.feetech.feedback import Feedback, Plausibility, feedback_problem, feedback_reader
+from robot_io.drivers.feetech.feedback import FeetechFeedback, Plausibility, feedback_problem, feedback_reader
 from robot_io.drivers.feetech.servos import FeetechLine
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.joint_bus import BusTorque
@@ -81,28 +81,28 @@ class FeetechBus(ServoBus):
             return [examine_servo(self._line, self._servos[servo_id], label)]
         return [ok(label, "answers, and holds where it stands while the torque is on")]
 
-    def _prepare_feedback(self) -> FeedbackReader[Feedback]:
+    def _prepare_feedback(self) -> FeedbackReader[FeetechFeedback]:
         self._line.identify()
         self._line.prepare()
         self._plausibility.restart()
         return feedback_reader(self._port, self._clock, self._line.ids, self._plausibility.decode)
 
-    def _counts(self, feedback: Sequence[Feedback]) -> Sequence[Sequence[int]]:
+    def _counts(self, feedback: Sequence[FeetechFeedback]) -> Sequence[Sequence[int]]:
         _, _, _, _, position, speed, load, _, _ = zip(*feedback, strict=True)
         return position, speed, load
 
-    def _motion(self, feedback: Sequence[Feedback]) -> FloatArray:
+    def _motion(self, feedback: Sequence[FeetechFeedback]) -> FloatArray:
         feedback = feedback[: len(self._ids)]  # those that hold come last
         motion = super()._motion(feedback)
         motion[2] -= motion[1] * self._drag_nms_rad
         motion[2] *= [servo.torque_on for servo in feedback]
         return motion
 
-    def _is_well(self, feedback: Sequence[Feedback]) -> bool:
+    def _is_well(self, feedback: Sequence[FeetechFeedback]) -> bool:
         told, fastest = (int(self._powered), 0), self._fastest_counts_s
         return all(servo[:2] == told and -fastest <= servo.speed <= fastest for servo in feedback)
 
-    def _problem(self, feedback: Sequence[Feedback]) -> str | None:
+    def _problem(self, feedback: Sequence[FeetechFeedback]) -> str | None:
         return feedback_problem(feedback, self._labels, self._fastest_counts_s, powered=self._powered)
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from robot_io.clock import Clock
 from robot_io.drivers.feetech import protocol
-from robot_io.drivers.feetech.protocol import StatusReader, error_names
+from robot_io.drivers.feetech.protocol import FeetechStatusReader, error_names
 from robot_io.drivers.feetech.tables import (
     POSITION_STEP_RAD,
     PRESENT_LOAD,
@@ -41,7 +41,7 @@ _SETTINGS = ("acceleration", "goal time", "goal speed", "torque limit", "lock")
 Settings = tuple[int, int, int, int, int]  # the values of these
 
 
-class Feedback(NamedTuple):
+class FeetechFeedback(NamedTuple):
     """One servo's state, in its own units."""
 
     torque_on: int
@@ -60,12 +60,12 @@ class Feedback(NamedTuple):
         return f"error: {error_names(self.errors)}" if self.errors else ""
 
 
-def decode_feedback(packet: Packet) -> Feedback:
+def decode_feedback(packet: Packet) -> FeetechFeedback:
     """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes."""
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
         _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
     )
-    return Feedback(
+    return FeetechFeedback(
         on,
         errors,
         (acceleration, time, fastest, limit, lock),
@@ -79,8 +79,8 @@ def decode_feedback(packet: Packet) -> Feedback:
 
 
 def feedback_reader(
-    port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], Feedback]
-) -> FeedbackReader[Feedback]:
+    port: SerialPort, clock: Clock, servo_ids: Sequence[int], decode: Callable[[Packet], FeetechFeedback]
+) -> FeedbackReader[FeetechFeedback]:
     """Make the reader of the block of all servos.
 
     Args:
@@ -96,7 +96,7 @@ def feedback_reader(
         clock,
         servo_ids,
         asking={size: protocol.sync_read(end - size, size, servo_ids) for size in sizes},
-        packets=StatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
+        packets=FeetechStatusReader(largest=protocol.AROUND + FEEDBACK_SIZE + PADDING),
         decode=decode,
         around=protocol.AROUND,
     )
@@ -107,7 +107,7 @@ class Plausibility:
 
     Args:
         clock: The robot's clock.
-        settings: What each servo was told, as in `Feedback.settings`, by its id.
+        settings: What each servo was told, as in `FeetechFeedback.settings`, by its id.
         fastest_counts_s: No joint is faster [counts/s].
     """
 
@@ -127,7 +127,7 @@ class Plausibility:
         for servo_id, goal in goals.items():
             self._goals[servo_id].appendleft(goal)
 
-    def decode(self, packet: Packet) -> Feedback:
+    def decode(self, packet: Packet) -> FeetechFeedback:
         """Decode the feedback in an answer.
 
         Args:
@@ -155,7 +155,7 @@ class Plausibility:
         self._last[servo_id] = now_s, feedback.position
         return feedback
 
-    def _changed_setting(self, servo_id: int, feedback: Feedback) -> DeviceError:
+    def _changed_setting(self, servo_id: int, feedback: FeetechFeedback) -> DeviceError:
         settings = zip(_SETTINGS, feedback.settings, self._settings[servo_id], strict=True)
         changed = [setting for setting in settings if setting[1] != setting[2]]
         name, shown, told = changed[0]
@@ -166,7 +166,7 @@ class Plausibility:
 
 
 def feedback_problem(
-    feedback: Sequence[Feedback], labels: Sequence[str], fastest_counts_s: float, *, powered: bool
+    feedback: Sequence[FeetechFeedback], labels: Sequence[str], fastest_counts_s: float, *, powered: bool
 ) -> str | None:
     """Say why some of the feedback cannot be trusted, or None.
 

@@ -41,7 +41,7 @@ def checksum(content: bytes) -> int:
     return ~sum(content) & 0xFF
 
 
-class StatusPacket(NamedTuple):
+class FeetechStatus(NamedTuple):
     """What a servo answers."""
 
     servo_id: int  # who answers
@@ -79,7 +79,7 @@ def encode_packet(servo_id: int, instruction: int, parameters: bytes = b"") -> b
     return HEADER + content + bytes((checksum(content),))
 
 
-def decode_status(packet: bytes) -> StatusPacket:
+def decode_status(packet: bytes) -> FeetechStatus:
     """Decode a status packet.
 
     Args:
@@ -97,10 +97,10 @@ def decode_status(packet: bytes) -> StatusPacket:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}")
-    return StatusPacket(servo_id, packet[4], packet[5:-1])
+    return FeetechStatus(servo_id, packet[4], packet[5:-1])
 
 
-class StatusReader(PacketStream[StatusPacket]):
+class FeetechStatusReader(PacketStream[FeetechStatus]):
     """Finds status packets in a stream; see `PacketStream`.
 
     Args:
@@ -118,7 +118,7 @@ class StatusReader(PacketStream[StatusPacket]):
     def _size(self, buffer: bytes, start: int) -> int:
         return 4 + buffer[start + 3]
 
-    def _decode(self, packet: bytes) -> StatusPacket | None:
+    def _decode(self, packet: bytes) -> FeetechStatus | None:
         status = decode_status(packet)
         if packet != self._echo:
             return status
@@ -129,9 +129,9 @@ class StatusReader(PacketStream[StatusPacket]):
         return packet[2:3] != bytes((BROADCAST_ID,))  # an echo of what all were sent
 
 
-def packet_reader(request: bytes) -> StatusReader:
+def packet_reader(request: bytes) -> FeetechStatusReader:
     """Make what finds the answers to a request, and not its echo."""
-    return StatusReader(request)
+    return FeetechStatusReader(request)
 
 
 def ping(servo_id: int) -> bytes:

@@ -9,7 +9,7 @@ from robot_io.drivers.feetech import protocol, tables
 from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from robot_io.drivers.feetech.tables import model_name
 from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import Dialect
+from robot_io.drivers.servo.dialect import ServoDialect
 from robot_io.drivers.servo.line import ServoLine
 from robot_io.errors import DeviceError
 from robot_io.serial_port import SerialPort
@@ -57,7 +57,7 @@ class FeetechLine(ServoLine):
         clock: Clock of the deadlines.
     """
 
-    dialect: ClassVar[Dialect] = protocol
+    dialect: ClassVar[ServoDialect] = protocol
     torque_enable = tables.TORQUE_ENABLE
     present_position = tables.PRESENT_POSITION
     goal = tables.GOAL_POSITION

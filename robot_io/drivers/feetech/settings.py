@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from robot_io.drivers.feetech.protocol import LARGEST_ID
-from robot_io.drivers.feetech.tables import DUTY_PER_RAD, MODELS, ServoModel
+from robot_io.drivers.feetech.tables import DUTY_PER_RAD, MODELS, FeetechModel
 from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 
 HomingOffset = Annotated[int, Field(ge=-2047, le=2047, strict=True)]
@@ -20,7 +20,7 @@ class FeetechServo(ServoMounting):
     homing_offset: HomingOffset | None = None
 
     @property
-    def servo_model(self) -> ServoModel:
+    def servo_model(self) -> FeetechModel:
         """The model's data."""
         return MODELS[self.model]
 

@@ -78,7 +78,7 @@ def phase_trouble(value: int) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class ServoModel:
+class FeetechModel:
     """One model."""
 
     name: str  # as sold
@@ -93,8 +93,8 @@ _KG_CM_NM = 9.80665e-2
 MODELS: Final = {
     model.name: model
     for model in (
-        ServoModel("STS3215-7.4V", 777, 7.4, 19.5 * _KG_CM_NM, pi / 3 / 0.222),
-        ServoModel("STS3215-12V", 777, 12.0, 30.0 * _KG_CM_NM, pi / 3 / 0.222),
+        FeetechModel("STS3215-7.4V", 777, 7.4, 19.5 * _KG_CM_NM, pi / 3 / 0.222),
+        FeetechModel("STS3215-12V", 777, 12.0, 30.0 * _KG_CM_NM, pi / 3 / 0.222),
     )
 }
 

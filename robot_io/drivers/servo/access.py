@@ -1,7 +1,7 @@
 """One servo at a time: ask, wait for the answer, check it; may take milliseconds."""
 
 from robot_io.clock import Clock
-from robot_io.drivers.servo.dialect import Dialect, Packet
+from robot_io.drivers.servo.dialect import Packet, ServoDialect
 from robot_io.drivers.servo.register import Register
 from robot_io.errors import DeviceError, DeviceTimeoutError
 from robot_io.serial_port import SerialPort
@@ -20,7 +20,7 @@ class RegisterAccess:
         clock: Clock of the deadlines.
     """
 
-    def __init__(self, dialect: Dialect, port: SerialPort, clock: Clock) -> None:
+    def __init__(self, dialect: ServoDialect, port: SerialPort, clock: Clock) -> None:
         self._dialect, self._port, self._clock = dialect, port, clock
         self._alert = False  # of the last value that was read
 

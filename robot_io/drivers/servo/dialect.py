@@ -26,7 +26,7 @@ class Packet(Protocol):
         """Why the instruction was refused, or None if it was not."""
 
 
-class Dialect(Protocol):
+class ServoDialect(Protocol):
     """Instructions as bytes, and what finds the answers to them."""
 
     def ping(self, servo_id: int) -> bytes:

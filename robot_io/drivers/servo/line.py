@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from robot_io.clock import Clock
 from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import Dialect
+from robot_io.drivers.servo.dialect import ServoDialect
 from robot_io.drivers.servo.register import Register
 from robot_io.drivers.servo.settings import ServoBusSettings
 from robot_io.errors import DeviceError
@@ -39,7 +39,7 @@ class ServoLine(ABC):
         clock: Clock of the deadlines.
     """
 
-    dialect: ClassVar[Dialect]
+    dialect: ClassVar[ServoDialect]
     torque_enable: ClassVar[Register]  # 0 is off
     present_position: ClassVar[Register]
     goal: ClassVar[Register]  # what is written in each tick

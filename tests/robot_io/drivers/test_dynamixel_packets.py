@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from robot_io.drivers.dynamixel import protocol
 from robot_io.drivers.dynamixel.protocol import (
     BROADCAST_ID,
+    DynamixelStatus,
+    DynamixelStatusReader,
     FastReply,
-    StatusPacket,
-    StatusReader,
     crc16,
     decode_status,
     encode_packet,
@@ -74,7 +74,7 @@ def test_requests_are_as_published(made, published):
 
 @pytest.mark.parametrize(("published", "servo_id", "data"), ANSWERS.values(), ids=ANSWERS)
 def test_published_answers_are_understood(published, servo_id, data):
-    assert decode_status(packet(published)) == StatusPacket(servo_id, 0, packet(data))
+    assert decode_status(packet(published)) == DynamixelStatus(servo_id, 0, packet(data))
 
 
 def test_the_published_fast_answers_are_understood():
@@ -108,7 +108,7 @@ def test_the_sdk_destuffs_a_first_pattern_likewise():
 def test_whatever_a_servo_sends_is_understood(servo_id, error, data):
     sent = dynamixel.status(servo_id, error, data)
     assert b"\xff\xff\xfd" not in sent[7:-2].replace(b"\xff\xff\xfd\xfd", b"")
-    assert decode_status(sent) == StatusPacket(servo_id, error, data)
+    assert decode_status(sent) == DynamixelStatus(servo_id, error, data)
 
 
 @example(servo_id=1, code=3, parameters=packet("ff ff fd fd 00 ff ff fd"))
@@ -125,11 +125,11 @@ def test_whatever_is_asked_is_understood_by_a_servo(servo_id, code, parameters):
 def test_answers_are_found_in_any_pieces(answers, data):
     stream = b"".join(dynamixel.status(*answer) for answer in answers)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
-    reader = StatusReader()
+    reader = DynamixelStatusReader()
     found = []
     for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
         found += reader.feed(stream[start:end])
-    assert found == [StatusPacket(*answer) for answer in answers]
+    assert found == [DynamixelStatus(*answer) for answer in answers]
     assert reader.rejected == 0
 
 
@@ -139,21 +139,21 @@ def test_an_answer_is_found_behind_noise(noise, servo_id, data):
     noise = noise.replace(b"\xff\xff\xfd", b"") + b"\x00"
     if b"\xff\xff\xfd" in noise:
         return
-    assert StatusReader().feed(noise + dynamixel.status(servo_id, 0, data)) == [
-        StatusPacket(servo_id, 0, data)
+    assert DynamixelStatusReader().feed(noise + dynamixel.status(servo_id, 0, data)) == [
+        DynamixelStatus(servo_id, 0, data)
     ]
 
 
 def test_a_damaged_length_does_not_swallow_what_follows():
     endless = packet("ff ff fd 00 01 ff ff 55 00")
     good = dynamixel.status(2, 0, b"\x07")
-    assert StatusReader().feed(endless + good) == [StatusPacket(2, 0, b"\x07")]
+    assert DynamixelStatusReader().feed(endless + good) == [DynamixelStatus(2, 0, b"\x07")]
 
 
 def test_an_echo_of_the_request_is_no_answer():
     """Some adapters hear themselves."""
     answer = dynamixel.status(1, 0, packet("a6 00 00 00"))
-    assert StatusReader().feed(protocol.read(1, 132, 4) + answer) == [decode_status(answer)]
+    assert DynamixelStatusReader().feed(protocol.read(1, 132, 4) + answer) == [decode_status(answer)]
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -176,10 +176,10 @@ def test_answers_of_others_and_short_ones_are_no_part_of_a_fast_answer():
 
 
 def test_the_alert_and_the_error_number_are_told_apart():
-    assert StatusPacket(1, 0x80, b"").alert
-    assert StatusPacket(1, 0x80, b"").refusal is None
-    assert "range" in StatusPacket(1, 0x84, b"").refusal
-    assert "9" in StatusPacket(1, 0x09, b"").refusal
+    assert DynamixelStatus(1, 0x80, b"").alert
+    assert DynamixelStatus(1, 0x80, b"").refusal is None
+    assert "range" in DynamixelStatus(1, 0x84, b"").refusal
+    assert "9" in DynamixelStatus(1, 0x09, b"").refusal
 
 
 @pytest.mark.parametrize("count", [0, 250, 300, 600])

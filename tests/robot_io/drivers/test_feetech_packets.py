@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_io.drivers.feetech import protocol, tables
-from robot_io.drivers.feetech.protocol import StatusPacket, StatusReader, decode_status
+from robot_io.drivers.feetech.protocol import FeetechStatus, FeetechStatusReader, decode_status
 from robot_io.errors import ProtocolError
 from sim_backend.emulators import feetech
 
@@ -32,7 +32,7 @@ def test_examples_of_the_manual(packet, bytes_of_the_manual):
 def test_an_answer_of_the_manual():
     """Position 1304 of servo 1."""
     packet = decode_status(bytes.fromhex("FF FF 01 04 00 18 05 DD"))
-    assert packet == StatusPacket(1, 0, b"\x18\x05")
+    assert packet == FeetechStatus(1, 0, b"\x18\x05")
     assert tables.PRESENT_POSITION.decode(packet.data) == 1304
 
 
@@ -65,7 +65,7 @@ def test_what_does_not_fit_is_refused(register, value):
 
 @given(st.lists(st.tuples(IDS, st.integers(0, 0x3F), DATA), max_size=6), st.data())
 def test_answers_are_found_in_any_portions(answers, draw):
-    stream, found, reader = b"".join(feetech.status(*answer) for answer in answers), [], StatusReader()
+    stream, found, reader = b"".join(feetech.status(*answer) for answer in answers), [], FeetechStatusReader()
     while stream:
         cut = draw.draw(st.integers(1, len(stream)))
         found += reader.feed(stream[:cut])
@@ -78,11 +78,11 @@ def test_answers_are_found_in_any_portions(answers, draw):
 def test_an_echo_on_the_one_wire_is_no_answer(servo_id, address, size):
     """It differs from an answer in nothing but that it is what was sent."""
     request = protocol.read(servo_id, address, size)
-    assert isinstance(decode_status(request), StatusPacket)
+    assert isinstance(decode_status(request), FeetechStatus)
     reader, answer = protocol.packet_reader(request), feetech.status(servo_id, 0, bytes(size))
-    expected = [StatusPacket(servo_id, 0, bytes(size))]
+    expected = [FeetechStatus(servo_id, 0, bytes(size))]
     assert reader.feed(request + answer) == expected
-    reader = StatusReader()
+    reader = FeetechStatusReader()
     assert reader.feed(protocol.sync_read(40, 26, (1, 2)) + answer) == expected
     assert reader.rejected == 0
 
@@ -91,7 +91,7 @@ def test_an_echo_comes_once():
     """With a position sensor error, servo 1 says so of a position of 568: 38 02, as it was asked."""
     request = protocol.read(1, 56, 2)
     assert feetech.status(1, 2, (568).to_bytes(2, "little")) == request
-    assert protocol.packet_reader(request).feed(2 * request) == [StatusPacket(1, 2, b"\x38\x02")]
+    assert protocol.packet_reader(request).feed(2 * request) == [FeetechStatus(1, 2, b"\x38\x02")]
 
 
 @pytest.mark.parametrize("servo_id", [-1, 0xFD, 0xFF])
