@@ -27,7 +27,7 @@ lint: $(READY)
 
 # The site of docs/, in build/site; a link that leads nowhere fails.
 docs: $(READY)
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict && echo "open build/site/index.html"
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "open build/site/index.html"
 
 env: $(READY)
 

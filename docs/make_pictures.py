@@ -18,10 +18,9 @@ import plotly.graph_objects as go
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
 from estimation.study.estimates import BEST, estimate_with
-from palpate.render.build import result_view
 from palpate.render.estimates import estimates_view
 from palpate.render.recording.file import take_picture
-from palpate.render.report import fall_figure, position_figure
+from palpate.render.report import position_figure
 from palpate.study import Study
 from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
 from sim_backend.scenario import load_scenario
@@ -57,7 +56,6 @@ def draw_hidden(folder: Path) -> None:
     world = hide_one(load_scenario("default"), np.random.default_rng(1), ("stress_relaxation",))
     probe_demo(session, world, seed=1, plan=HIDDEN_PLAN)
     demo = solve(session, lambda what, share: None)
-    draw(fall_figure(result_view(demo.result)), 760, PICTURES / "waterfall.png", folder)
     take_picture(demo.files["recording"], PICTURES / "revisions.png", 0.0, SCREEN, revision=1)
     shoot(demo.files["report"], (1120, 1500), PICTURES / "report.png", folder)
 
