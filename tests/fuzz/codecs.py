@@ -29,6 +29,7 @@ from robot_io.errors import ProtocolError
 from sim_backend.emulators import dynamixel as dynamixel_wire
 from sim_backend.emulators import feetech as feetech_wire
 from sim_backend.emulators import net_ft, serial_sensors
+from sim_backend.emulators.servo_wire import BROADCAST
 
 Rng = np.random.Generator
 MOST_RANDOM = 64  # bytes of a random input
@@ -137,7 +138,7 @@ def dynamixel_status(rng: Rng, _number: int) -> bytes:
 def feetech_status(rng: Rng, _number: int) -> bytes:
     """An answer; one in ten is the echo of a sync read."""
     data = tricky_bytes(rng, int(rng.integers(40)), (0xFF, 0xFF, 0xFE, 0x00, 0x02, 0x82), 0.3)
-    servo_id = int(rng.integers(253)) if rng.random() < 0.9 else feetech_wire.BROADCAST
+    servo_id = int(rng.integers(253)) if rng.random() < 0.9 else BROADCAST
     return feetech_wire.status(servo_id, int(rng.integers(64)), data)
 
 
