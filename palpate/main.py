@@ -6,7 +6,6 @@ import signal
 import sys
 import warnings
 from contextlib import suppress
-from typing import NoReturn
 
 from palpate.common import preflight
 
@@ -32,7 +31,11 @@ def main() -> None:
         run()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code:
-            _leave_at_once(end.code)
+            # The interpreter's tidying up aborts in threads of libraries that have just begun.
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(OSError):
+                    stream.flush()
+            os._exit(end.code)
         raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done and said; the interpreter only tidies up
@@ -52,14 +55,6 @@ def run() -> None:
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
         print("palpate: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
-
-
-def _leave_at_once(code: int) -> NoReturn:
-    """End without the interpreter's tidying up, in which threads of libraries that have just begun abort."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):
-            stream.flush()
-    os._exit(code)
 
 
 def _nowhere() -> io.TextIOWrapper:

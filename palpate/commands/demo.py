@@ -95,7 +95,19 @@ def demo_command(
         return
     if hidden is not None:
         _print_hidden(hidden)
-    _next(demo, hidden, again)
+    session_word = typed(demo.session)
+    steps = [
+        (f"palpate inspect {session_word}", "see arm, forces and estimates in Rerun"),
+        (
+            "palpate doctor --robot my_arm.yaml",
+            "your own arm, before it gets power (docs/how-to/hardware.md)",
+        ),
+    ]
+    if hidden is not None:
+        if "recording" in hidden.files:
+            steps.insert(1, console.rerun_step(hidden.files["recording"]))
+        steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
+    console.next_steps(*steps, (again, "this very demo again"))
 
 
 def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:
@@ -141,19 +153,3 @@ def _print_hidden(hidden: HiddenDemo) -> None:
     mark = "[bold green]found[/bold green]" if hidden.found else "[bold yellow]not found[/bold yellow]"
     out.print(f"{mark}  the sealed answer was: {answer}\n")
     print_files(out, {"session": hidden.session, **hidden.files})
-
-
-def _next(demo: Demo, hidden: HiddenDemo | None, again: str) -> None:
-    session = typed(demo.session)
-    steps = [
-        (f"palpate inspect {session}", "see arm, forces and estimates in Rerun"),
-        (
-            "palpate doctor --robot my_arm.yaml",
-            "your own arm, before it gets power (docs/how-to/hardware.md)",
-        ),
-    ]
-    if hidden is not None:
-        if "recording" in hidden.files:
-            steps.insert(1, console.rerun_step(hidden.files["recording"]))
-        steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
-    console.next_steps(*steps, (again, "this very demo again"))

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -112,7 +111,14 @@ def load_user_effect(text: str) -> Effect:
     file, _, name = text.rpartition(":")
     if not file or not name.isidentifier():
         raise InputError(f"--effect {text!r}: give file and class, such as my_effects.py:MyEffect ({FORM})")
-    module = _run(existing_file(Path(file), "effect file"))
+    path = existing_file(Path(file), "effect file")
+    spec = importlib.util.spec_from_file_location(f"palpate_user_effect_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"effect file {path}: is no Python file (.py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    with foreign_code(f"effect file {path}", LIMIT_S, str(path.absolute())):
+        spec.loader.exec_module(module)
     found = vars(module).get(name)
     if not (inspect.isclass(found) and issubclass(found, Effect)):
         classes = [(key, value) for key, value in vars(module).items() if inspect.isclass(value)]
@@ -127,18 +133,6 @@ def load_user_effect(text: str) -> Effect:
         raise InputError(f"--effect {text}: {wrong}")
     with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
         return watched(found())
-
-
-def _run(file: Path) -> ModuleType:
-    name = f"palpate_user_effect_{file.stem}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise InputError(f"effect file {file}: is no Python file (.py)")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    with foreign_code(f"effect file {file}", LIMIT_S, str(file.absolute())):
-        spec.loader.exec_module(module)
-    return module
 
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")

@@ -256,7 +256,13 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
     watched = _Watched(
         np.array(reading_s[skipped:]), tuple(measurements[skipped:]), tuple(failed[skipped:]), complaints
     )
-    yield _reading(watched, period_s, "simulated" if isinstance(robot.clock, SimulatedClock) else "real")
+    median_s, most_s = np.median(watched.reading_s), np.quantile(watched.reading_s, 0.99)
+    value = (
+        f"takes {median_s * _MICRO:.0f} us, and up to {most_s * _MICRO:.0f} us in 99 of 100 ticks, "
+        f"of {'simulated' if isinstance(clock, SimulatedClock) else 'real'} time"
+    )
+    remedy = f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
+    yield graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
     for device in ("encoder", "torque", "force"):
         bus = getattr(robot_file, device).bus
         yield _device(watched, device, bus, getattr(limits, f"{device}_age_s"))
@@ -275,7 +281,15 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         )
         yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
     if np.isfinite([m.force_n for m in watched.measurements]).all():
-        yield _force(watched, limits.force_n)
+        forces_n = np.array([m.force_n for m in watched.measurements])
+        value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
+        beyond = abs(forces_n.mean()) > _REST_SHARE * limits.force_n
+        if not beyond and np.ptp(forces_n) == 0.0:
+            remedy = "tap the tool; if nothing moves, it is stuck"
+            yield warn("force at rest", f"{value}: never changes", remedy)
+        else:
+            remedy = "take load off the tool, or tare the sensor; then calibrate it"
+            yield graded("force at rest", value, (_WARN, beyond, remedy))
 
 
 def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
@@ -291,16 +305,6 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
         remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or have less sent in a tick"
         too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s
         yield graded(f"rate of {name}", value, (_FAIL, too_much, remedy), (_WARN, nearly, remedy))
-
-
-def _reading(watched: _Watched, period_s: float, kind: str) -> Finding:
-    median_s, most_s = np.median(watched.reading_s), np.quantile(watched.reading_s, 0.99)
-    value = (
-        f"takes {median_s * _MICRO:.0f} us, and up to {most_s * _MICRO:.0f} us in 99 of 100 ticks, "
-        f"of {kind} time"
-    )
-    remedy = f"the loop waits {READ_SHARE * period_s * _MICRO:.0f} us: see the rates"
-    return graded("reading the arm", value, (_WARN, most_s > READ_SHARE * period_s, remedy))
 
 
 def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> Finding:
@@ -325,13 +329,3 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
     if saturated := Status.SATURATED in statuses:
         value += "; at the end of its range"
     return graded(subject, value, (_FAIL, saturated, "check its wiring and its range"))
-
-
-def _force(watched: _Watched, limit_n: float) -> Finding:
-    forces_n = np.array([m.force_n for m in watched.measurements])
-    value = f"{forces_n.mean():+.3f} N without touching anything, noise {forces_n.std():.3f} N"
-    beyond = abs(forces_n.mean()) > _REST_SHARE * limit_n
-    if not beyond and np.ptp(forces_n) == 0.0:
-        return warn("force at rest", f"{value}: never changes", "tap the tool; if nothing moves, it is stuck")
-    remedy = "take load off the tool, or tare the sensor; then calibrate it"
-    return graded("force at rest", value, (_WARN, beyond, remedy))

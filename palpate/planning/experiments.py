@@ -260,6 +260,7 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         SafetyTripError: the task would stop.
     """
     known, robot_file, body = rehearsal.known, rehearsal.arm.robot_file, rehearsal.arm.body
+    limits = robot_file.limits
     plan = ProbingPlan.model_validate_json(rehearsal.plan_json)
     task = ProbingTask.from_robot_file(robot_file, plan, body=body)
     push = np.array(plan.press_direction_world)
@@ -275,7 +276,13 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         pushed_n = known.force_n(along_m, speed_m_s)
         force_n = pushed_n * float(push @ normal)
         measured = Measurement(time_s, position, velocity, torque, force_n, time_s, time_s, time_s)
-        _check(measured, robot_file)
+        if force_n > limits.force_n:  # refuse what the guard would trip on, or what takes too long
+            raise InputError(f"the force would exceed {limits.force_n:g} N (limits.force_n)")
+        beyond = np.abs(torque) > np.array(limits.torque_nm)
+        if beyond.any():
+            raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
+        if time_s > LONGEST_S:
+            raise InputError(f"takes more than {LONGEST_S:.0f} s")
         if output is None:
             task.start(measured)
         output = task.step(measured, dt_s)
@@ -302,15 +309,3 @@ def rehearse(rehearsal: Rehearsal) -> Samples:
         columns[f"{device}_status"] = np.full(len(rows), Status.OK)
     columns["press_direction_world"] = np.tile(push, (len(rows), 1))
     return Samples(tick_stream(columns["joint_position_rad"].shape[1]), columns)
-
-
-def _check(measured: Measurement, robot_file: RobotFile) -> None:
-    """Refuse what the guard would trip on, or what takes too long."""
-    limits = robot_file.limits
-    if measured.force_n > limits.force_n:
-        raise InputError(f"the force would exceed {limits.force_n:g} N (limits.force_n)")
-    beyond = np.abs(measured.joint_torque_nm) > np.array(limits.torque_nm)
-    if beyond.any():
-        raise InputError(f"joint {int(beyond.argmax()) + 1} would exceed its torque (limits.torque_nm)")
-    if measured.time_s > LONGEST_S:
-        raise InputError(f"takes more than {LONGEST_S:.0f} s")

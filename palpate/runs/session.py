@@ -169,7 +169,19 @@ def arm_session(
             path = job.robot_file.path
             remedy = f"palpate doctor --robot {as_shell_word(str(path))} says what is there"
             raise InputError(f"{path}: {error}; {remedy}") from error
-        metadata = _metadata(job, scenario, calibrations, extra, now_utc or datetime.now(UTC))
+        source = EMULATED if job.wired else "simulated" if scenario else "measured"
+        python = ".".join(str(part) for part in sys.version_info[:3])
+        metadata = SessionMetadata(
+            robot_file=job.robot_file.text,
+            urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
+            calibration=calibrations.text,
+            scenario=scenario.public_yaml() if scenario else "",
+            software_version=version("palpate"),
+            seed=scenario.seed if scenario else None,
+            created_utc=(now_utc or datetime.now(UTC)).isoformat(timespec="seconds"),
+            command_line=job.command_line,
+            extra={SOURCE: source, "python": python, **extra},
+        )
         log, sealed = stack.enter_context(begun_session(job, robot.joint_count, metadata, scenario, streams))
         yield ArmSession(robot, clock, log, sealed, world)
 
@@ -265,25 +277,3 @@ def _altered(scenario: Scenario, job: ArmJob) -> Scenario:
         scenario = scenario.with_seed(job.seed)
     hidden = scenario if job.hidden is None else hide(scenario, job.hidden)
     return hidden.with_seed(scenario.seed + job.again)
-
-
-def _metadata(
-    job: ArmJob,
-    scenario: Scenario | None,
-    calibrations: Calibrations,
-    extra: Mapping[str, str],
-    now_utc: datetime,
-) -> SessionMetadata:
-    source = EMULATED if job.wired else "simulated" if scenario else "measured"
-    python = ".".join(str(part) for part in sys.version_info[:3])
-    return SessionMetadata(
-        robot_file=job.robot_file.text,
-        urdf=job.robot_file.urdf_path.read_text(encoding="utf-8"),
-        calibration=calibrations.text,
-        scenario=scenario.public_yaml() if scenario else "",
-        software_version=version("palpate"),
-        seed=scenario.seed if scenario else None,
-        created_utc=now_utc.isoformat(timespec="seconds"),
-        command_line=job.command_line,
-        extra={SOURCE: source, "python": python, **extra},
-    )

@@ -51,7 +51,13 @@ def write_page(
     pictures = {}
     for section in sections:
         if section.drawing is not None:
-            pictures[section.title] = _save(section.drawing, folder / FIGURES)
+            drawing, figure = section.drawing, section.drawing.figure()
+            for ending in ("svg", "png"):
+                with whole_file(folder / FIGURES / f"{drawing.name}.{ending}") as path:
+                    drawing.save(figure, str(path))
+            data = base64.b64encode((folder / FIGURES / f"{drawing.name}.png").read_bytes()).decode()
+            url = Markup("data:image/png;base64," + data)  # noqa: S704, digits and letters
+            pictures[section.title] = url, round(_PIXELS_PER_INCH * figure.get_figwidth())
         for table in (*section.tables, *section.more):
             write_text(folder / TABLES / f"{table.name}.csv", as_csv(table))
     page = rendered(
@@ -93,17 +99,6 @@ def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table
     if value and not 1e-3 <= abs(value) < 1e5:
         return f"{value:.2g}"
     return f"{value:.4g}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def _save(drawing: Drawing, folder: Path) -> tuple[Markup, int]:
-    """Write PNG and SVG; returns the PNG as a data URL, and how wide to show it [pixels]."""
-    figure = drawing.figure()
-    for ending in ("svg", "png"):
-        with whole_file(folder / f"{drawing.name}.{ending}") as path:
-            drawing.save(figure, str(path))
-    data = base64.b64encode((folder / f"{drawing.name}.png").read_bytes()).decode()
-    url = Markup("data:image/png;base64," + data)  # noqa: S704, digits and letters
-    return url, round(_PIXELS_PER_INCH * figure.get_figwidth())
 
 
 _NOT_SHOWN = ("seconds", "error")
