@@ -255,13 +255,21 @@ class _Solver:
         return values, sandwich(columns, residual * w**2, w**2, joint).matrix
 
     def tilt(self, values: FloatArray) -> FloatArray:
-        """Pitch and roll, 0 where they are not felt."""
+        """Pitch and roll, 0 where they are not felt.
+
+        Args:
+            values: of all free parameters.
+        """
         tilt = np.zeros(2)
         tilt[self.felt] = values[self.delay + 1 :]
         return tilt
 
     def predicted_nm(self, values: FloatArray) -> FloatArray:
-        """Torques that the drives should have measured, shape (m, n) [N m]."""
+        """Torques that the drives should have measured, shape (m, n) [N m].
+
+        Args:
+            values: of all free parameters.
+        """
         known, _ = self._known_and_rate(values)
         s, c, b, o = values[: self.delay].reshape(-1, 4).T
         speed = self.motion.velocity_rad_s

@@ -60,7 +60,17 @@ class JointBus(Bus):
 
     @abstractmethod
     def stage(self, torque_nm: FloatArray) -> FloatArray:
-        """See `JointTorque.stage_torque`. LifecycleError: the torque is off."""
+        """See `JointTorque.stage_torque`.
+
+        Args:
+            torque_nm: torques of all joints, shape (n,) [N m].
+
+        Returns:
+            The torques that the drives will be told, shape (n,) [N m].
+
+        Raises:
+            LifecycleError: the torque is off.
+        """
 
 
 class _OnBus:
@@ -141,7 +151,11 @@ class RequestQueue:
         return skips
 
     def ask(self, now_s: float) -> None:
-        """Note a request that is sent now [s]."""
+        """Note a request that is sent now [s].
+
+        Args:
+            now_s: robot's clock [s].
+        """
         self._expire(now_s)
         self._asked_s.append(now_s)
 

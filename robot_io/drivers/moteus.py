@@ -133,17 +133,40 @@ class MoteusState:
 
 
 def encode_stop(host_id: int, motor_id: int) -> CanFrame:
-    """Let go, and forget faults."""
+    """Let go, and forget faults.
+
+    Args:
+        host_id: of the sender.
+        motor_id: of the controller.
+    """
     return _frame(host_id, motor_id, _STOP)
 
 
 def encode_question(host_id: int, motor_id: int) -> CanFrame:
-    """Ask for the state, and change nothing."""
+    """Ask for the state, and change nothing.
+
+    Args:
+        host_id: of the sender.
+        motor_id: of the controller.
+    """
     return _frame(host_id, motor_id, _ASK)
 
 
 def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: float) -> CanFrame:
-    """Command a torque at the output [N m] that holds for `watchdog_s` [s]. InputError: it is no number."""
+    """Command a torque at the output [N m] that holds for `watchdog_s` [s].
+
+    Args:
+        host_id: of the sender.
+        motor_id: of the controller.
+        torque_nm: at the output [N m].
+        watchdog_s: for how long it holds [s].
+
+    Returns:
+        The frame.
+
+    Raises:
+        InputError: it is no number.
+    """
     if not isfinite(torque_nm):
         raise InputError(f"torque {torque_nm} N m is not finite")
     head, middle, tail = _COMMAND
@@ -153,12 +176,26 @@ def encode_torque(host_id: int, motor_id: int, torque_nm: float, watchdog_s: flo
 
 
 def as_sent(torque_nm: float) -> float:
-    """A torque as the 32 bit float that travels [N m]."""
+    """A torque as the 32 bit float that travels [N m].
+
+    Args:
+        torque_nm: of any size [N m].
+    """
     return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
 
 
 def decode_state(frame: CanFrame) -> MoteusState:
-    """What a controller answers. ProtocolError: wrong length, or not what was asked for."""
+    """What a controller answers.
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        The state.
+
+    Raises:
+        ProtocolError: wrong length, or not what was asked for.
+    """
     expect_length(frame, "moteus state", _ANSWER.size)
     head, mode, floats, turns, speed, torque, rest, home, volts, celsius, fault = _ANSWER.unpack(frame.data)
     if (head, floats, rest) != _HEADS:

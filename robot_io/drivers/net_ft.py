@@ -73,7 +73,17 @@ class Record(NamedTuple):
 
 
 def decode_record(datagram: bytes) -> Record:
-    """The record in a datagram. ProtocolError: it has another size."""
+    """The record in a datagram.
+
+    Args:
+        datagram: as it came.
+
+    Returns:
+        The record.
+
+    Raises:
+        ProtocolError: it has another size.
+    """
     if len(datagram) != RECORD_SIZE:
         raise ProtocolError(f"a record has {RECORD_SIZE} bytes, this one {len(datagram)}")
     sequence, measurement, status, *counts = _RECORD.unpack(datagram)
@@ -81,7 +91,11 @@ def decode_record(datagram: bytes) -> Record:
 
 
 def status_problem(status: int) -> str:
-    """What a status says is wrong, by name, or nothing."""
+    """What a status says is wrong, by name, or nothing.
+
+    Args:
+        status: bits of a record.
+    """
     errors = status & ~_NO_ERROR
     if errors or status == 1 << 31:
         return f"{bit_names(errors, _STATUS) if errors else 'error'} (status {status:#010x})"
@@ -102,7 +116,11 @@ class NetFtStream:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[float]:
-        """The force in one datagram, if it has a new one [N]."""
+        """The force in one datagram, if it has a new one [N].
+
+        Args:
+            data: one datagram.
+        """
         try:
             record = decode_record(data)
         except ProtocolError:
@@ -147,7 +165,17 @@ class Configuration(NamedTuple):
 
 
 def parse_configuration(page: bytes) -> Configuration:
-    """The configuration on a page. ProtocolError: something is missing, or cannot be."""
+    """The configuration on a page.
+
+    Args:
+        page: netftapi2.xml.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        ProtocolError: something is missing, or cannot be.
+    """
     text = page.decode("utf-8", "replace")
     try:
         configuration = Configuration(
@@ -175,7 +203,18 @@ def _value(text: str, name: str, default: str | None = None) -> str:
 
 
 def read_configuration(host: str, port: int) -> Configuration:
-    """Ask a sensor. DeviceError: it does not answer in time, or with something else."""
+    """Ask a sensor.
+
+    Args:
+        host: name or address of the sensor.
+        port: of its web server.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        DeviceError: it does not answer in time, or with something else.
+    """
     where = f"http://{host}:{port}{PAGE}"
     connection = HTTPConnection(host, port, timeout=_PATIENCE_S)
     try:

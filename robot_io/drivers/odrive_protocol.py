@@ -129,7 +129,12 @@ WATCHDOG_EXPIRED = {Firmware.V0_5: 0x00000800, Firmware.V0_6: 0x01000000}
 
 
 def axis_error_names(error: int, firmware: Firmware) -> tuple[str, ...]:
-    """Names of the bits that are set in an axis error; a bit without a name is given as a number."""
+    """Names of the bits that are set in an axis error; a bit without a name is given as a number.
+
+    Args:
+        error: bits of the axis.
+        firmware: generation that names them.
+    """
     table = AXIS_ERRORS[firmware]
     bits = (1 << place for place in range(32) if error >> place & 1)
     return tuple(table.get(bit, f"unknown bit 0x{bit:08X}") for bit in bits)
@@ -156,7 +161,15 @@ class Heartbeat:
 def odrive_id(node_id: int, command: OdriveCommand) -> int:
     """Arbitration id of a command to, or a message from, an axis.
 
-    InputError: the node id has more than six bits.
+    Args:
+        node_id: of the axis, 0 to 63.
+        command: number of five bits.
+
+    Returns:
+        The arbitration id.
+
+    Raises:
+        InputError: the node id has more than six bits.
     """
     if not 0 <= node_id <= MAX_NODE_ID:
         raise InputError(f"node id {node_id} is not from 0 to {MAX_NODE_ID}")
@@ -164,7 +177,11 @@ def odrive_id(node_id: int, command: OdriveCommand) -> int:
 
 
 def split_odrive_id(can_id: int) -> tuple[int, int]:
-    """Node id and command number of an arbitration id."""
+    """Node id and command number of an arbitration id.
+
+    Args:
+        can_id: arbitration id.
+    """
     return can_id >> COMMAND_BITS, can_id & _COMMAND_MASK
 
 
@@ -174,7 +191,15 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
     Bytes 0 to 3 are the axis error and byte 4 the state. Then 0.5 has flags for motor, encoder and controller
     (bit 7 of the last: trajectory done), 0.6 the procedure result and the trajectory flag.
 
-    ProtocolError: wrong length, or a state that does not exist.
+    Args:
+        frame: as it came.
+        firmware: generation of the axis.
+
+    Returns:
+        The heartbeat.
+
+    Raises:
+        ProtocolError: wrong length, or a state that does not exist.
     """
     expect_length(frame, "heartbeat", 8)
     data = frame.data
@@ -191,45 +216,111 @@ def decode_heartbeat(frame: CanFrame, firmware: Firmware) -> Heartbeat:
 
 
 def decode_encoder_estimates(frame: CanFrame) -> tuple[float, float]:
-    """Position [rev] and velocity [rev/s] of the motor. ProtocolError: wrong length, or not finite."""
+    """Position [rev] and velocity [rev/s] of the motor.
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        Position [rev] and velocity [rev/s].
+
+    Raises:
+        ProtocolError: wrong length, or not finite.
+    """
     return _two_finite_floats(frame, "encoder estimates")
 
 
 def decode_iq(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and measured torque-making current [A] (0.5). ProtocolError: wrong length, or not finite."""
+    """Wanted and measured torque-making current [A] (0.5).
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        Wanted and measured current [A].
+
+    Raises:
+        ProtocolError: wrong length, or not finite.
+    """
     return _two_finite_floats(frame, "motor current")
 
 
 def decode_torques(frame: CanFrame) -> tuple[float, float]:
-    """Wanted and estimated motor torque [N m] (0.6). ProtocolError: wrong length, or not finite."""
+    """Wanted and estimated motor torque [N m] (0.6).
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        Wanted and estimated torque [N m].
+
+    Raises:
+        ProtocolError: wrong length, or not finite.
+    """
     return _two_finite_floats(frame, "motor torque")
 
 
 def decode_bus_voltage_current(frame: CanFrame) -> tuple[float, float]:
-    """Supply voltage [V] and current [A]. ProtocolError: wrong length, or not finite."""
+    """Supply voltage [V] and current [A].
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        Voltage [V] and current [A].
+
+    Raises:
+        ProtocolError: wrong length, or not finite.
+    """
     return _two_finite_floats(frame, "bus voltage and current")
 
 
 def decode_version(frame: CanFrame) -> tuple[int, int, int]:
-    """Firmware version as major, minor, revision (0.6). ProtocolError: wrong length."""
+    """Firmware version as major, minor, revision (0.6).
+
+    Args:
+        frame: as it came.
+
+    Returns:
+        Major, minor and revision.
+
+    Raises:
+        ProtocolError: wrong length.
+    """
     expect_length(frame, "version", 8)
     return frame.data[4], frame.data[5], frame.data[6]
 
 
 def ask(node_id: int, command: OdriveCommand) -> CanFrame:
-    """Ask an axis to send a message now, as a remote frame."""
+    """Ask an axis to send a message now, as a remote frame.
+
+    Args:
+        node_id: of the axis.
+        command: number of the message.
+    """
     return CanFrame(odrive_id(node_id, command), remote=True)
 
 
 def encode_axis_state(node_id: int, state: AxisState) -> CanFrame:
-    """Ask an axis to change its state."""
+    """Ask an axis to change its state.
+
+    Args:
+        node_id: of the axis.
+        state: to enter.
+    """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_AXIS_STATE), _WORD.pack(state))
 
 
 def encode_controller_mode(
     node_id: int, control_mode: int = TORQUE_CONTROL, input_mode: int = PASSTHROUGH
 ) -> CanFrame:
-    """Choose how an axis controls its motor."""
+    """Choose how an axis controls its motor.
+
+    Args:
+        node_id: of the axis.
+        control_mode: such as torque control.
+        input_mode: such as passthrough.
+    """
     data = _TWO_WORDS.pack(control_mode, input_mode)
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_CONTROLLER_MODE), data)
 
@@ -237,7 +328,15 @@ def encode_controller_mode(
 def encode_input_torque(node_id: int, torque_nm: float) -> CanFrame:
     """Command a motor torque [N m]; it feeds the axis's watchdog.
 
-    InputError: not a number that a 32 bit float can hold.
+    Args:
+        node_id: of the axis.
+        torque_nm: of the motor [N m].
+
+    Returns:
+        The frame.
+
+    Raises:
+        InputError: not a number that a 32 bit float can hold.
     """
     try:
         data = _FLOAT.pack(torque_nm)
@@ -252,17 +351,33 @@ def encode_limits(node_id: int, velocity_rev_s: float, current_a: float) -> CanF
     """Set how fast a motor may turn [rev/s], beyond which it fails, and its largest current [A].
 
     Lost at the next start; no command of CANSimple reads them.
+
+    Args:
+        node_id: of the axis.
+        velocity_rev_s: largest speed [rev/s].
+        current_a: largest current [A].
+
+    Returns:
+        The frame.
     """
     return CanFrame(odrive_id(node_id, OdriveCommand.SET_LIMITS), _TWO_FLOATS.pack(velocity_rev_s, current_a))
 
 
 def encode_clear_errors(node_id: int) -> CanFrame:
-    """Clear an axis's errors (its identify light stays as it is)."""
+    """Clear an axis's errors (its identify light stays as it is).
+
+    Args:
+        node_id: of the axis.
+    """
     return CanFrame(odrive_id(node_id, OdriveCommand.CLEAR_ERRORS), b"\x00")
 
 
 def as_sent(torque_nm: float) -> float:
-    """A torque as the 32 bit float that travels [N m]."""
+    """A torque as the 32 bit float that travels [N m].
+
+    Args:
+        torque_nm: of any size [N m].
+    """
     return float(_FLOAT.unpack(_FLOAT.pack(torque_nm))[0])
 
 

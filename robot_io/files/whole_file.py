@@ -73,7 +73,11 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
 def held_name(path: Path) -> Iterator[None]:
     """Hold a name by a second file, for as long as it takes to give it to a file.
 
-    FileExistsError: another program holds it.
+    Args:
+        path: the name.
+
+    Raises:
+        FileExistsError: another program holds it.
     """
     taken = path.with_name(f".{path.name}.taken")
     taken.touch(exist_ok=False)

@@ -80,7 +80,15 @@ class _Joint:
     def begin(
         self, time_s: float, position_rad: float, reference_rad: float, torque_nm: float, force_n: float
     ) -> None:
-        """A reading that differs from the one before, or is the first."""
+        """A reading that differs from the one before, or is the first.
+
+        Args:
+            time_s: of the sample, robot's clock [s].
+            position_rad: of the encoder [rad].
+            reference_rad: of the controller [rad].
+            torque_nm: measured by its drive [N m].
+            force_n: of the force sensor [N].
+        """
         if self.samples:
             self.step_rad = min(self.step_rad, abs(position_rad - self.position_rad))
         before_s, before_rad, reference_before_rad = self.marks[1]
@@ -97,12 +105,22 @@ class _Joint:
         return max(self.least_rad, _STEPS * self.step_rad) if known else self.unknown_rad
 
     def is_suspect(self, time_s: float, moved_rad: float) -> bool:
-        """Whether a sound encoder would have shown that the reference has moved so far, friction aside."""
+        """Whether a sound encoder would have shown that the reference has moved so far, friction aside.
+
+        Args:
+            time_s: robot's clock [s].
+            moved_rad: how far the reference has moved [rad].
+        """
         still = self.samples >= _SAMPLES and time_s - self.since_s >= self.still_s - 1e-9
         return still and abs(moved_rad) > self.most_rad
 
     def was_stopped(self, time_s: float, moved_rad: float) -> bool:
-        """Whether it had followed its reference, which has gone on the same way."""
+        """Whether it had followed its reference, which has gone on the same way.
+
+        Args:
+            time_s: robot's clock [s].
+            moved_rad: how far the reference has moved [rad].
+        """
         way_rad = self.followed_rad
         if abs(way_rad) <= self.most_rad or not _FOLLOWED[0] < self.before_rad / way_rad < _FOLLOWED[1]:
             return False
@@ -341,7 +359,12 @@ class _Drive:
         self.count = self.jumps = 0
 
     def widen(self, torque_nm: float, *, is_next: bool) -> None:
-        """Count a command in, as the first of the next stretch of time or as one more of this one."""
+        """Count a command in, as the first of the next stretch of time or as one more of this one.
+
+        Args:
+            torque_nm: that was commanded [N m].
+            is_next: whether a new stretch of time begins with it.
+        """
         if is_next:
             self.before_nm, self.sent_nm = self.sent_nm, (torque_nm, torque_nm)
         else:
@@ -350,7 +373,11 @@ class _Drive:
         self.high_nm = max(self.sent_nm[1], self.before_nm[1])
 
     def shows(self, measured_nm: float) -> None:
-        """Take the newest reading, and learn how it jumps."""
+        """Take the newest reading, and learn how it jumps.
+
+        Args:
+            measured_nm: of the drive [N m].
+        """
         jump_nm = abs(measured_nm - self.measured_nm)
         self.measured_nm = measured_nm
         if jump_nm > 0.0:
@@ -377,7 +404,11 @@ class _Drive:
         return missing_nm > may_be_nm and least_nm >= _SMALLER * self.clear_nm[sign]
 
     def get_used_to(self, share: float) -> None:
-        """Take how far the reading is off now for a part of what is usual."""
+        """Take how far the reading is off now for a part of what is usual.
+
+        Args:
+            share: of the difference, 0 to 1.
+        """
         off_nm = self.measured_nm - clip(self.measured_nm, self.low_nm, self.high_nm)
         self.usually_off_nm += (off_nm - self.usually_off_nm) * share
 

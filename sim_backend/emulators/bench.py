@@ -47,7 +47,12 @@ class Plant:
         self.force: tuple[float, Status] | None = None
 
     def set_torque(self, joint: int, torque_nm: float) -> None:
-        """What the motor of `joint` (from 0) exerts from now on [N m]."""
+        """What the motor of `joint` (from 0) exerts from now on [N m].
+
+        Args:
+            joint: from 0.
+            torque_nm: along the joint's axis [N m].
+        """
         if torque_nm == self._torque_nm[joint]:
             return
         if abs(torque_nm) > self._rest_nm[joint]:
@@ -56,7 +61,11 @@ class Plant:
         self.world.set_torque(self._torque_nm)
 
     def advance_to(self, time_s: float) -> None:
-        """Let physics pass up to `time_s` [s] on the bench's clock, and sample all sensors."""
+        """Let physics pass up to `time_s` [s] on the bench's clock, and sample all sensors.
+
+        Args:
+            time_s: bench's clock [s].
+        """
         world = self.world
         world.advance_to(time_s)
         motion, torque = world.encoder.read(time_s), world.torque_sensor.read(time_s)
@@ -70,7 +79,11 @@ class Plant:
             self.force = (force.value[0], force.status)
 
     def joint(self, joint: int) -> JointState:
-        """The newest sample of `joint` (from 0)."""
+        """The newest sample of `joint` (from 0).
+
+        Args:
+            joint: from 0.
+        """
         return self._joints[joint]
 
     def close(self) -> None:
@@ -96,7 +109,11 @@ class Shaft:
         self.limp = self.backwards = False
 
     def exert(self, torque_nm: float) -> None:
-        """What the motor is to exert from now on [N m]; with what a second one does, it moves the joint."""
+        """What the motor is to exert from now on [N m]; with what a second one does, it moves the joint.
+
+        Args:
+            torque_nm: of this motor at the joint [N m].
+        """
         self.torque_nm = 0.0 if self.limp else -torque_nm if self.backwards else torque_nm
         self._plant.set_torque(self._joint, self._together_nm)
 
@@ -123,11 +140,19 @@ class EmulatedWire(ABC):
 
     @abstractmethod
     def receive(self, now_s: float) -> None:
-        """Take in what has come over the wire, and act on it."""
+        """Take in what has come over the wire, and act on it.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def send(self, now_s: float) -> None:
-        """Put on the wire what is due."""
+        """Put on the wire what is due.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -161,7 +186,11 @@ class Bench:
             clock.subscribe(self.advance_to)
 
     def advance_to(self, time_s: float) -> None:
-        """Let time pass up to `time_s` [s]."""
+        """Let time pass up to `time_s` [s].
+
+        Args:
+            time_s: bench's clock [s].
+        """
         while not self._closed and self._now_s < time_s - 1e-9:
             for wire in self._wires:
                 wire.receive(self._now_s)
@@ -212,6 +241,10 @@ def heard_at(master: int, baud_rate: int | None) -> bool:
 
     The host has set the speed at the other end of `master`, the device's file. A rate that has no number in
     termios cannot be told from others.
+
+    Args:
+        master: file descriptor of the device's end.
+        baud_rate: of the device [bit/s]; None for any.
     """
     wanted = getattr(termios, f"B{baud_rate}", None)
     return wanted is None or termios.tcgetattr(master)[4] == wanted

@@ -26,15 +26,29 @@ class CanNode(ABC):
 
     @abstractmethod
     def hear(self, message: can.Message, now_s: float) -> list[can.Message]:
-        """Act on a frame; returns the answers."""
+        """Act on a frame; returns the answers.
+
+        Args:
+            message: frame on the bus.
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def tell(self, now_s: float) -> list[can.Message]:
-        """What the node sends by itself at this time."""
+        """What the node sends by itself at this time.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def strike(self, fault: Fault, now_s: float) -> None:
-        """Suffer a fault of the device itself: alert, reboot, or an encoder that is stuck from now on."""
+        """Suffer a fault of the device itself: alert, reboot, or an encoder that is stuck from now on.
+
+        Args:
+            fault: to suffer.
+            now_s: bench's clock [s].
+        """
 
 
 class CanWire(FrameWire[can.Message]):
@@ -121,6 +135,9 @@ def open_virtual_bus(*, in_lock_step: bool) -> tuple[can.BusABC, dict[str, Any]]
     """The devices' end, opened, and the driver's settings for the other.
 
     In lock-step frames carry the time of the simulated clock; else the wall clock's, as on a real adapter.
+
+    Args:
+        in_lock_step: whether the clock is a simulated one.
     """
     channel = f"palpate-{os.getpid()}-{next(_numbers)}"
     options: dict[str, Any] = {"preserve_timestamps": in_lock_step}
@@ -205,7 +222,13 @@ class EmulatedMotor(CanNode):
 def wire_of(
     request: WireRequest, motors: Sequence[Any], make: Callable[[int, Any], CanNode]
 ) -> tuple[EmulatedWire, dict[str, Any]]:
-    """A bus with a node for each of `motors`, made from its joint and its settings; see `WireMaker.make`."""
+    """A bus with a node for each of `motors`, made from its joint and its settings; see `WireMaker.make`.
+
+    Args:
+        request: what the wire stands in for.
+        motors: settings of each, from base to tip.
+        make: makes a node from joint (from 0) and settings.
+    """
     nodes = [make(joint, motor) for joint, motor in enumerate(motors)]
     bus, reach = open_virtual_bus(in_lock_step=request.in_lock_step)
     return CanWire(bus, nodes, request.faults), reach

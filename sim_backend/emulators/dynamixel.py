@@ -31,7 +31,11 @@ _TOO_LONG = 0x3FF  # no servo takes more
 
 
 def checksum(data: bytes) -> int:
-    """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start."""
+    """Divide by x^16 + x^15 + x^2 + 1, most significant bit first, remainder 0 at the start.
+
+    Args:
+        data: bytes that it covers.
+    """
     remainder = 0
     for byte in data:
         remainder = (remainder << 8 & 0xFFFF) ^ _QUOTIENTS[remainder >> 8 ^ byte]
@@ -79,7 +83,13 @@ class DynamixelReceiver(Receiver):
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A status packet."""
+    """A status packet.
+
+    Args:
+        servo_id: of the sender.
+        error: number, with the alert bit.
+        data: parameters.
+    """
     body = (bytes((STATUS_INSTRUCTION, error)) + data).replace(_START, _STUFFED)
     length = len(body) + 2
     packet = _START + bytes((0, servo_id, length % 256, length // 256)) + body
@@ -91,6 +101,13 @@ def fast_status(parts: Sequence[tuple[int, int, bytes]], asked: int) -> bytes:
 
     The parts are id, error and data of those that answer; the chain ends where one is silent, but the head
     promises the answer of all that were asked.
+
+    Args:
+        parts: id, error and data of each servo that answers.
+        asked: number of servos that were asked.
+
+    Returns:
+        The packet.
     """
     each = len(parts[0][2]) + 4
     length = 1 + asked * each

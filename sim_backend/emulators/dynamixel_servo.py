@@ -80,7 +80,13 @@ GOALS = range(100, 120)
 
 
 def items_of(model: EmulatedModel, servo_id: int, firmware: int) -> dict[int, Item]:
-    """The rows of a model's table by address; rows that nothing here depends on are left out."""
+    """The rows of a model's table by address; rows that nothing here depends on are left out.
+
+    Args:
+        model: of the servo.
+        servo_id: its id.
+        firmware: version.
+    """
     rows = [
         Item(0, 2, False, model.number),
         Item(2, 4, False),
@@ -145,20 +151,34 @@ class Memory:
                 self.put(item.address, item.initial)
 
     def get(self, address: int) -> int:
-        """The value of an item; negative ones by its range."""
+        """The value of an item; negative ones by its range.
+
+        Args:
+            address: of the item.
+        """
         item = self._items[address]
         signed = item.low is not None and item.low < 0
         data = self._bytes[address : address + item.size]
         return int.from_bytes(data, "little", signed=signed)
 
     def put(self, address: int, value: int) -> None:
-        """Set an item from inside the servo; nothing is checked."""
+        """Set an item from inside the servo; nothing is checked.
+
+        Args:
+            address: of the item.
+            value: to set.
+        """
         item = self._items[address]
         data = (value % (1 << 8 * item.size)).to_bytes(item.size, "little")
         self._bytes[address : address + item.size] = data
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """What an instruction reads, or why it cannot."""
+        """What an instruction reads, or why it cannot.
+
+        Args:
+            address: of the first byte.
+            size: bytes.
+        """
         if size < 1 or address + size > len(self._bytes):
             return Error.ACCESS
         return bytes(self._bytes[self._meant(place)] for place in range(address, address + size))
@@ -167,6 +187,14 @@ class Memory:
         """What an instruction writes at an address: whole items in a row.
 
         `allowed` says for an item and its new value whether the servo takes it now.
+
+        Args:
+            address: of the first byte.
+            data: bytes to write.
+            allowed: judges an item and its new value.
+
+        Returns:
+            The error, if any.
         """
         place, end = address, address + len(data)
         while place < end:
@@ -253,12 +281,22 @@ class EmulatedServo(LineServo):
         return self._model.number.to_bytes(2, "little") + bytes((firmware,))
 
     def read(self, address: int, size: int) -> bytes | Error:
-        """What it answers to a read."""
+        """What it answers to a read.
+
+        Args:
+            address: of the first byte.
+            size: bytes.
+        """
         self._look()
         return self.memory.read(address, size)
 
     def write(self, address: int, data: bytes) -> Error:
-        """Take a write, and do what it says."""
+        """Take a write, and do what it says.
+
+        Args:
+            address: of the first byte.
+            data: bytes to write.
+        """
         mode = self.memory.get(OPERATING_MODE)
         error = self.memory.write(address, data, self._allowed)
         if self.memory.get(OPERATING_MODE) != mode:

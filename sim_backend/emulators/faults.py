@@ -50,7 +50,11 @@ class Fault(FileModel):
     delay_s: NotNegative = 0.0  # how late, or how long away, for the kinds that need it [s]
 
     def lasts_at(self, elapsed_s: float) -> bool:
-        """Whether it can strike `elapsed_s` after the start of the emulator [s]."""
+        """Whether it can strike `elapsed_s` after the start of the emulator [s].
+
+        Args:
+            elapsed_s: since the start of the emulator [s].
+        """
         return 0.0 <= elapsed_s - self.from_s < (inf if self.for_s is None else self.for_s)
 
 
@@ -82,7 +86,13 @@ class Faults:
         self._struck = {}
 
     def strikes(self, kind: FaultKind, device: str | int, now_s: float) -> Fault | None:
-        """The fault of this kind that strikes `device` at `now_s` [s], or None. Each call is a chance."""
+        """The fault of this kind that strikes `device` at `now_s` [s], or None. Each call is a chance.
+
+        Args:
+            kind: what could go wrong.
+            device: by the name or number that its emulator has for it.
+            now_s: emulator's clock [s].
+        """
         elapsed_s = now_s - self._start_s
         for place, fault in enumerate(self._planned):
             if fault.kind is not kind or fault.device not in (None, device) or not fault.lasts_at(elapsed_s):
@@ -97,12 +107,21 @@ class Faults:
         return None
 
     def lose_a_byte(self, frame: bytes) -> bytes:
-        """The frame without one of its bytes."""
+        """The frame without one of its bytes.
+
+        Args:
+            frame: at least one byte.
+        """
         place = int(self.generator.integers(len(frame)))
         return frame[:place] + frame[place + 1 :]
 
     def flip_a_bit(self, frame: bytes, first: int = 0) -> bytes:
-        """The frame with one bit changed, at or after byte `first`."""
+        """The frame with one bit changed, at or after byte `first`.
+
+        Args:
+            frame: bytes.
+            first: byte from which on a bit may change.
+        """
         changed = bytearray(frame)
         place = int(self.generator.integers(first, len(frame)))
         changed[place] ^= 1 << int(self.generator.integers(8))

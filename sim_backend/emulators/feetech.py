@@ -47,7 +47,11 @@ class FeetechReceiver(Receiver):
 
 
 def inverted_sum(content: bytes | bytearray) -> int:
-    """The checksum of what is between header and itself."""
+    """The checksum of what is between header and itself.
+
+    Args:
+        content: bytes between header and checksum.
+    """
     total = 0
     for byte in content:
         total = (total + byte) % 256
@@ -55,7 +59,13 @@ def inverted_sum(content: bytes | bytearray) -> int:
 
 
 def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A status packet."""
+    """A status packet.
+
+    Args:
+        servo_id: of the sender.
+        error: bits.
+        data: parameters.
+    """
     content = bytes((servo_id, len(data) + 2, error)) + data
     return b"\xff\xff" + content + bytes((inverted_sum(content),))
 
@@ -128,11 +138,22 @@ class EmulatedSts(LineServo):
         self._look()
 
     def get(self, address: int, size: int = 2) -> int:
-        """A value of its memory, without a sign."""
+        """A value of its memory, without a sign.
+
+        Args:
+            address: of the first byte.
+            size: bytes.
+        """
         return int.from_bytes(self._memory[address : address + size], "little")
 
     def put(self, address: int, value: int, size: int = 2) -> None:
-        """Set a value from inside."""
+        """Set a value from inside.
+
+        Args:
+            address: of the first byte.
+            value: without a sign.
+            size: bytes.
+        """
         self._memory[address : address + size] = value.to_bytes(size, "little")
 
     @property
@@ -144,11 +165,21 @@ class EmulatedSts(LineServo):
         return 2e-6 * self.get(7, 1)
 
     def read(self, address: int, size: int) -> bytes:
-        """What it answers to a read."""
+        """What it answers to a read.
+
+        Args:
+            address: of the first byte.
+            size: bytes.
+        """
         return bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """Take a write; what cannot be written stays as it is."""
+        """Take a write; what cannot be written stays as it is.
+
+        Args:
+            address: of the first byte.
+            data: bytes to write.
+        """
         was_on = self.get(40, 1)
         for place, byte in enumerate(data, address):
             if place < len(self._memory) and place not in _READ_ONLY:

@@ -36,7 +36,13 @@ Limits = tuple[float, float, float]  # of position [rad], velocity [rad/s] and t
 
 
 def to_uint(value: float, limit: float, bits: int) -> int:
-    """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer."""
+    """Manual: (x - x_min) (2^bits - 1) / (x_max - x_min), cut off to an integer.
+
+    Args:
+        value: in the unit of its limit; cut at it.
+        limit: end of the range.
+        bits: of the integer.
+    """
     value = min(max(value, -limit), limit)
     return int((value + limit) * ((1 << bits) - 1) / (2 * limit))
 
@@ -306,7 +312,11 @@ class EmulatedRobstride(EmulatedMitMotor):
         self.error, self.enabled = 0, False
 
     def tell_faults(self, faults: int) -> None:
-        """Report fault bits unasked with the next `tell`."""
+        """Report fault bits unasked with the next `tell`.
+
+        Args:
+            faults: bits.
+        """
         self._news.append(self._message(21, self.number, struct.pack("<II", faults, 0)))
 
     def _reply(self) -> can.Message:

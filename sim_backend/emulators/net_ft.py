@@ -21,7 +21,14 @@ _LOOK_S = 0.01  # whether it is to end, in real time
 
 
 def record(sequence: int, measurement: int, status: int, counts: list[int]) -> bytes:
-    """One RDT record."""
+    """One RDT record.
+
+    Args:
+        sequence: number of the record.
+        measurement: number of the internal measurement.
+        status: bits.
+        counts: three forces, three torques.
+    """
     words = [sequence % 2**32, measurement % 2**32, status, *(one % 2**32 for one in counts)]
     return b"".join(word.to_bytes(4, "big") for word in words)
 

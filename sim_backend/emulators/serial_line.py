@@ -36,7 +36,11 @@ class StreamTimer:
         return self._next_s < inf
 
     def start(self, now_s: float) -> None:
-        """The stream is on from now on."""
+        """The stream is on from now on.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         self._next_s = now_s + self._period_s
 
     def stop(self) -> None:
@@ -44,7 +48,11 @@ class StreamTimer:
         self._next_s = inf
 
     def due(self, now_s: float) -> bool:
-        """Whether one is due now."""
+        """Whether one is due now.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         if now_s < self._next_s - 1e-9:
             return False
         self.passed = 1 + int((now_s - self._next_s + 1e-9) / self._period_s)
@@ -63,18 +71,36 @@ class SerialSensor(ABC):
 
     @abstractmethod
     def hear(self, data: bytes, now_s: float) -> bytes:
-        """Act on bytes from the host; returns the answer."""
+        """Act on bytes from the host; returns the answer.
+
+        Args:
+            data: bytes from the host.
+            now_s: bench's clock [s].
+        """
 
     def due(self, now_s: float) -> bool:
-        """Whether a reading is to be sent now, of a stream that was asked for; each is due once."""
+        """Whether a reading is to be sent now, of a stream that was asked for; each is due once.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         return now_s >= self._silent_until_s and self._timer.due(now_s)
 
     @abstractmethod
     def reading(self, force_n: float) -> bytes:
-        """One reading of the stream, of a force with the sensor's sign; NaN where it has none."""
+        """One reading of the stream, of a force with the sensor's sign; NaN where it has none.
+
+        Args:
+            force_n: with the sensor's own sign [N]; NaN where there is none.
+        """
 
     def restart(self, now_s: float, silent_s: float) -> None:
-        """Power-up state, after a silence."""
+        """Power-up state, after a silence.
+
+        Args:
+            now_s: bench's clock [s].
+            silent_s: how long it says nothing [s].
+        """
         self._silent_until_s = now_s + silent_s
 
 

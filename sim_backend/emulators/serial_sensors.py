@@ -108,7 +108,14 @@ def _sums(content: bytes) -> bytes:
 
 
 def telegram(command: int, to: int, parameters: bytes = b"", sender: int = ADDRESS) -> bytes:
-    """What a sensor sends: STX, and what follows with every 02 doubled."""
+    """What a sensor sends: STX, and what follows with every 02 doubled.
+
+    Args:
+        command: number.
+        to: receiver.
+        parameters: bytes.
+        sender: address of the sensor.
+    """
     content = bytes((command, to, sender, len(parameters))) + parameters
     stuffed = b"".join(
         bytes((byte, byte)) if byte == 2 else bytes((byte,)) for byte in content + _sums(content)
@@ -259,7 +266,11 @@ _RAIL = 0x7FFFFF  # of a 24 bit converter
 
 
 def cell_crc(data: bytes) -> int:
-    """CRC-16 with x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start."""
+    """CRC-16 with x^16 + x^12 + x^5 + 1, most significant bit first, FFFF at the start.
+
+    Args:
+        data: bytes that it covers.
+    """
     remainder = 0xFFFF
     for byte in data:
         for place in range(7, -1, -1):
@@ -269,7 +280,11 @@ def cell_crc(data: bytes) -> int:
 
 
 def cell_line(text: str) -> bytes:
-    """A line of the firmware."""
+    """A line of the firmware.
+
+    Args:
+        text: without checksum and end.
+    """
     return text.encode() + f"*{cell_crc(text.encode()):04X}\n".encode()
 
 
@@ -308,7 +323,11 @@ _STEP_US = 19.53125  # of one conversion
 
 
 def bota_crc(data: bytes) -> int:
-    """CRC-16 of X.25: reflected, x^16 + x^12 + x^5 + 1, FFFF at the start, inverted at the end."""
+    """CRC-16 of X.25: reflected, x^16 + x^12 + x^5 + 1, FFFF at the start, inverted at the end.
+
+    Args:
+        data: bytes that it covers.
+    """
     remainder = 0xFFFF
     for byte in data:
         for place in range(8):
@@ -318,7 +337,14 @@ def bota_crc(data: bytes) -> int:
 
 
 def bota_frame(status: int, values: list[float], time_us: int, temperature_c: float = 31.5) -> bytes:
-    """One frame: three forces, three torques."""
+    """One frame: three forces, three torques.
+
+    Args:
+        status: bits.
+        values: three forces [N], three torques [N m].
+        time_us: sensor's clock [us].
+        temperature_c: of the sensor [deg C].
+    """
     data = struct.pack("<H", status) + b"".join(struct.pack("<f", value) for value in values)
     data += struct.pack("<If", time_us % 2**32, temperature_c)
     return b"\xaa" + data + struct.pack("<H", bota_crc(data))
@@ -389,7 +415,17 @@ _NEWTONS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one `unit`. InputError: no emulated sensor counts in it."""
+    """Newtons in one `unit`.
+
+    Args:
+        unit: such as "lbf".
+
+    Returns:
+        Newtons.
+
+    Raises:
+        InputError: no emulated sensor counts in it.
+    """
     if unit not in _NEWTONS:
         raise InputError(f"no emulated sensor counts in '{unit}'. Valid: {', '.join(_NEWTONS)}")
     return _NEWTONS[unit]
@@ -401,7 +437,11 @@ class SensorSettings(FileModel, extra="ignore"):
     reversed: bool = False
 
     def signed(self, sensor: SerialSensor) -> SerialSensor:
-        """The sensor as it is mounted."""
+        """The sensor as it is mounted.
+
+        Args:
+            sensor: to be mounted.
+        """
         sensor.sign = -1.0 if self.reversed else 1.0
         return sensor
 

@@ -52,7 +52,12 @@ MountingType = TypeVar("MountingType", bound=EmulatedMounting)
 
 
 def on_shafts(mountings: Sequence[MountingType], plant: Plant) -> list[tuple[MountingType, Shaft]]:
-    """All servos of joints, and where each sits: one or two for each joint, from base to tip."""
+    """All servos of joints, and where each sits: one or two for each joint, from base to tip.
+
+    Args:
+        mountings: of the joints, from base to tip.
+        plant: the arm.
+    """
     placed = []
     for joint, mounting in enumerate(mountings):
         shaft = Shaft(plant, joint)
@@ -80,7 +85,11 @@ class LineServo(ABC):
         self._frozen: JointState | None = None
 
     def is_awake(self, now_s: float) -> bool:
-        """Whether it has power and has started."""
+        """Whether it has power and has started.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         return now_s >= self._awake_s
 
     def _shown(self) -> JointState | None:
@@ -95,7 +104,11 @@ class LineServo(ABC):
         return JointState(angle_rad, self._direction * speed_rad_s, state.torque_nm)
 
     def hear(self, now_s: float) -> None:
-        """Notice an instruction on the line, for whomever: it shows that the controller lives."""
+        """Notice an instruction on the line, for whomever: it shows that the controller lives.
+
+        Args:
+            now_s: bench's clock [s].
+        """
         self._heard_s = now_s
 
     @property
@@ -110,7 +123,11 @@ class LineServo(ABC):
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Do what it does by itself, in each step."""
+        """Do what it does by itself, in each step.
+
+        Args:
+            now_s: bench's clock [s].
+        """
 
     @abstractmethod
     def fail(self) -> None:
@@ -118,7 +135,12 @@ class LineServo(ABC):
 
     @abstractmethod
     def reboot(self, now_s: float, away_s: float) -> None:
-        """Lose power for `away_s` [s]."""
+        """Lose power for `away_s` [s].
+
+        Args:
+            now_s: bench's clock [s].
+            away_s: how long it has no power [s].
+        """
 
 
 ServoType = TypeVar("ServoType", bound=LineServo)
@@ -142,7 +164,11 @@ class Receiver(ABC):
         self._pending = bytearray()
 
     def take(self, data: bytes) -> Iterator[Instruction]:
-        """The instructions that are complete with `data`."""
+        """The instructions that are complete with `data`.
+
+        Args:
+            data: bytes that have come.
+        """
         self._pending += data
         while (instruction := self._next()) is not None:
             yield instruction

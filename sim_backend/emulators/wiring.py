@@ -39,7 +39,14 @@ class WireMaker(ABC):
     def make(self, request: WireRequest) -> tuple[EmulatedWire, dict[str, Any]]:
         """The wire, and the settings of the bus that let its driver find it.
 
-        InputError: the settings are not valid.
+        Args:
+            request: what the wire stands in for.
+
+        Returns:
+            Wire and settings.
+
+        Raises:
+            InputError: the settings are not valid.
         """
 
 
@@ -68,7 +75,18 @@ def wire_up(
 
     Faults are given by bus name, and effects are what is hidden in plant and sensors.
 
-    InputError: a bus has no emulator, or its settings are not valid.
+    Args:
+        robot_file: of the real arm.
+        scenario: the simulated world.
+        clock: simulated, or a real one.
+        faults: by bus name.
+        effects: hidden in plant and sensors.
+
+    Returns:
+        The arm with its bench, which the caller closes.
+
+    Raises:
+        InputError: a bus has no emulator, or its settings are not valid.
     """
     unknown = [section.driver for section in robot_file.buses.values() if section.driver not in WIRE_MAKERS]
     if unknown:

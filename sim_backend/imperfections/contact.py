@@ -22,7 +22,12 @@ class _Material(ContactImperfection, ABC):
 
     @abstractmethod
     def added_n(self, depth_m: float, rate_m_s: float) -> float:
-        """The force [N] at a depth [m] above 0 and its rate [m/s]."""
+        """The force [N] at a depth [m] above 0 and its rate [m/s].
+
+        Args:
+            depth_m: below the surface, above 0 [m].
+            rate_m_s: of the depth [m/s].
+        """
 
 
 class _Added(MaterialEffect):

@@ -30,7 +30,12 @@ class _Friction(JointImperfection, ABC):
 
     @abstractmethod
     def resistance_nm(self, speed_rad_s: float, along_nm: float) -> float:
-        """The largest resistance [N m], see `JointFriction`."""
+        """The largest resistance [N m], see `JointFriction`.
+
+        Args:
+            speed_rad_s: without sign [rad/s].
+            along_nm: drive's torque along the motion, negative where it holds back [N m].
+        """
 
 
 class HiddenViscousFriction(_Friction):
@@ -172,7 +177,12 @@ class _LinkTorque(JointImperfection, ABC):
 
     @abstractmethod
     def torque_nm(self, position_rad: float, drive_nm: float) -> float:
-        """The torque on the link [N m], along the joint's axis, see `AddedTorque`."""
+        """The torque on the link [N m], along the joint's axis, see `AddedTorque`.
+
+        Args:
+            position_rad: of the joint [rad].
+            drive_nm: torque of the drive [N m].
+        """
 
 
 class HiddenJointSpring(_LinkTorque):
@@ -262,7 +272,13 @@ class _Transmission(JointImperfection, ABC):
 
     @abstractmethod
     def ahead_rad(self, before_rad: float, step_s: float, torque_nm: float) -> float:
-        """How far the encoder is ahead after a step with this torque, given how far it was before [rad]."""
+        """How far the encoder is ahead after a step with this torque, given how far it was before [rad].
+
+        Args:
+            before_rad: how far it was ahead [rad].
+            step_s: physics step [s].
+            torque_nm: through the transmission [N m].
+        """
 
 
 class _Ahead(JointEffect, SensorHook):

@@ -41,7 +41,14 @@ _FRAME = re.compile(
 
 
 def encode_line(message: can.Message) -> bytes:
-    """The line for a frame."""
+    """The line for a frame.
+
+    Args:
+        message: frame, at most 8 data bytes.
+
+    Returns:
+        The line, ended by CR.
+    """
     kind, digits = ("r" if message.is_remote_frame else "t"), 3
     if message.is_extended_id:
         kind, digits = kind.upper(), 8
@@ -49,7 +56,17 @@ def encode_line(message: can.Message) -> bytes:
 
 
 def decode_line(line: bytes) -> can.Message:
-    """The frame in a line without its end; a time stamp is left out. ValueError: it is none, or damaged."""
+    """The frame in a line without its end; a time stamp is left out.
+
+    Args:
+        line: as it came.
+
+    Returns:
+        The frame.
+
+    Raises:
+        ValueError: it is none, or damaged.
+    """
     found = _FRAME.fullmatch(line)
     if found is None:
         raise ValueError(f"no frame: {line!r}")
@@ -90,13 +107,26 @@ class SlcanBus:
         self._write(b"")
 
     def send(self, message: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame to the adapter at once. DeviceError: the port has failed, or takes no more."""
+        """Hand a frame to the adapter at once.
+
+        Args:
+            message: the frame.
+            timeout: not used.
+
+        Raises:
+            DeviceError: the port has failed, or takes no more.
+        """
         self._write(encode_line(message))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame that has come, or None; never waits.
 
-        ValueError: something came that is no frame; DeviceError: the port has failed.
+        Args:
+            timeout: not used.
+
+        Raises:
+            ValueError: something came that is no frame.
+            DeviceError: the port has failed.
         """
         if not self._lines:
             come = self._rest + self._port.wait(0.0)  # sees a hang-up, too
@@ -141,7 +171,16 @@ class CanFrame:
 
 
 def expect_length(frame: CanFrame, what: str, *lengths: int) -> None:
-    """Check the number of data bytes. ProtocolError: it is none of `lengths`."""
+    """Check the number of data bytes.
+
+    Args:
+        frame: as it came.
+        what: name of its content in errors.
+        *lengths: numbers of bytes that are valid.
+
+    Raises:
+        ProtocolError: it is none of `lengths`.
+    """
     if len(frame.data) not in lengths:
         valid = " or ".join(map(str, lengths))
         raise ProtocolError(f"{what} has {len(frame.data)} bytes, expected {valid}")
@@ -263,7 +302,12 @@ class CanLine:
     def send(self, frame: CanFrame, deadline_s: float) -> None:
         """Hand a frame to the adapter.
 
-        DeviceError: the adapter refused it before the deadline, is closed or bus-off.
+        Args:
+            frame: to send.
+            deadline_s: until when the adapter may refuse it, robot's clock [s].
+
+        Raises:
+            DeviceError: the adapter refused it before the deadline, is closed or bus-off.
         """
         bus = self._opened()
         if self.bus_off:
@@ -290,7 +334,11 @@ class CanLine:
         and without one a frame is taken to be as old as it can be. Where more has queued up than is taken in
         one go, the rest of it is not taken to be newer.
 
-        DeviceError: the adapter failed or is bus-off.
+        Args:
+            deadline_s: end of the poll, robot's clock [s].
+
+        Raises:
+            DeviceError: the adapter failed or is bus-off.
         """
         bus, clock = self._opened(), self._clock
         now_s, wall_offset_s = clock.now_s(), self._clock_minus_stamps_s()

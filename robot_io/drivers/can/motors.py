@@ -43,7 +43,11 @@ class MotorMounting(FileModel):
         return -self.gear_ratio if self.reversed else self.gear_ratio
 
     def joint_angle_rad(self, shaft_rad: float) -> float:
-        """Joint angle [rad] of a shaft angle [rad]."""
+        """Joint angle [rad] of a shaft angle [rad].
+
+        Args:
+            shaft_rad: angle of the motor's shaft [rad].
+        """
         return self.zero_rad + shaft_rad / self.signed_ratio
 
 
@@ -80,7 +84,11 @@ class MotorBus(JointBus, Examinable):
 
     @abstractmethod
     def motor_label(self, joint: int) -> str:
-        """What to call the motor of `joint` (from 0) in messages."""
+        """What to call the motor of `joint` (from 0) in messages.
+
+        Args:
+            joint: from 0.
+        """
 
     @abstractmethod
     def _switch_off(self) -> None:

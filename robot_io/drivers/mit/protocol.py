@@ -65,7 +65,18 @@ class MitState:
 def encode_torque(motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
     """The frame for a torque at the output shaft, cut at the range, and what it says, after rounding [N m].
 
-    Zero torque is half a step off, for 4095 is odd. InputError: the torque is not a number.
+    Zero torque is half a step off, for 4095 is odd.
+
+    Args:
+        motor_id: whom the frame is for.
+        torque_nm: at the output shaft [N m].
+        ranges: of the motor's model.
+
+    Returns:
+        Frame, and the torque that it says [N m].
+
+    Raises:
+        InputError: the torque is not a number.
     """
     bits = to_bits(torque_nm, -ranges.torque_nm, ranges.torque_nm, _MAX_12)
     frame = CanFrame(motor_id, (_ONLY_TORQUE | bits).to_bytes(8, "big"))
@@ -78,7 +89,16 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
     With `status_beside_id` the id has four bits, with four of a status above it: 0 is off, 1 on, more an
     error; the last two bytes are temperatures then.
 
-    ProtocolError: wrong length.
+    Args:
+        frame: as it came.
+        ranges: of the motor's model.
+        status_beside_id: whether a status stands above the id.
+
+    Returns:
+        The state.
+
+    Raises:
+        ProtocolError: wrong length.
     """
     expect_length(frame, "motor state", *((8,) if status_beside_id else (6, 8)))
     data = frame.data
@@ -101,14 +121,36 @@ def decode_state(frame: CanFrame, ranges: MitRanges, *, status_beside_id: bool =
 
 
 def to_bits(value: float, low: float, high: float, largest: int) -> int:
-    """The number from 0 to `largest` that stands for a value. InputError: it is not a number."""
+    """The number from 0 to `largest` that stands for a value.
+
+    Args:
+        value: in the unit of its range; values beyond the range are cut.
+        low: value of 0.
+        high: value of the largest number.
+        largest: number.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: it is not a number.
+    """
     if isnan(value):
         raise InputError("a motor command is not a number")
     return round((min(max(value, low), high) - low) / (high - low) * largest)
 
 
 def from_bits(bits: int, half_range: float, largest: int) -> float:
-    """What a number from 0 to `largest` stands for, from -half_range to half_range."""
+    """What a number from 0 to `largest` stands for, from -half_range to half_range.
+
+    Args:
+        bits: the number.
+        half_range: end of the range, in the unit of the value.
+        largest: number.
+
+    Returns:
+        The value.
+    """
     return (2.0 * bits / largest - 1.0) * half_range
 
 
@@ -157,48 +199,107 @@ class MitFrames:
         self.host_id, self._answer_ids = host_id, answer_ids
 
     def order(self, motor_id: int, order: Order) -> CanFrame:
-        """Tell a motor to do something; it answers with its state."""
+        """Tell a motor to do something; it answers with its state.
+
+        Args:
+            motor_id: whom it is for.
+            order: what to do.
+        """
         return CanFrame(motor_id, self._ORDERS[order])
 
     def torque(self, motor_id: int, torque_nm: float, ranges: MitRanges) -> tuple[CanFrame, float]:
-        """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m]."""
+        """The frame for a torque at the output shaft [N m], and what it says, after rounding [N m].
+
+        Args:
+            motor_id: whom it is for.
+            torque_nm: at the output shaft [N m].
+            ranges: of the motor's model.
+        """
         return encode_torque(motor_id, torque_nm, ranges)
 
     def motor_asked(self, frame: CanFrame) -> int | None:
-        """Which motor answers a frame of the host's with its state; None if none does."""
+        """Which motor answers a frame of the host's with its state; None if none does.
+
+        Args:
+            frame: of the host.
+        """
         return None if frame.can_id == REGISTERS_ID else frame.can_id
 
     def sender(self, frame: CanFrame) -> int | None:
-        """Which motor a frame comes from; None if it is no answer of one of ours."""
+        """Which motor a frame comes from; None if it is no answer of one of ours.
+
+        Args:
+            frame: as it came.
+        """
         if frame.extended or frame.remote or not frame.data:
             return None
         motor_id = frame.data[0] & self._ID_BITS
         return motor_id if frame.can_id in self._answer_ids.get(motor_id, ()) else None
 
     def state(self, frame: CanFrame, ranges: MitRanges) -> MitState:
-        """What a motor answers. ProtocolError: it is no state."""
+        """What a motor answers.
+
+        Args:
+            frame: as it came.
+            ranges: of the motor's model.
+
+        Raises:
+            ProtocolError: it is no state.
+        """
         return decode_state(frame, ranges, status_beside_id=self._STATUS_BESIDE_ID)
 
     def is_about_register(self, frame: CanFrame, motor_id: int) -> bool:
-        """Whether an answer is about a register, and no state."""
+        """Whether an answer is about a register, and no state.
+
+        Args:
+            frame: as it came.
+            motor_id: of its sender.
+        """
         return False
 
     def alarm(self, frame: CanFrame) -> int | None:
-        """Errors that a motor tells unasked, None where a frame tells none."""
+        """Errors that a motor tells unasked, None where a frame tells none.
+
+        Args:
+            frame: as it came.
+        """
         return None
 
     def read_register(self, motor_id: int, register: MotorRegister) -> CanFrame:
-        """Ask for a register's value."""
+        """Ask for a register's value.
+
+        Args:
+            motor_id: whom it is for.
+            register: to read.
+        """
         return _registers(motor_id, bytes((READ, register.number, 0, 0, 0, 0)))
 
     def write_register(self, motor_id: int, register: MotorRegister, value: float) -> CanFrame:
-        """Set a register; what is set is lost without power."""
+        """Set a register; what is set is lost without power.
+
+        Args:
+            motor_id: whom it is for.
+            register: to write.
+            value: in the register's own unit.
+        """
         number = int(value) if register.format == "<I" else value
         data = bytes((WRITE, register.number)) + struct.pack(register.format, number)
         return _registers(motor_id, data)
 
     def register_value(self, frame: CanFrame, motor_id: int, register: MotorRegister) -> float:
-        """The value in an answer. ProtocolError: it is about another register, or says that there is none."""
+        """The value in an answer.
+
+        Args:
+            frame: as it came.
+            motor_id: of its sender.
+            register: that was asked for.
+
+        Returns:
+            The value in the register's own unit.
+
+        Raises:
+            ProtocolError: it is about another register, or says that there is none.
+        """
         data = frame.data
         if not _is_about_register(frame, motor_id) or data[2] != READ:
             raise ProtocolError(f"no answer of motor {motor_id} about a register: {data.hex(' ')}")

@@ -56,13 +56,21 @@ class MitDialect:
     set_up: tuple[tuple[MotorRegister, int | None], ...] = ()
 
     def error_names(self, error: int) -> str:
-        """What an error means."""
+        """What an error means.
+
+        Args:
+            error: number in a state.
+        """
         parts = [1 << place for place in range(error.bit_length()) if error >> place & 1]
         parts = parts if self.errors_are_bits else [error]
         return ", ".join(dict.fromkeys(self.errors.get(part, f"unknown error {part}") for part in parts))
 
     def is_encoder_fault(self, error: int) -> bool:
-        """Whether its position means nothing."""
+        """Whether its position means nothing.
+
+        Args:
+            error: number in a state.
+        """
         fault = self.encoder_fault
         return fault is not None and bool(error & fault if self.errors_are_bits else error == fault)
 
@@ -253,14 +261,22 @@ class MitBusSettings(CanLineSettings):
         return self.dialect.host_id if self.host_id is None else self.host_id
 
     def wire_ranges(self, motor: MitMotor) -> MitRanges:
-        """What the numbers on the wire mean."""
+        """What the numbers on the wire mean.
+
+        Args:
+            motor: of this bus.
+        """
         own = motor.ranges
         if own is None:
             return self.dialect.models[motor.model]
         return MitRanges(own.position_rad, own.velocity_rad_s, own.torque_nm)
 
     def answer_ids(self, motor: MitMotor) -> tuple[int, ...]:
-        """Arbitration ids under which a motor's answers are taken."""
+        """Arbitration ids under which a motor's answers are taken.
+
+        Args:
+            motor: of this bus.
+        """
         if self.dialect.has_answer_ids:
             return (motor.answer_id or motor.motor_id + USUAL_ANSWER_OFFSET,)
         return (self.host, motor.motor_id)

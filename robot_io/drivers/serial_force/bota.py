@@ -37,23 +37,40 @@ _TIMES: Final = 1 << 32
 
 
 def communication_setup(baud_rate: int) -> bytes:
-    """Calibrated values without temperature compensation, in binary frames at this baud rate."""
+    """Calibrated values without temperature compensation, in binary frames at this baud rate.
+
+    Args:
+        baud_rate: of the line [bit/s].
+    """
     return f"c,0,1,0,{BAUD_RATE_CODES[baud_rate]}".encode()
 
 
 def filter_setup(rate_hz: int) -> bytes:
-    """The filter for so many samples a second; chopping, the fast mode and the FIR filter are off."""
+    """The filter for so many samples a second; chopping, the fast mode and the FIR filter are off.
+
+    Args:
+        rate_hz: samples a second [Hz].
+    """
     return f"f,{_CONVERSIONS_HZ // rate_hz},0,0,1".encode()
 
 
 def code_of(command: bytes, received: bytes | bytearray) -> int | None:
-    """The code of the answer to a command in what was received, or None where there is none; 0 is done."""
+    """The code of the answer to a command in what was received, or None where there is none; 0 is done.
+
+    Args:
+        command: as it was sent.
+        received: all that has come since.
+    """
     found = re.search(rb"r,\d,%c,(\d)" % command[0], received)
     return int(found[1]) if found else None
 
 
 def crc16(data: bytes) -> int:
-    """The CRC-16 of X.25, least significant bit first."""
+    """The CRC-16 of X.25, least significant bit first.
+
+    Args:
+        data: bytes that it covers.
+    """
     crc = 0xFFFF
     for byte in data:
         crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
@@ -79,7 +96,17 @@ class Sample(NamedTuple):
 
 
 def decode_frame(frame: bytes) -> Sample:
-    """The sample in a frame. ProtocolError: another size or header, a wrong CRC, or a value is no number."""
+    """The sample in a frame.
+
+    Args:
+        frame: as it came, with header and CRC.
+
+    Returns:
+        The sample.
+
+    Raises:
+        ProtocolError: another size or header, a wrong CRC, or a value is no number.
+    """
     if len(frame) != FRAME_SIZE or frame[0] != _HEADER:
         raise ProtocolError(f"no frame: {frame[:40]!r}")
     if crc16(frame[1:-2]) != frame[-2] | frame[-1] << 8:

@@ -29,7 +29,15 @@ _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever o
 def compile_pattern(pattern: str) -> re.Pattern[str]:
     """A pattern that must match a whole line, with a group `value` and perhaps a group `unit`.
 
-    InputError: not a regular expression, without `value`, or with a repeated group, which can take for ever.
+    Args:
+        pattern: regular expression.
+
+    Returns:
+        The pattern.
+
+    Raises:
+        InputError: not a regular expression, without `value`, or with a repeated group, which can take for
+            ever.
     """
     if len(pattern) > MAX_PATTERN:
         raise InputError(f"pattern: longer than {MAX_PATTERN} characters")
@@ -48,6 +56,15 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
     """Readings from lines that match `pattern`, see `compile_pattern`; a value is multiplied with `scale`.
 
     Lines that name no unit are in `unit`; where that is None, they are rejected.
+
+    Args:
+        pattern: regular expression of a line.
+        unit: of lines that name none, or None.
+        scale: factor on a value.
+        largest_n: largest force that is a reading [N].
+
+    Returns:
+        The stream.
     """
     compiled = compile_pattern(pattern)
     stated = None if unit is None else newtons_per(unit)
@@ -110,7 +127,17 @@ _PINGS = 4
 
 
 def model_of(answer: str) -> str:
-    """Which interface answered MODEL. ProtocolError: an unknown one."""
+    """Which interface answered MODEL.
+
+    Args:
+        answer: to MODEL.
+
+    Returns:
+        The model.
+
+    Raises:
+        ProtocolError: an unknown one.
+    """
     for model in MODELS:
         if model in answer.upper():
             return model
@@ -118,20 +145,48 @@ def model_of(answer: str) -> str:
 
 
 def unit_of(answer: str) -> float:
-    """Newtons in one unit of the readings, from the answer to UNITS. ProtocolError: not a unit of force."""
+    """Newtons in one unit of the readings, from the answer to UNITS.
+
+    Args:
+        answer: to UNITS.
+
+    Returns:
+        Newtons in one unit.
+
+    Raises:
+        ProtocolError: not a unit of force.
+    """
     words = answer.split()
     return newtons_per(words[-1] if words else "")
 
 
 def number_of(text: str) -> float:
-    """A decimal number as the interface writes it. ProtocolError: it is not one."""
+    """A decimal number as the interface writes it.
+
+    Args:
+        text: decimal number.
+
+    Returns:
+        The number.
+
+    Raises:
+        ProtocolError: it is not one.
+    """
     if not _NUMBER.fullmatch(text.strip()):
         raise ProtocolError(f"not a number: '{text[:40]}'")
     return float(text)
 
 
 def loadstar_stream(newtons_per_unit: float, capacity_n: float) -> LineStream:
-    """Readings of the continuous mode; twice the capacity [N] is not accepted as a reading."""
+    """Readings of the continuous mode; twice the capacity [N] is not accepted as a reading.
+
+    Args:
+        newtons_per_unit: newtons in one unit of the readings.
+        capacity_n: of the load cell [N].
+
+    Returns:
+        The stream.
+    """
 
     def parse(line: str) -> tuple[str, float]:
         number_of(line)
@@ -211,7 +266,17 @@ _GAUGE_ANSWER_S, _TWICE = 0.3, 2
 
 
 def reading_of(line: str) -> tuple[str, str]:
-    """The number as it is written, and its unit. ProtocolError: it is no reading."""
+    """The number as it is written, and its unit.
+
+    Args:
+        line: as it came.
+
+    Returns:
+        Number and unit.
+
+    Raises:
+        ProtocolError: it is no reading.
+    """
     found = _READING.fullmatch(line)
     if found is None:
         raise ProtocolError(f"no reading: '{line[:40]}'")
@@ -254,7 +319,11 @@ class Mark10Stream(LineStream):
 
 
 def error_name(code: int) -> str:
-    """What an error code means."""
+    """What an error code means.
+
+    Args:
+        code: number after the star.
+    """
     return f"*{code} {ERRORS.get(code, 'unknown error')}"
 
 

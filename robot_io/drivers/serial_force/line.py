@@ -117,7 +117,11 @@ class SerialReader:
             self._thread = None
 
     def look(self, wait_s: float = 0.0) -> None:
-        """Take in what has arrived, after waiting for it at most `wait_s` [s]."""
+        """Take in what has arrived, after waiting for it at most `wait_s` [s].
+
+        Args:
+            wait_s: longest wait [s].
+        """
         if self.failure is not None or self._stop.is_set():
             return
         try:
@@ -232,10 +236,18 @@ class Port(Protocol):
         """Its file."""
 
     def read(self, size: int, /) -> bytes:
-        """What has come, at most `size` bytes or one datagram."""
+        """What has come, at most `size` bytes or one datagram.
+
+        Args:
+            size: most bytes.
+        """
 
     def write(self, data: bytes, /) -> object:
-        """Send."""
+        """Send.
+
+        Args:
+            data: bytes for the sensor.
+        """
 
 
 class ForceLine(Bus):
@@ -277,7 +289,14 @@ class ForceLine(Bus):
             self._port = None
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the sensor. DeviceError: the port failed."""
+        """Send bytes to the sensor.
+
+        Args:
+            data: bytes for the sensor.
+
+        Raises:
+            DeviceError: the port failed.
+        """
         try:
             self._opened().write(data)
         except OSError as error:
@@ -288,7 +307,18 @@ class ForceLine(Bus):
     ) -> Answer | None:
         """Send `question`, then hand what comes to `understand` until it returns an answer, or time is up.
 
-        Only before `listen`. DeviceError: the port failed.
+        Only before `listen`.
+
+        Args:
+            question: bytes for the sensor.
+            understand: makes an answer of all that has come, or None.
+            timeout_s: how long to wait [s].
+
+        Returns:
+            The answer, or None.
+
+        Raises:
+            DeviceError: the port failed.
         """
         self.write(question)
         end_s = self._clock.now_s() + timeout_s
@@ -363,7 +393,11 @@ class ForceLine(Bus):
         """See `Bus.flush`; nothing is sent to a sensor in a tick."""
 
     def reading(self, *, reversed_sign: bool) -> Reading:
-        """The newest sample; `reversed_sign`: the sensor counts tension as positive."""
+        """The newest sample; `reversed_sign`: the sensor counts tension as positive.
+
+        Args:
+            reversed_sign: whether the sensor counts tension as positive.
+        """
         if self.sample is None:
             return Reading(np.full(1, np.nan), -np.inf, Status.STALE)
         force_n, arrived_at_s, _ = self.sample

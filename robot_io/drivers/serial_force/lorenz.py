@@ -63,7 +63,11 @@ class SensorHeader:
 
 
 def checksums(content: bytes) -> tuple[int, int]:
-    """Checksum and weighted checksum over everything between STX and themselves."""
+    """Checksum and weighted checksum over everything between STX and themselves.
+
+    Args:
+        content: of a telegram, between STX and the checksums.
+    """
     plain = weighted = 0
     for byte in content:
         plain = (plain + byte) & 0xFF
@@ -73,7 +77,17 @@ def checksums(content: bytes) -> tuple[int, int]:
 
 
 def encode_telegram(telegram: Telegram) -> bytes:
-    """The bytes of a telegram. InputError: more than 255 parameters."""
+    """The bytes of a telegram.
+
+    Args:
+        telegram: to send.
+
+    Returns:
+        Its bytes, stuffed.
+
+    Raises:
+        InputError: more than 255 parameters.
+    """
     count = len(telegram.parameters)
     if count > 255:
         raise InputError(f"a telegram holds at most 255 parameters, not {count}")
@@ -97,7 +111,11 @@ class TelegramReader:
         self.rejected = 0
 
     def feed(self, data: bytes) -> list[Telegram]:
-        """Telegrams that are complete now, oldest first."""
+        """Telegrams that are complete now, oldest first.
+
+        Args:
+            data: bytes that have come.
+        """
         found = []
         for byte in data:
             if not self._take(byte):
@@ -126,7 +144,18 @@ class TelegramReader:
 
 
 def encode_start_stream(address: int, rate_hz: int) -> bytes:
-    """Ask for an endless stream of channel A. InputError: the sensor has no such rate."""
+    """Ask for an endless stream of channel A.
+
+    Args:
+        address: of the sensor.
+        rate_hz: samples a second [Hz].
+
+    Returns:
+        The bytes of the telegram.
+
+    Raises:
+        InputError: the sensor has no such rate.
+    """
     if rate_hz not in SAMPLE_RATE_CODES:
         raise InputError(f"rate_hz {rate_hz}: valid are {', '.join(map(str, SAMPLE_RATE_CODES))}")
     parameters = bytes((STREAM_MODE, SAMPLE_RATE_CODES[rate_hz], 0, 0, ord("A")))
@@ -136,7 +165,14 @@ def encode_start_stream(address: int, rate_hz: int) -> bytes:
 def decode_header_block(parameters: Sequence[int]) -> SensorHeader:
     """The block "rotor header" as READ_CONFIG answers it: its number, and the block with own checksums.
 
-    ProtocolError: wrong block, length or checksum.
+    Args:
+        parameters: of the answer to READ_CONFIG.
+
+    Returns:
+        The header.
+
+    Raises:
+        ProtocolError: wrong block, length or checksum.
     """
     if (
         len(parameters) != _BLOCK + 1

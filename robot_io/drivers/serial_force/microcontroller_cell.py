@@ -37,7 +37,17 @@ _RATE_ERROR = 0.1  # of the converters' own oscillators
 
 
 def checked(line: bytes) -> str:
-    """What a line says before its CRC. ProtocolError: the CRC is not that of the text, or missing."""
+    """What a line says before its CRC.
+
+    Args:
+        line: as it came.
+
+    Returns:
+        The text.
+
+    Raises:
+        ProtocolError: the CRC is not that of the text, or missing.
+    """
     text, star, digits = line.rpartition(b"*")
     if not star or digits != b"%04X" % crc_hqx(text, 0xFFFF):
         raise ProtocolError(f"damaged: {line[:40]!r}")
@@ -45,7 +55,17 @@ def checked(line: bytes) -> str:
 
 
 def sample_of(line: bytes) -> tuple[int, int]:
-    """Counter and counts of a line. ProtocolError: it is damaged, or no sample."""
+    """Counter and counts of a line.
+
+    Args:
+        line: as it came.
+
+    Returns:
+        Counter and counts.
+
+    Raises:
+        ProtocolError: it is damaged, or no sample.
+    """
     found = _SAMPLE.fullmatch(checked(line))
     if (
         found is None
@@ -57,7 +77,11 @@ def sample_of(line: bytes) -> tuple[int, int]:
 
 
 def fault_of(line: bytes) -> str:
-    """What a line says is wrong, such as "fault converter", or nothing."""
+    """What a line says is wrong, such as "fault converter", or nothing.
+
+    Args:
+        line: as it came.
+    """
     with suppress(ProtocolError):
         text = checked(line)
         return text if text.startswith("fault ") else ""

@@ -38,13 +38,21 @@ class OwnTime:
         self._window_end_s, self._delays_s = _WINDOW_S, deque[float](maxlen=_WINDOWS)
 
     def goes_on(self, by_s: float) -> None:
-        """The sensor's time of the newest reading is `by_s` after that of the one before [s]."""
+        """The sensor's time of the newest reading is `by_s` after that of the one before [s].
+
+        Args:
+            by_s: sensor's clock [s].
+        """
         self._now_s += by_s * self._rate
 
     def sampled_at_s(self, arrived_at_s: float, *, prompt: bool) -> float:
         """When the newest reading was sampled at the latest, on the host's clock [s].
 
         It arrived at `arrived_at_s`; `prompt` is whether it was just then, and not perhaps later.
+
+        Args:
+            arrived_at_s: host's clock [s].
+            prompt: whether it arrived just then.
         """
         if arrived_at_s - self._arrived_s > self._longest_gap_s:
             self.restart()
@@ -102,7 +110,11 @@ class Poll:
         self._deaf_until_s = -float("inf")
 
     def to_send(self, now_s: float) -> bytes:
-        """What to send now [s], which may be nothing."""
+        """What to send now [s], which may be nothing.
+
+        Args:
+            now_s: robot's clock [s].
+        """
         if now_s < self._deaf_until_s:
             return b""
         if self._asked_s is None:
@@ -121,7 +133,11 @@ class Poll:
         self._awaits_marker = False
 
     def answered(self, arrived_s: float) -> float | None:
-        """When what arrived at `arrived_s` [s] was asked for [s]; None if it was not, or nobody knows."""
+        """When what arrived at `arrived_s` [s] was asked for [s]; None if it was not, or nobody knows.
+
+        Args:
+            arrived_s: robot's clock [s].
+        """
         if self._awaits_marker:
             return None
         asked_s, self._asked_s = self._asked_s, None
@@ -149,7 +165,17 @@ NEWTONS = {
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one `unit`; case does not matter, except that MN is not mN. ProtocolError: unknown unit."""
+    """Newtons in one `unit`; case does not matter, except that MN is not mN.
+
+    Args:
+        unit: such as "lbF".
+
+    Returns:
+        Newtons.
+
+    Raises:
+        ProtocolError: unknown unit.
+    """
     text = unit.strip()
     factor = None if text.startswith("M") and text[1:] in ("N", "n") else NEWTONS.get(text.lower())
     if factor is None:
@@ -158,7 +184,17 @@ def newtons_per(unit: str) -> float:
 
 
 def known_unit(unit: str | None) -> str | None:
-    """A unit from a robot file, for pydantic. ValueError: it is unknown."""
+    """A unit from a robot file, for pydantic.
+
+    Args:
+        unit: as the robot file says, or None.
+
+    Returns:
+        The same.
+
+    Raises:
+        ValueError: it is unknown.
+    """
     if unit is not None:
         try:
             newtons_per(unit)
@@ -168,7 +204,17 @@ def known_unit(unit: str | None) -> str | None:
 
 
 def text_of(line: bytes) -> str:
-    """A line as text, stripped. ProtocolError: it holds something that is not printable ASCII."""
+    """A line as text, stripped.
+
+    Args:
+        line: as it came.
+
+    Returns:
+        The text.
+
+    Raises:
+        ProtocolError: it holds something that is not printable ASCII.
+    """
     if not all(32 <= byte < 127 or byte == 9 for byte in line):
         raise ProtocolError(f"not a line of text: {line[:40]!r}")
     return line.decode("ascii").strip()
@@ -184,7 +230,11 @@ class ReadingStream(Protocol):
         """How much was not a sample."""
 
     def feed(self, data: bytes) -> list[float]:
-        """Samples that are complete now, oldest first [N], in the sensor's own sign."""
+        """Samples that are complete now, oldest first [N], in the sensor's own sign.
+
+        Args:
+            data: bytes that have come.
+        """
 
 
 class LineSplitter:
@@ -200,7 +250,11 @@ class LineSplitter:
         self.dropped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Lines that are complete now, without their ends."""
+        """Lines that are complete now, without their ends.
+
+        Args:
+            data: bytes that have come.
+        """
         *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if lines and self._skipping:
             lines, self._skipping = lines[1:], False
