@@ -232,7 +232,8 @@ def test_joints_say_that_the_force_sensor_is_off_whose_reading_lags(tmp_path):
     (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
     path = tmp_path / "lag.mcap"
     run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, "--seed", 2, "--online", "none")
+    study = Study(path, keep=False)
     for joint in ("joint_1", "joint_2"):
-        (found,) = Study(path, keep=False).diagnose(joint).channels
+        (found,) = study.diagnose(joint).channels
         assert [one.effect for one in found.accepted] == ["force_sensor_error"]
         assert found.complete

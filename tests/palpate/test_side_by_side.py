@@ -1,6 +1,7 @@
 """`palpate compare A B`: two measurements, or two models of one, side by side."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,9 +32,14 @@ def again(tmp_path_factory):
     return write_presses(tmp_path_factory.mktemp("again") / "again.csv", force_of=law(400.0), seed=3)
 
 
-def sides(one, other, **models):
-    studies = Study(one, models.get("first"), keep=False), Study(other, models.get("second"), keep=False)
-    return side_by_side(*studies, ("a", "b"))[0]
+@cache
+def study_of(path, model):
+    """A study and its fits, of a file that several tests look at."""
+    return Study(path, model, keep=False)
+
+
+def sides(one, other, first=None, second=None):
+    return side_by_side(study_of(one, first), study_of(other, second), ("a", "b"))[0]
 
 
 def test_the_parameter_that_differs_is_found_with_its_interval(soft, stiff):
