@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,14 +18,14 @@ from estimation.fit.intervals import SIGMAS_95
 from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
 from estimation.signals.blocks import block_index, blocks, time_in_run
-from estimation.study import ChannelResult, ModelStudy, Stage
+from estimation.study import ChannelResult, ModelStudy
 from estimation.study.patterns import Part
 from palpate.common import console
 from palpate.common.console import count
 from palpate.common.files import whole_set
 from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
 from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
-from robot_io.types import BoolArray, FloatArray, IntArray
+from robot_io.types import BoolArray, FloatArray
 
 _MILLI = 1e3
 _GAP = 0.05  # of the mean run, left between two runs on the time axis
@@ -66,6 +66,14 @@ def channel_view(
     scale = 1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI
     if judged is None:
         judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
+    fall = [(stage.label, stage.rmse) for stage in stages]
+    parameters = stages[-1].parameters if stages else ()
+    if not stages and diagnosis is not None and diagnosis.baseline is not None:
+        steps = ((f"+ {entry.effect}", entry.rmse_after) for entry in diagnosis.accepted)
+        fall = [("base model", diagnosis.baseline.rmse), *steps]
+    if not stages and diagnosis is not None and diagnosis.final is not None:
+        values = diagnosis.final.parameters.items()
+        parameters = tuple(parameter_view(name, value) for name, value in values)
     view = ChannelView(
         name=data.name,
         axes=axes_of(data.kind),
@@ -78,18 +86,26 @@ def channel_view(
         judged=judged,
         speeds=run_speeds(data),
         stages=tuple(stages),
-        fall=_fall(stages, diagnosis),
-        parameters=_parameters(stages, diagnosis),
-        floor=noise.value if noise else 0.0,
-        noise=noise.describe(data.kind.effort_unit) if noise else "",
+        fall=tuple(fall),
+        parameters=parameters,
+        noise_level=noise.value if noise else 0.0,
+        noise_text=noise.describe(data.kind.effort_unit) if noise else "",
         verdict=VerdictView("", ""),
         parts=parts or {},
     )
     verdict = _verdict(view, words, diagnosis)
-    left_out = [not_judged] if not_judged else _left_out(judged)
-    verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *left_out))
+    share = 100.0 * (1.0 - float(np.mean(judged))) if len(judged) else 0.0
+    if not not_judged and share >= 0.05:
+        not_judged = f"{share:.2g} % of the samples are not judged; the report shades them."
+    verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *filter(None, [not_judged])))
     view = replace(view, verdict=verdict)
-    return view if diagnosis is None else _with_evidence(view, diagnosis)
+    if diagnosis is None:
+        return view
+    view = replace(view, budget=budget_view(diagnosis), accepted=tuple(diagnosis.accepted))
+    if diagnosis.verdict is Verdict.ADEQUATE:
+        return view
+    ranking = tuple(entry for entry in diagnosis.ranking if entry.score > 0.0)
+    return replace(view, ranking=ranking, next_experiment=diagnosis.next_experiment)
 
 
 def stage_view(
@@ -104,7 +120,19 @@ def stage_view(
     number: int | None = None,
     unphysical: Sequence[str] = (),
 ) -> StageView:
-    """One stage of a model from its fit; see `StageView`. A base model's name is its label."""
+    """One stage of a model from its fit; see `StageView`. A base model's name is its label.
+
+    Args:
+        model: base model with the effects of the stage.
+        parameters: by "effect.parameter".
+        predicted: effort (n,).
+        residual: measured less predicted in held-out runs (n,).
+        rmse: held-out error, in the effort's unit.
+        label: what the stage adds.
+        name: of the whole model.
+        number: of the revision; None where it is not kept.
+        unphysical: parameters outside what is physical, in words.
+    """
     return StageView(
         number=number,
         label=label,
@@ -120,7 +148,12 @@ def stage_view(
 
 
 def parameter_view(name: str, found: Found) -> ParameterView:
-    """One parameter from its "effect.parameter" name."""
+    """One parameter from its "effect.parameter" name.
+
+    Args:
+        name: "effect.parameter".
+        found: value and uncertainty.
+    """
     effect, _, parameter = name.rpartition(".")
     error = SIGMAS_95 * (found.std_err if found.std_err is not None else float("nan"))
     lower, upper = getattr(found, "interval", (found.value - error, found.value + error))
@@ -139,7 +172,11 @@ def axes_of(kind: ChannelKind) -> Axes:
 
 
 def one_after_the_other(data: ChannelData) -> FloatArray:
-    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s]."""
+    """Time of each sample (n,) on one axis, with the runs behind each other: each may begin at zero [s].
+
+    Args:
+        data: the channel, n samples.
+    """
     own_s, (first, run) = time_in_run(data.time_s, data.run), block_index(data.run)
     lengths_s = np.maximum.reduceat(own_s, first)
     steps_s = lengths_s + (_GAP * np.mean(lengths_s) if len(first) else 0.0)
@@ -147,14 +184,27 @@ def one_after_the_other(data: ChannelData) -> FloatArray:
 
 
 def run_speeds(data: ChannelData) -> dict[int, str]:
-    """Words for the speed of each run, the slowest first; empty where all runs have the same."""
+    """Words for the speed of each run, the slowest first; empty where all runs have the same.
+
+    Args:
+        data: the channel, n samples.
+
+    Returns:
+        Words by run number.
+    """
     if data.kind is not ChannelKind.CONTACT:
         return {}
-    speeds = {
-        int(data.run[rows.start]): _MILLI * _approach_speed(data.velocity[rows], data.phase[rows])
-        for rows in blocks(data.run)
-        if data.run[rows.start] >= 0
-    }
+    speeds = dict[int, float]()
+    for rows in blocks(data.run):
+        # inward speed before the touch [mm/s], or the quick part of it where that hardly shows
+        velocity = data.velocity[rows]
+        approaching, inward = velocity[data.phase[rows] == Phase.APPROACH], velocity[velocity > 0.0]
+        if data.run[rows.start] >= 0:
+            quick = float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
+            is_shown = len(approaching) > _SHOWS * len(inward)
+            speeds[int(data.run[rows.start])] = _MILLI * (
+                float(np.median(approaching)) if is_shown else quick
+            )
     groups = list[list[tuple[int, float]]]()
     for run, speed in sorted(speeds.items(), key=lambda pair: pair[1]):
         if not groups or speed > _SAME_SPEED * groups[-1][0][1]:
@@ -166,16 +216,12 @@ def run_speeds(data: ChannelData) -> dict[int, str]:
     return {} if alike else {run: word for word, group in zip(words, groups, strict=True) for run, _ in group}
 
 
-def _approach_speed(velocity: FloatArray, phase: IntArray) -> float:
-    """Inward speed of a run before the touch, or the quick part of it where that hardly shows [m/s]."""
-    approaching, inward = velocity[phase == Phase.APPROACH], velocity[velocity > 0.0]
-    if len(approaching) > _SHOWS * len(inward):
-        return float(np.median(approaching))
-    return float(np.quantile(inward, _QUICK)) if len(inward) else 0.0
-
-
 def equation_of(model: Model) -> str:
-    """The whole model: what adds up, on which motion, seen through which sensor; one line each."""
+    """The whole model: what adds up, on which motion, seen through which sensor; one line each.
+
+    Args:
+        model: with its effects.
+    """
     terms = [effect for effect in model.effects if isinstance(effect, AdditiveEffect)]
     sides = [effect.equation.partition("=") for effect in terms]
     parts = [_TERM.split(right.strip(), maxsplit=1) for _, _, right in sides]
@@ -194,15 +240,15 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
         return VerdictView("", f"{view.name}: nothing was fitted.")
     labels, errors = [stage.label for stage in view.stages], [stage.rmse for stage in view.stages]
     unit, changes = view.axes.effort_unit, [label.removeprefix("+ ") for label in labels[1:]]
-    fall = (falling(view.name, errors, changes, view.floor, unit),) if changes else ()
+    fall = (falling(view.name, errors, changes, view.noise_level, unit),) if changes else ()
     wrong = impossible(view.stages[-1].unphysical) if view.stages else ()
     if diagnosis is None:
         verdict = compared(
             view.name,
             " ".join(labels),
             f"{errors[-1]:.3g} {unit}",
-            view.times_floor(errors[-1]),
-            view.noise,
+            view.times_noise(errors[-1]),
+            view.noise_text,
             possible=not wrong,
         )
         return replace(verdict, remarks=(*wrong, *fall, *(words if verdict.word == "misses" else ())))
@@ -210,38 +256,6 @@ def _verdict(view: ChannelView, words: Sequence[str], diagnosis: ChannelDiagnosi
     as_found = changes == [entry.effect for entry in diagnosis.accepted]
     since = tuple(f"Added since: {sentence}" for sentence in fall if not as_found)
     return replace(verdict, remarks=(*wrong, *since, *verdict.remarks))
-
-
-def _fall(stages: Sequence[StageView], diagnosis: ChannelDiagnosis | None) -> tuple[tuple[str, float], ...]:
-    """Label and error of each stage; as the diagnosis has them, where no stages were worked out."""
-    if stages or diagnosis is None or diagnosis.baseline is None:
-        return tuple((stage.label, stage.rmse) for stage in stages)
-    steps = ((f"+ {entry.effect}", entry.rmse_after) for entry in diagnosis.accepted)
-    return (("base model", diagnosis.baseline.rmse), *steps)
-
-
-def _parameters(stages: Sequence[StageView], diagnosis: ChannelDiagnosis | None) -> tuple[ParameterView, ...]:
-    if stages or diagnosis is None or diagnosis.final is None:
-        return stages[-1].parameters if stages else ()
-    return tuple(parameter_view(name, value) for name, value in diagnosis.final.parameters.items())
-
-
-def _left_out(judged: BoolArray) -> Iterator[str]:
-    share = 100.0 * (1.0 - float(np.mean(judged))) if len(judged) else 0.0
-    if share >= 0.05:
-        yield f"{share:.2g} % of the samples are not judged; the report shades them."
-
-
-def _with_evidence(view: ChannelView, diagnosis: ChannelDiagnosis) -> ChannelView:
-    view = replace(view, budget=budget_view(diagnosis))
-    if diagnosis.verdict is Verdict.ADEQUATE:
-        return replace(view, accepted=tuple(diagnosis.accepted))
-    return replace(
-        view,
-        accepted=tuple(diagnosis.accepted),
-        ranking=tuple(one for one in diagnosis.ranking if one.score > 0.0),
-        next_experiment=diagnosis.next_experiment,
-    )
 
 
 def view_of(
@@ -256,20 +270,51 @@ def view_of(
     """
     shown = study.results() if results is None else results
     source = study.source
-    warnings = (f"{name}: {one}" for name, several in study.warnings.items() for one in several)
+    warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
     notes = (*([f"read: {source.read}"] if source.read else []), *source.notes, *warnings)
-    return StudyView(
-        source.name, tuple(map(result_view, shown)), _facts(study, shown), tuple(commands), notes
-    )
+    channels = [result.channel for result in shown]
+    facts = {
+        "channels": ", ".join(channel.name for channel in channels),
+        "data": f"{count(len(channels[0].data.runs), 'run')}, {count(len(channels[0].data), 'sample')}",
+        "base model": ", ".join(dict.fromkeys(channel.model.name for channel in channels)),
+        "SHA-256": ", ".join(f"{channel.name} {channel.sha256[:12]}" for channel in channels),
+    }
+    if source.session is not None:
+        metadata = source.session.metadata
+        facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
+    facts = {name: value for name, value in facts.items() if value}
+    return StudyView(source.name, tuple(map(result_view, shown)), facts, tuple(commands), notes)
 
 
 def result_view(result: ChannelResult) -> ChannelView:
-    """All that is known of one channel."""
+    """All that is known of one channel.
+
+    Args:
+        result: fits, comparison and diagnosis of the channel.
+    """
     compared, diagnosis = result.shown, result.diagnosis
     is_said = diagnosis is not None and diagnosis.reason in result.reason
+    stages, name = list[StageView](), ""
+    for stage in result.stages:
+        fitted = stage.fitted
+        label = f"+ {stage.added}" if stage.added else fitted.model.name
+        name = f"{name} {label}" if stage.added and name else f"{fitted.model.name}"
+        stages.append(
+            stage_view(
+                fitted.model,
+                fitted.parameters,
+                fitted.predicted,
+                fitted.residual,
+                rmse=fitted.rmse,
+                label=label,
+                name=name,
+                number=stage.number,
+                unphysical=fitted.unphysical,
+            )
+        )
     return channel_view(
         result.channel.data,
-        [_stage(stage, result.stages[: place + 1]) for place, stage in enumerate(result.stages)],
+        stages,
         result.noise,
         parts=compared.parts if compared is not None else None,
         words=compared.words[1:] if compared is not None else (),
@@ -277,37 +322,6 @@ def result_view(result: ChannelResult) -> ChannelView:
         not_judged=compared.not_judged if compared is not None else "",
         notes=(result.reason,) if result.reason and not is_said else (),
     )
-
-
-def _stage(stage: Stage, so_far: Sequence[Stage]) -> StageView:
-    one = stage.fitted
-    label = f"+ {stage.added}" if stage.added else one.model.name
-    name = " + ".join([one.model.name, *(before.added for before in so_far if before.added)])
-    return stage_view(
-        one.model,
-        one.parameters,
-        one.predicted,
-        one.residual,
-        rmse=one.rmse,
-        label=label,
-        name=name,
-        number=stage.number,
-        unphysical=one.unphysical,
-    )
-
-
-def _facts(study: ModelStudy, results: Sequence[ChannelResult]) -> dict[str, str]:
-    channels = [result.channel for result in results]
-    facts = {
-        "channels": ", ".join(channel.name for channel in channels),
-        "data": f"{count(len(channels[0].data.runs), 'run')}, {count(len(channels[0].data), 'sample')}",
-        "base model": ", ".join(dict.fromkeys(channel.model.name for channel in channels)),
-        "SHA-256": ", ".join(f"{channel.name} {channel.sha256[:12]}" for channel in channels),
-    }
-    if study.source.session is not None:
-        metadata = study.source.session.metadata
-        facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
-    return {name: value for name, value in facts.items() if value}
 
 
 REPORT = "report.html"
@@ -319,7 +333,11 @@ _HEAD, _MARK = 200, b'<meta name="generator" content="palpate '  # of every page
 
 
 def is_own_page(path: Path) -> bool:
-    """Whether a file is a page that palpate made."""
+    """Whether a file is a page that palpate made.
+
+    Args:
+        path: of the file; it need not exist.
+    """
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -364,5 +382,9 @@ def write_outcome(
 
 
 def as_json(data: Mapping[str, object]) -> str:
-    """Plain data as the text of a file."""
+    """Plain data as the text of a file.
+
+    Args:
+        data: numbers, texts, lists and dicts; arrays are written as lists.
+    """
     return json.dumps(console.plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

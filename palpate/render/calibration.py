@@ -26,7 +26,13 @@ _BRANCHES = (
 
 
 def print_calibration(console: Console, calibration: Calibration, remarks: Sequence[str]) -> None:
-    """Values that are applied, and what else was found."""
+    """Values that are applied, and what else was found.
+
+    Args:
+        console: prints it.
+        calibration: values and findings.
+        remarks: further sentences.
+    """
     title = f"Calibration of {calibration.kind}, robot {safe(calibration.robot)}"
     made = table(title, "what", "value", "± (1 std)", "unit", "", right=("value", "± (1 std)"))
     values = getattr(calibration, "values")  # noqa: B009, each kind has its own
@@ -63,7 +69,12 @@ def figure_page(figure: go.Figure) -> str:
 
 
 def force_figure(fit: ForceFit, reading_unit: str) -> go.Figure:
-    """Characteristic of a force sensor, and the residuals of the calibrated one."""
+    """Characteristic of a force sensor, and the residuals of the calibrated one.
+
+    Args:
+        fit: of the force sensor.
+        reading_unit: of the raw reading.
+    """
     made = make_subplots(1, 2, column_widths=[0.43, 0.57])
     plateaus = fit.plateaus
     for direction, label, symbol in _BRANCHES:

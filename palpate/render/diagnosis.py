@@ -1,11 +1,11 @@
 """A diagnosis in sentences, and its error budget with an SVG picture; the same in every medium."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from html import escape
+from math import nan
 
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.diagnosis.forms import Form
-from estimation.diagnosis.result import Accepted
 from estimation.effects import EFFECTS
 from estimation.kinds import Kind
 from estimation.physical import UNPHYSICAL
@@ -16,14 +16,22 @@ _NO_FALL = 0.98  # of the error before: less is no fall
 
 
 def enumerated(names: Sequence[str], last: str = "and") -> str:
-    """Names with commas, and a word before the last."""
+    """Names with commas, and a word before the last.
+
+    Args:
+        names: in order.
+        last: word before the last name.
+    """
     return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def diagnosed(diagnosis: ChannelDiagnosis) -> VerdictView:
     """The verdict of a diagnosis."""
     names = tuple(entry.effect for entry in diagnosis.accepted)
-    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), tuple(_remarks(diagnosis)), names)
+    has_reason = diagnosis.complete and "; " in diagnosis.reason
+    is_explained = diagnosis.verdict is not Verdict.UNEXPLAINED
+    remarks = () if is_explained and not has_reason else (f"Why: {_ended(diagnosis.reason)}",)
+    return VerdictView(str(diagnosis.verdict), _sentence(diagnosis), remarks, names)
 
 
 def _sentence(diagnosis: ChannelDiagnosis) -> str:
@@ -41,19 +49,16 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
             f"{diagnosis.channel}: something is missing that no known effect explains; it depends on "
             f"{enumerated(diagnosis.depends_on) or 'no single signal'}. {_error(diagnosis)}"
         )
-    names = enumerated([_with_rivals(entry) for entry in diagnosis.accepted])
+    names = []
+    for entry in diagnosis.accepted:  # with its approximate form, and rivals; one may replace two effects
+        parts = {name: EFFECTS[name].parts if name in EFFECTS else () for name in entry.confused_with}
+        rivals = [f"{name} for both" if entry.effect in parts[name] else name for name in parts]
+        remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
+        remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
+        names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    return (
-        f"{diagnosis.channel}: {names} {verb} missing from the model. {_error(diagnosis)}{_rest(diagnosis)}"
-    )
-
-
-def _with_rivals(entry: Accepted) -> str:
-    """An effect with what is to be known of its name: an approximate form, and rivals."""
-    rivals = [_in_its_place(name, entry.effect) for name in entry.confused_with]
-    remarks = ["approximate"] if entry.form is Form.APPROXIMATE else []
-    remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
-    return f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect
+    missing = f"{diagnosis.channel}: {enumerated(names)} {verb} missing from the model."
+    return f"{missing} {_error(diagnosis)}{_rest(diagnosis)}"
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
@@ -62,37 +67,25 @@ def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
     return [f"{entry.kind.word} ({percent(entry.share)})" for entry in unknown]
 
 
-def _in_its_place(rival: str, effect: str) -> str:
-    """A rival, and what it would replace beside the effect if that is only a part of it."""
-    parts = EFFECTS[rival].parts if rival in EFFECTS else ()
-    return f"{rival} for both" if effect in parts else rival
-
-
 def _error(diagnosis: ChannelDiagnosis) -> str:
     unit, before, after = diagnosis.effort_unit, diagnosis.baseline, diagnosis.final
     if before is None or after is None:
         return ""
-    floor = _noise(diagnosis)
+    noise = ""
+    if diagnosis.noise_floor is not None and diagnosis.floor is not None:
+        size, source = f"{diagnosis.noise_floor:.3g} {unit}", diagnosis.floor.source.value
+        noise = (
+            f" (noise at most {size}, by {source})"
+            if diagnosis.floor.at_most
+            else f" (noise {size}, from {source})"
+        )
     if not diagnosis.accepted:
-        return f"The error in held-out runs is {after.rmse:.3g} {unit}{floor}."
+        return f"The error in held-out runs is {after.rmse:.3g} {unit}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"
     if after.rmse > _NO_FALL * before.rmse:
-        return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{floor}."
+        return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{noise}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
-    return f"With {added}, the error in held-out runs falls {fall}{floor}."
-
-
-def _noise(diagnosis: ChannelDiagnosis) -> str:
-    """The noise with its source, in parentheses; nothing where it is not known."""
-    if diagnosis.noise_floor is None or diagnosis.floor is None:
-        return ""
-    size = f"{diagnosis.noise_floor:.3g} {diagnosis.effort_unit}"
-    source = diagnosis.floor.source.value
-    return (
-        f" (noise at most {size}, by {source})"
-        if diagnosis.floor.at_most
-        else f" (noise {size}, from {source})"
-    )
+    return f"With {added}, the error in held-out runs falls {fall}{noise}."
 
 
 def _rest(diagnosis: ChannelDiagnosis) -> str:
@@ -108,11 +101,6 @@ def _rest(diagnosis: ChannelDiagnosis) -> str:
     return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
 
 
-def _remarks(diagnosis: ChannelDiagnosis) -> Iterator[str]:
-    if diagnosis.verdict is Verdict.UNEXPLAINED or (diagnosis.complete and "; " in diagnosis.reason):
-        yield f"Why: {_ended(diagnosis.reason)}"
-
-
 def _ended(reason: str) -> str:
     """A reason as a sentence, with one mark at its end: some end with a question."""
     return reason if reason.endswith(("?", ".")) else f"{reason}."
@@ -124,6 +112,14 @@ def compared(
     """Whether a model fits, by its error in held-out runs beside the noise.
 
     One whose parameters are not `possible` fits nothing, however small its error.
+
+    Args:
+        channel: its name.
+        model: its name.
+        error: held-out error with its unit, in words.
+        times: error over noise.
+        noise: with its unit, in words.
+        possible: whether all parameters are physical.
     """
     word = "fits" if times < NOISE and possible else "misses"
     errors = f"{error} in held-out runs, noise {noise}"
@@ -132,25 +128,29 @@ def compared(
 
 
 def impossible(unphysical: Sequence[str]) -> tuple[str, ...]:
-    """That parameters, each in words, make no physical sense: one sentence, or none."""
+    """That parameters, each in words, make no physical sense: one sentence, or none.
+
+    Args:
+        unphysical: parameters outside what is physical, in words.
+    """
     return (f"But {enumerated(unphysical)}: {UNPHYSICAL}.",) if unphysical else ()
 
 
-def falling(channel: str, errors: Sequence[float], added: Sequence[str], floor: float, unit: str) -> str:
+def falling(channel: str, errors: Sequence[float], added: Sequence[str], noise: float, unit: str) -> str:
     """What added effects did to the error, in one or two sentences.
 
     Args:
         channel: its name.
         errors: of each stage, the base model's first.
         added: effects, one fewer.
-        floor: error that a complete model would leave.
+        noise: error that a complete model would leave.
         unit: of the errors.
     """
     first, last = errors[0], errors[-1]
     whole = f"{channel} with {enumerated(added)}: the error in held-out runs"
     if last > _NO_FALL * first:
         return f"{whole} does not fall: from {first:.3g} to {last:.3g} {unit}."
-    times = last / floor if floor > 0.0 else float("inf")
+    times = last / noise if noise > 0.0 else float("inf")
     ends = "down to the noise" if times < NOISE else f"to {times:.1f} times the noise"
     falls = f"{whole} falls from {first:.3g} to {last:.3g} {unit}, {ends}."
     before = errors[-2]
@@ -180,30 +180,26 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
         )
         for entry in diagnosis.budget
     ]
+    confusions, pairs = list[str](), set[frozenset[Kind]]()
+    for entry in diagnosis.budget:  # kinds that cannot be told apart, each pair once
+        if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
+            pairs.add(pair)
+            others = " or ".join(kind.word for kind in entry.replaceable_by)
+            confusions.append(
+                f"This data cannot tell {entry.kind.word} from {others}. To separate "
+                f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
+            )
     is_bound = diagnosis.floor is None or diagnosis.floor.at_most
     at_most, at_least = ("at most", "at least") if is_bound else ("", "")
-    parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.FLOOR, at_most)]
+    parts = [*kinds, BudgetPart("noise", diagnosis.rest.noise, palette.NOISE, at_most)]
     if diagnosis.rest.unexplained >= _SHOWN:
         parts.append(BudgetPart("unexplained", diagnosis.rest.unexplained, palette.UNEXPLAINED, at_least))
     error = f"{diagnosis.baseline.rmse:.3g} {diagnosis.effort_unit}"
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     return BudgetView(
-        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(_confusions(diagnosis))
+        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(confusions)
     )
-
-
-def _confusions(diagnosis: ChannelDiagnosis) -> Iterator[str]:
-    """Kinds that cannot be told apart, each pair once."""
-    pairs: set[frozenset[Kind]] = set()
-    for entry in diagnosis.budget:
-        if entry.replaceable_by and (pair := frozenset({entry.kind, *entry.replaceable_by})) not in pairs:
-            pairs.add(pair)
-            others = " or ".join(kind.word for kind in entry.replaceable_by)
-            yield (
-                f"This data cannot tell {entry.kind.word} from {others}. To separate "
-                f"{entry.kind.word} from {entry.replaceable_by[0].word}: {entry.experiment}."
-            )
 
 
 _FONT = "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif"
@@ -252,7 +248,9 @@ def _stack(parts: tuple[BudgetPart, ...], width: int) -> list[str]:
     drawn, left = list[str](), 0.0
     for part in parts:
         share = max(part.share, 0.0) / total
-        words = escape(f"{part.word} {part.share_text}{_interval(part)}")
+        low, high = part.interval or (nan, nan)
+        interval = f" (95 % interval {100 * low:.0f} to {100 * high:.0f} %)" if part.interval else ""
+        words = escape(f"{part.word} {part.share_text}{interval}")
         drawn.append(
             f'<rect x="{left:.1f}" y="0" width="{share * width:.1f}" height="{_BAR}" fill="{part.color}">'
             f"<title>{words}</title></rect>"
@@ -296,12 +294,6 @@ def _row(  # noqa: PLR0917, where it is drawn
     title = f"<title>{escape(words)}</title>" if cut != words else ""
     drawn.append(_text(x, base + _SECOND * is_narrow, cut, ink, size=12, opacity=0.75, title=title))
     return drawn
-
-
-def _interval(part: BudgetPart) -> str:
-    if part.interval is None:
-        return ""
-    return f" (95 % interval {100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %)"
 
 
 def _text(  # noqa: PLR0917, what a text is drawn from

@@ -43,6 +43,10 @@ class Example:
         """The effect on two plain presses or swings; None where that shows nothing of it.
 
         Beside a spring and damper, or a mass with viscous friction; if it is one of these, beside the other.
+
+        Args:
+            effect: that is shown.
+            kind: of the channel.
         """
         data, model, values = plain(kind)
         if not effect.applies_to(data):
@@ -55,7 +59,12 @@ class Example:
 
     @classmethod
     def beside(cls, fitted: FitResult, effect: Effect) -> "Example":
-        """The effect added to a fitted model, on a few runs of its motion."""
+        """The effect added to a fitted model, on a few runs of its motion.
+
+        Args:
+            fitted: the base model's fit.
+            effect: that is added.
+        """
         there = fitted.data.runs
         few = there[np.unique(np.linspace(0, len(there) - 1, _RUNS).astype(int))]
         moved = fitted.data.of_runs(few)
@@ -69,7 +78,11 @@ class Example:
 
 
 def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
-    """A plain motion, two presses or swings, a plain model of it, and that model's parameters."""
+    """A plain motion, two presses or swings, a plain model of it, and that model's parameters.
+
+    Args:
+        kind: of the channel.
+    """
     t = np.arange(0.0, _PLAIN_S, _TIME_S)
     rate = 4.0 * np.pi / _PLAIN_S
     x, v, a = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
@@ -87,10 +100,22 @@ def plain(kind: ChannelKind) -> tuple[ChannelData, Model, dict[str, float]]:
 
 
 def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Effect) -> dict[str, float]:
-    """Parameters of a model with one effect more, of a size that is well seen beside the data's effort."""
+    """Parameters of a model with one effect more, of a size that is well seen beside the data's effort.
+
+    Args:
+        data: the motion and its effort without the effect.
+        model: without the effect.
+        base: its parameters by "effect.parameter".
+        effect: that is added.
+
+    Returns:
+        All parameters by "effect.parameter".
+    """
     starts = effect.starts(data)
     tried = [starts[len(starts) // 2]] if effect.gains else starts[:: -(-len(starts) // _TRIED)]
-    of_start = [{**base, **{f"{effect.name}.{name}": value for name, value in one.items()}} for one in tried]
+    of_start = [
+        {**base, **{f"{effect.name}.{name}": value for name, value in start.items()}} for start in tried
+    ]
     wanted = _SHARE * _rms(data.effort)
     if not effect.gains:
         with_effect = model.with_effect(effect)
@@ -122,34 +147,36 @@ def drawing(first: Curve, second: Curve, width: int, height: int) -> list[Text]:
         width: in characters.
         height: in lines.
     """
-    frame = [_span(np.concatenate([first[axis], second[axis]])) for axis in (0, 1)]
+    frame = []
+    for axis in (0, 1):
+        values = np.concatenate([first[axis], second[axis]])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        frame.append((low, high if high > low else low + 1.0))
     behind = _raster(first, frame, width, height).reshape(height, 4, width, 2).max(axis=(1, 3))
     dots = _raster(second, frame, width, height).reshape(height, 4, width, 2)
     codes = np.einsum("hdwc,dc->hw", dots.astype(np.int64), _DOTS)
-    return [_line(row, under, first[2], second[2]) for row, under in zip(codes, behind, strict=True)]
+    lines = []
+    for row, under in zip(codes.tolist(), behind.tolist(), strict=True):
+        cells = [
+            (chr(_BLANK + code), second[2]) if code else ("·" if dot else " ", first[2])
+            for code, dot in zip(row, under, strict=True)
+        ]
+        lines.append(Text.assemble(*cells))
+    return lines
 
 
 def beside(titles: Sequence[str], drawings: Sequence[Sequence[Text]], gap: int = 3) -> Iterator[Text]:
-    """Drawings of the same height beside each other, each below its title."""
+    """Drawings of the same height beside each other, each below its title.
+
+    Args:
+        titles: of each drawing.
+        drawings: lines of each.
+        gap: between two drawings [characters].
+    """
     width = max(len(line) for lines in drawings for line in lines)
     yield Text((" " * gap).join(title.ljust(width) for title in titles), style="dim")
     for lines in zip(*drawings, strict=True):
         yield Text(" " * gap).join(lines)
-
-
-def _line(codes: np.ndarray, behind: BoolArray, color_behind: str, color: str) -> Text:
-    line = Text()
-    for code, under in zip(codes.tolist(), behind.tolist(), strict=True):
-        if code:
-            line.append(chr(_BLANK + code), style=color)
-        else:
-            line.append("·" if under else " ", style=color_behind)
-    return line
-
-
-def _span(values: FloatArray) -> tuple[float, float]:
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return low, high if high > low else low + 1.0
 
 
 def _raster(curve: Curve, frame: Sequence[tuple[float, float]], width: int, height: int) -> BoolArray:
@@ -174,12 +201,12 @@ _ROUNDING = 1e-9  # share of a range, below which a number is zero
 def library() -> tuple[Effect, ...]:
     """All effects, group by group."""
     every = [effect() for effect in EFFECTS.values()]
-    return tuple(sorted(every, key=lambda one: (GROUPS.index(group_of(one)), one.name)))
+    return tuple(sorted(every, key=lambda effect: (GROUPS.index(group_of(effect)), effect.name)))
 
 
 def kind_of(effect: Effect) -> ChannelKind:
     """The channel in which an effect is shown: a contact, where it occurs there."""
-    return next(one for one in ChannelKind if one in effect.channels)
+    return next(kind for kind in ChannelKind if kind in effect.channels)
 
 
 def as_data(effect: Effect) -> dict[str, Any]:
@@ -187,30 +214,41 @@ def as_data(effect: Effect) -> dict[str, Any]:
     words = ("name", "physics", "equation", "source", "signature", "confused_with", "needs")
     kind = kind_of(effect)
     parameters = [
-        {"name": one.name, "unit": one.unit_of(kind), "typical": list(one.typical)}
-        for one in (*effect.gains, *effect.inner)
+        {"name": parameter.name, "unit": parameter.unit_of(kind), "typical": list(parameter.typical)}
+        for parameter in (*effect.gains, *effect.inner)
     ]
     about = {"group": group_of(effect), "channels": _channels(effect), "parameters": parameters}
     return {word: getattr(effect, word) for word in words} | about
 
 
 def print_library(console: Console, effects: Sequence[Effect]) -> None:
-    """One table a group: what one sees of each effect, and what it is confused with where there is room."""
+    """One table a group: what one sees of each effect, and what it is confused with where there is room.
+
+    Args:
+        console: prints it.
+        effects: that are listed.
+    """
     roomy = console.width >= _ROOMY
     for group in GROUPS:
         chosen = [effect for effect in effects if group_of(effect) == group]
         columns = ("effect", "what one sees", *(("confused with",) if roomy else ()))
         made = table(group, *columns)
         made.columns[0].no_wrap = True
-        for one in chosen:
-            rivals = [safe(", ".join(sorted(one.confused_with)))] if roomy else []
-            made.add_row(f"[bold]{safe(one.name)}[/bold]", safe(one.signature), *rivals)
+        for effect in chosen:
+            rivals = [safe(", ".join(sorted(effect.confused_with)))] if roomy else []
+            made.add_row(f"[bold]{safe(effect.name)}[/bold]", safe(effect.signature), *rivals)
         if chosen:
             console.print(made)
 
 
 def print_effect(console: Console, effect: Effect, example: Example | None) -> None:
-    """One effect: physics, equation, what one sees, drawn, its parameters, and what it is confused with."""
+    """One effect: physics, equation, what one sees, drawn, its parameters, and what it is confused with.
+
+    Args:
+        console: prints it.
+        effect: that is explained.
+        example: what is drawn; None for no drawing.
+    """
     console.print(f"[bold]{safe(effect.name)}[/bold]  [dim]{safe(', '.join(_channels(effect)))}[/dim]")
     lines = {
         "physics": effect.physics,
@@ -227,9 +265,10 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
         for line in drawn(example, console.width):
             console.print(Padding(line, (0, 0, 0, 2)), no_wrap=True, crop=True)
     made = table("", "parameter", "unit", "typical", right=("typical",))
-    for one in (*effect.gains, *effect.inner):
-        low, high = one.typical
-        made.add_row(safe(one.name), safe(one.unit_of(kind_of(effect))), f"{low:.3g} to {high:.3g}")
+    for parameter in (*effect.gains, *effect.inner):
+        low, high = parameter.typical
+        unit = parameter.unit_of(kind_of(effect))
+        made.add_row(safe(parameter.name), safe(unit), f"{low:.3g} to {high:.3g}")
     console.print(made)
     if effect.confused_with:
         rivals = table("Often confused with", "effect", "told apart by")
@@ -240,15 +279,22 @@ def print_effect(console: Console, effect: Effect, example: Example | None) -> N
 
 
 def drawn(example: Example, width: int) -> Iterator[Text]:
-    """An example with characters: effort over position or velocity and, where there is room, over time."""
+    """An example with characters: effort over position or velocity and, where there is room, over time.
+
+    Args:
+        example: motion and model.
+        width: of the terminal [characters].
+    """
     data, axes = example.data, axes_of(example.data.kind)
     before, after = data.effort, example.effort()
     room = width - 4
     sides = 2 if room >= 2 * _NARROWEST + 3 else 1
     wide = min((room - 3 * (sides - 1)) // sides, _WIDEST)
-    over = axes.velocity, data.velocity
-    if not _is_of_velocity(example.effect, data.kind):
-        over = axes.position, data.position
+    # over velocity where that shows it best: a joint's friction that no place and no past alters
+    signals, over = example.effect.signals, (axes.position, data.position)
+    is_of_past = bool({"position", "past motion"} & set(signals))
+    if data.kind is not ChannelKind.CONTACT and not is_of_past and signals[0] in {"velocity", "direction"}:
+        over = axes.velocity, data.velocity
     in_unit = over[1] * (1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI)
     curves = [(f"over {over[0]}", in_unit), ("over time", one_after_the_other(data))][:sides]
     ends = np.array([np.min([before, after]), np.max([before, after])])
@@ -263,15 +309,8 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     yield from beside([title for title, _ in curves], panels)
 
 
-def _is_of_velocity(effect: Effect, kind: ChannelKind) -> bool:
-    """Whether an effect shows over velocity best: a joint's friction that no place and no past alters."""
-    if kind is ChannelKind.CONTACT or {"position", "past motion"} & set(effect.signals):
-        return False
-    return effect.signals[0] in {"velocity", "direction"}
-
-
 def _channels(effect: Effect) -> list[str]:
-    return [str(one) for one in ChannelKind if one in effect.channels]
+    return [str(kind) for kind in ChannelKind if kind in effect.channels]
 
 
 def group_of(effect: Effect) -> str:

@@ -10,7 +10,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from estimation.channel import ChannelData
 from estimation.data_quality import contaminated
 from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.fit.intervals import SIGMAS_95
@@ -60,7 +59,12 @@ def print_estimates(console: Console, estimates: ChannelEstimates, truth: Truth)
 
 
 def estimates_view(estimates: ChannelEstimates, truth: Truth) -> ChannelView:
-    """The best estimate as a view; the residual is that of the samples that were fitted."""
+    """The best estimate as a view; the residual is that of the samples that were fitted.
+
+    Args:
+        estimates: of one channel.
+        truth: true parameters by name, as far as they are known.
+    """
     best, predicted = estimates.best, estimates.prediction()
     residual = np.where(estimates.rows, estimates.channel.effort - predicted, np.nan)
     parameters = {p.name: p for p in best.parameters}
@@ -122,7 +126,12 @@ def _one_row_an_estimator(estimates: ChannelEstimates, truth: Truth, width: int)
         if width >= _WIDE:
             used = f"{PERCENT * np.mean(estimate.inliers):.0f} %"
             cells += [f"{estimate.rmse:.3g}", f"{estimate.condition_number:.2f}", used]
-        made.add_row(*cells, _all_determined(estimate))
+        names: dict[str, list[str]] = {}
+        for p in shown_parameters(estimate):
+            names.setdefault(_state(estimate, p), []).append(short_name(p.name))
+        texts = {_IMPOSSIBLE: "{} impossible", Determined.NO: "not {}", Determined.ROUGHLY: "{} roughly"}
+        parts = [_in_color(s, text.format(", ".join(names[s]))) for s, text in texts.items() if s in names]
+        made.add_row(*cells, ", ".join(parts) or _in_color(Determined.YES))
     if known:
         cells = ["[dim]truth[/dim]"]
         for p in parameters:
@@ -156,23 +165,14 @@ def _in_color(state: str, text: str = "") -> str:
     return f"[{_COLORS[state]}]{safe(text) or state}[/{_COLORS[state]}]"
 
 
-def _all_determined(estimate: Estimate) -> str:
-    """Which of the parameters that are shown the data determine."""
-    names: dict[str, list[str]] = {}
-    for p in shown_parameters(estimate):
-        names.setdefault(_state(estimate, p), []).append(short_name(p.name))
-    texts = {_IMPOSSIBLE: "{} impossible", Determined.NO: "not {}", Determined.ROUGHLY: "{} roughly"}
-    parts = [
-        _in_color(state, text.format(", ".join(names[state])))
-        for state, text in texts.items()
-        if state in names
-    ]
-    return ", ".join(parts) or _in_color(Determined.YES)
-
-
 def remarks(estimates: ChannelEstimates, truth: Truth) -> list[str]:
-    """What the table does not say: the surface, and what speaks against the estimates."""
-    return [*_on_data(estimates, truth), *_on_fit(estimates), *_on_estimates(estimates)]
+    """What the table does not say: the surface, and what speaks against the estimates.
+
+    Args:
+        estimates: of one channel.
+        truth: true parameters by name, as far as they are known.
+    """
+    return [*_remarks_on_data(estimates, truth), *_remarks_on_fits(estimates)]
 
 
 def spoilt_by(estimates: ChannelEstimates) -> str | None:
@@ -180,7 +180,7 @@ def spoilt_by(estimates: ChannelEstimates) -> str | None:
     return contaminated(estimates.channel, estimates.model)
 
 
-def _on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]:
+def _remarks_on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]:
     reason, surface, channel = spoilt_by(estimates), estimates.surface_of(estimates.best), estimates.channel
     if reason is not None:
         yield f"do not rely on these estimates: {reason}"
@@ -199,7 +199,7 @@ def _on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]:
         yield f"{steps}: the intervals allow for them, but a damping from so few comes out too low"
 
 
-def _on_fit(estimates: ChannelEstimates) -> Iterator[str]:
+def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     best, unit = estimates.best, estimates.channel.kind.effort_unit
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
@@ -215,9 +215,6 @@ def _on_fit(estimates: ChannelEstimates) -> Iterator[str]:
                 f"the force of {estimates.model.name} begins {MILLI * deeper_m:.2g} mm below the touch: an "
                 "attraction that the model lacks, or an object that begins softly"
             )
-
-
-def _on_estimates(estimates: ChannelEstimates) -> Iterator[str]:
     yield from (f"{name}: {problem}" for name, problem in estimates.failures.items())
     roomy = len(shown_parameters(estimates.estimates[0])) <= _MOST_ABREAST
     against: dict[str, list[str]] = {}
@@ -233,7 +230,11 @@ def _on_estimates(estimates: ChannelEstimates) -> Iterator[str]:
 
 
 def calibration_remark(session: Session | None) -> list[str]:
-    """What calibrations leave uncertain: one error in all samples, so that no interval holds it."""
+    """What calibrations leave uncertain: one error in all samples, so that no interval holds it.
+
+    Args:
+        session: that was measured; None for data without one.
+    """
     if session is None:
         return []
     used = parse_calibrations(session.metadata.calibration, f"{session.path}, its calibration")
@@ -252,55 +253,60 @@ def calibration_remark(session: Session | None) -> list[str]:
 
 
 def as_data(estimates: ChannelEstimates, truth: Truth) -> dict[str, Any]:
-    """One channel's outcome as plain data; the keys are stable."""
+    """One channel's outcome as plain data; the keys are stable.
+
+    Args:
+        estimates: of one channel.
+        truth: true parameters by name, as far as they are known.
+    """
+    tare, outcomes = estimates.channel.tare, []
+    for estimate in estimates.estimates:
+        surface, parameters = estimates.surface_of(estimate), dict[str, dict[str, Any]]()
+        for p in estimate.parameters:
+            data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
+            data["determined"] = str(p.determined)
+            if p.name in truth:
+                data |= {"truth": truth[p.name], "error_percent": error_percent(p, truth)}
+            parameters[p.name] = data
+        outcomes.append(
+            {
+                "estimator": estimate.estimator,
+                "surface": vars(surface) if surface is not None else None,
+                "parameters": parameters,
+                "rmse": estimate.rmse,
+                "condition_number": estimate.condition_number,
+                "inliers": int(np.count_nonzero(estimate.inliers)),
+                "identifiability": str(estimate.identifiability),
+                "unphysical": list(estimate.unphysical),
+                "note": estimate.note,
+                "details": estimate.details,
+            }
+        )
+    tares = None
+    if tare is not None:
+        rows = zip(tare.run.tolist(), tare.effort.tolist(), tare.std_err.tolist(), strict=True)
+        tares = [{"run": run, "effort": effort, "std_err": error} for run, effort, error in rows]
     return {
         "channel": estimates.channel.name,
         "runs": len(estimates.channel.runs),
         "samples": int(np.count_nonzero(estimates.rows)),
         "truth": dict(truth),
-        "tare": _tare_data(estimates.channel),
+        "tare": tares,
         "spoilt": spoilt_by(estimates),
         "failures": estimates.failures,
         "misfit": {"noise": estimates.noise.value if estimates.noise else None, "times": estimates.misfit},
-        "estimates": [_estimate_data(estimates, estimate, truth) for estimate in estimates.estimates],
+        "estimates": outcomes,
     }
-
-
-def _tare_data(channel: ChannelData) -> list[dict[str, float]] | None:
-    if channel.tare is None:
-        return None
-    columns = (getattr(channel.tare, name).tolist() for name in ("run", "effort", "std_err"))
-    return [
-        {"run": run, "effort": effort, "std_err": error} for run, effort, error in zip(*columns, strict=True)
-    ]
-
-
-def _estimate_data(estimates: ChannelEstimates, estimate: Estimate, truth: Truth) -> dict[str, Any]:
-    surface = estimates.surface_of(estimate)
-    return {
-        "estimator": estimate.estimator,
-        "surface": vars(surface) if surface is not None else None,
-        "parameters": {p.name: _parameter_data(p, truth) for p in estimate.parameters},
-        "rmse": estimate.rmse,
-        "condition_number": estimate.condition_number,
-        "inliers": int(np.count_nonzero(estimate.inliers)),
-        "identifiability": str(estimate.identifiability),
-        "unphysical": list(estimate.unphysical),
-        "note": estimate.note,
-        "details": estimate.details,
-    }
-
-
-def _parameter_data(p: ParameterEstimate, truth: Truth) -> dict[str, Any]:
-    data = {"value": p.value, "std_err": p.std_err, "interval": list(p.interval), "unit": p.unit}
-    data |= {"determined": str(p.determined)}
-    if p.name in truth:
-        data |= {"truth": truth[p.name], "error_percent": error_percent(p, truth)}
-    return data
 
 
 def markdown_summary(estimates: ChannelEstimates, truth: Truth, heading: str) -> str:
-    """The best estimate as a small table, for Rerun's summary."""
+    """The best estimate as a small table, for Rerun's summary.
+
+    Args:
+        estimates: of one channel.
+        truth: true parameters by name, as far as they are known.
+        heading: first words.
+    """
     best = estimates.best
     rows = [f"**{heading}**: model `{estimates.model.name}`, estimator `{best.estimator}`", ""]
     rows += ["| | found | 95 % interval | truth | error |", "|---|---|---|---|---|"]
@@ -319,12 +325,20 @@ def shown_parameters(estimate: Estimate) -> list[ParameterEstimate]:
 
 
 def short_name(parameter: str) -> str:
-    """The symbol that the equations use, such as "k" for "stiffness.k"."""
+    """The symbol that the equations use, such as "k" for "stiffness.k".
+
+    Args:
+        parameter: "effect.parameter".
+    """
     return parameter.rpartition(".")[2]
 
 
 def with_interval(parameter: ParameterEstimate) -> str:
-    """Value and half of its 95 % interval, with as many digits as that allows."""
+    """Value and half of its 95 % interval, with as many digits as that allows.
+
+    Args:
+        parameter: estimate with its 95 % interval.
+    """
     half = parameter.half_interval
     if parameter.at_bound:
         return f"{significant(parameter.value)} ({AT_BOUND})"
@@ -334,13 +348,23 @@ def with_interval(parameter: ParameterEstimate) -> str:
 
 
 def error_percent(parameter: ParameterEstimate, truth: Truth) -> float:
-    """Deviation from the truth [%]; NaN where the truth is zero."""
+    """Deviation from the truth [%]; NaN where the truth is zero.
+
+    Args:
+        parameter: estimate.
+        truth: true parameters by name.
+    """
     true = truth[parameter.name]
     return PERCENT * (parameter.value - true) / true if true else float("nan")
 
 
 def error_text(parameter: ParameterEstimate, truth: Truth) -> str:
-    """Deviation from the truth in percent, absolute where the truth is zero."""
+    """Deviation from the truth in percent, absolute where the truth is zero.
+
+    Args:
+        parameter: estimate.
+        truth: true parameters by name.
+    """
     if truth[parameter.name] == 0:
         return f"{parameter.value:+z.2g}"
     return f"{error_percent(parameter, truth):+z.2f} %"

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from palpate.runs.hidden_effects import SURFACE, true_parameters
 from robot_io.errors import InputError
 from robot_io.files.whole_file import as_utf8
 from robot_io.session import Session
-from robot_io.types import FloatArray
 
 RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
 PLOTS = "plots.html"  # what `Inspection.plot` writes
@@ -40,6 +40,9 @@ class Inspection:
     def record(self, path: Path) -> float:
         """Write the Rerun recording.
 
+        Args:
+            path: of the .rrd file.
+
         Returns:
             A moment worth a picture [s].
 
@@ -54,6 +57,9 @@ class Inspection:
 
     def plot(self, folder: Path) -> Path:
         """Save a page of plots in a folder that is there; returns the file.
+
+        Args:
+            folder: that exists.
 
         Raises:
             InputError: nothing was touched, or the file cannot be written.
@@ -73,28 +79,43 @@ def look_into(session: Session, estimates: ChannelEstimates | None = None) -> In
     Raises:
         InputError: the session holds nothing that can be shown.
     """
-    channels = _channels(session)
-    estimates, truth = estimates or _estimates(channels), true_parameters(session)
+    try:
+        channels = session_channels(session, tared=True)
+    except InputError:  # the session ended before the first run was whole
+        channels = ()
+    contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
+    if estimates is None and contact is not None:
+        with suppress(InputError):  # too little was touched to estimate from
+            estimates = estimate_with(contact, CONTACT_MODEL, BEST)
+    truth = true_parameters(session)
     ticks = tick_columns(session) if has_ticks(session) else None
     if ticks is None and not channels:
         raise InputError(f"{session.path}: holds nothing that can be shown")
+    metadata, facts = session.metadata, dict[str, str]()
+    if channels:
+        facts["data"] = f"{count(len(channels[0].runs), 'run')}, {count(len(channels[0]), 'sample')}"
+    facts |= {"recorded": metadata.created_utc, "by": metadata.command_line}
     view = StudyView(
         session.path.name,
         tuple(_view(each, estimates, truth, ticks) for each in channels),
-        _facts(session, channels),
+        {name: value for name, value in facts.items() if value},
     )
     if ticks is None:
         return Inspection(session, view, None)
     surface = estimates.surface_of(estimates.best) if estimates else None
+    name = session.path.stem
+    summary = f"**{name}**: nothing was touched"
+    if estimates is not None:
+        summary = markdown_summary(estimates, truth, name)
     scene = Scene(
-        name=session.path.stem,
+        name=name,
         ticks=ticks,
-        urdf=session.metadata.urdf,
+        urdf=metadata.urdf,
         events=session.events,
         estimate=estimates.best if estimates else None,
         surface_m=surface.position_m if surface else last_known(ticks["surface_m"]),
         truth={name: value for name, value in truth.items() if name != SURFACE},
-        summary=as_utf8(_summary(session, estimates)),
+        summary=as_utf8(summary),
     )
     return Inspection(session, view, scene)
 
@@ -108,60 +129,21 @@ def _view(
     """A channel with its estimates, if it is theirs, and with what was wanted of it."""
     if estimates is not None and channel.name == estimates.channel.name:
         view = estimates_view(estimates, truth)
-        return (
-            view if ticks is None else replace(view, wanted=("aimed at", _aimed_at(ticks, estimates.channel)))
-        )
+        if ticks is None:
+            return view
+        tick = np.searchsorted(ticks["time_s"], estimates.channel.time_s)
+        desired_n = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]  # NaN where free
+        return replace(view, wanted=("aimed at", desired_n))
     view = channel_view(channel, (), None)
     joint = re.fullmatch(r"joint_(\d+)", channel.name)
     if ticks is None or joint is None:
         return view
-    # The command that held when each sample was taken, shape (n,) [N m]; NaN before the first.
+    # The command that held when each sample was taken [N m]; NaN before the first. What is read in a tick
+    # was sampled before that tick's own command went out.
     held = np.searchsorted(ticks["time_s"], channel.time_s) - 1
-    commanded: FloatArray = np.where(held >= 0, ticks["torque_sent_nm"][held, (int(joint[1]) - 1)], np.nan)
+    commanded = np.where(held >= 0, ticks["torque_sent_nm"][held, int(joint[1]) - 1], np.nan)
     rms = float(np.sqrt(np.nanmean((channel.effort - commanded) ** 2)))
     sentence = (
         f"{channel.name}: measured and commanded torque differ by {rms:.3g} {channel.kind.effort_unit} (rms)."
     )
     return replace(view, verdict=VerdictView("", sentence), wanted=("commanded", commanded))
-
-
-def _aimed_at(ticks: Columns, channel: ChannelData) -> FloatArray:
-    """The force aimed at when each of the channel's samples was taken, shape (n,) [N]; NaN where free."""
-    tick = np.searchsorted(ticks["time_s"], channel.time_s)
-    desired: FloatArray = ticks["desired_force_n"][np.minimum(tick, len(ticks["time_s"]) - 1)]
-    return desired
-
-
-def _facts(session: Session, channels: tuple[ChannelData, ...]) -> dict[str, str]:
-    facts = {"recorded": session.metadata.created_utc, "by": session.metadata.command_line}
-    if channels:
-        facts = {
-            "data": f"{count(len(channels[0].runs), 'run')}, {count(len(channels[0]), 'sample')}"
-        } | facts
-    return {name: value for name, value in facts.items() if value}
-
-
-def _channels(session: Session) -> tuple[ChannelData, ...]:
-    """The channels; none where the session ended before the first run was whole."""
-    try:
-        return session_channels(session, tared=True)
-    except InputError:
-        return ()
-
-
-def _estimates(channels: tuple[ChannelData, ...]) -> ChannelEstimates | None:
-    """Of the first place that was touched; None where nothing was, or too little to estimate from."""
-    contact = next((channel for channel in channels if channel.kind is ChannelKind.CONTACT), None)
-    if contact is None:
-        return None
-    try:
-        return estimate_with(contact, CONTACT_MODEL, BEST)
-    except InputError:
-        return None
-
-
-def _summary(session: Session, estimates: ChannelEstimates | None) -> str:
-    name = session.path.stem
-    if estimates is None:
-        return f"**{name}**: nothing was touched"
-    return markdown_summary(estimates, true_parameters(session), name)

@@ -81,7 +81,12 @@ class PairView:
 
 
 def sides_view(sides: Sides, views: tuple[ChannelView, ChannelView]) -> PairedView:
-    """The view of what was compared in one channel."""
+    """The view of what was compared in one channel.
+
+    Args:
+        sides: both sides of one channel, compared.
+        views: of both sides.
+    """
     return PairedView(sides.channel, views, sides, tuple(_words(sides)))
 
 
@@ -109,14 +114,14 @@ def _words(sides: Sides) -> Iterator[str]:
                 f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
                 "parameters say little: add what is missing, and compare that (--revision)."
             )
-    yield from _of_parameters(sides)
+    yield from _compare_parameters(sides)
     for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
-        for what, one in (
+        for what, correlation in (
             ("is not white: of its autocorrelation,", side.autocorrelation),
             ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
         ):
-            if one.outside > _CHANCE:
-                share = f"{_PERCENT * one.outside:.0f} % of the lags are outside the 99 % band"
+            if correlation.outside > _CHANCE:
+                share = f"{_PERCENT * correlation.outside:.0f} % of the lags are outside the 99 % band"
                 yield f"What {letter}'s model leaves {what} {share}."
 
 
@@ -136,22 +141,19 @@ def _described(model: Side, measured: Side) -> str:
     return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
 
 
-def _of_parameters(sides: Sides) -> Iterator[str]:
-    told = [difference for difference in sides.differences if difference.differs is not None]
-    for one in told:
-        if one.differs:
-            yield f"{one.name} differs: {difference_text(one)} {one.unit}{_relative(one)}."
-    if told and not any(one.differs for one in told):
+def _compare_parameters(sides: Sides) -> Iterator[str]:
+    known = [difference for difference in sides.differences if difference.differs is not None]
+    for difference in known:
+        if difference.differs:
+            share = ""
+            if difference.first is not None and difference.first.value:
+                rounded = float(f"{_PERCENT * difference.value / abs(difference.first.value):.2g}")
+                share = f" ({rounded:+z.6g} %)"
+            yield f"{difference.name} differs: {difference_text(difference)} {difference.unit}{share}."
+    if known and not any(difference.differs for difference in known):
         yield "No parameter differs by more than its 95 % interval."
-    if any(one.paired_std_err is not None for one in told):
+    if any(difference.paired_std_err is not None for difference in known):
         yield PAIRED
-
-
-def _relative(difference: ParameterDifference) -> str:
-    if difference.first is None or not difference.first.value:
-        return ""
-    rounded = float(f"{_PERCENT * difference.value / abs(difference.first.value):.2g}")
-    return f" ({rounded:+z.6g} %)"
 
 
 def difference_text(difference: ParameterDifference) -> str:
@@ -163,7 +165,12 @@ def difference_text(difference: ParameterDifference) -> str:
 
 
 def print_pair(console: Console, view: PairView) -> None:
-    """Which is A and B, then of each channel sentences, fits and parameters."""
+    """Which is A and B, then of each channel sentences, fits and parameters.
+
+    Args:
+        console: prints it.
+        view: of both files.
+    """
     for letter, name in zip(LETTERS, view.names, strict=True):
         console.print(f"[bold]{letter}[/bold]  {safe(name)}", soft_wrap=True)
     for channel in view.channels:
@@ -171,26 +178,27 @@ def print_pair(console: Console, view: PairView) -> None:
         console.print(f"\n[bold]{safe(channel.channel)}[/bold]: {safe(models)}")
         for sentence in channel.words:
             console.print(Padding(Text(safe_text(sentence)), (0, 0, 0, 2)))
-        console.print(_fit_table(channel))
+        columns = [safe(name) for name in channel.fit_columns]
+        fits = table("", "fit of", *columns, right=columns)
+        for what, values in channel.fit_rows:
+            fits.add_row(what, *values)
+        console.print(fits)
         if channel.found.differences:
             console.print(difference_table(channel.found.differences, console.width))
 
 
-def _fit_table(view: PairedView) -> Table:
-    columns = [safe(name) for name in view.fit_columns]
-    made = table("", "fit of", *columns, right=columns)
-    for what, fits in view.fit_rows:
-        made.add_row(what, *fits)
-    return made
-
-
 def difference_table(differences: Sequence[ParameterDifference], width: int) -> Table:
-    """Each parameter on both sides, and by how much it differs; below each other where columns are few."""
+    """Each parameter on both sides, and by how much it differs; below each other where columns are few.
+
+    Args:
+        differences: of each parameter.
+        width: of the terminal [characters].
+    """
     names = ("A", "B", "B − A")
     beside = _table_of_differences(differences, names)
     below = _table_of_differences(differences, names, "\n")
     narrow = _table_of_differences(differences, names, "\n", narrow=True)
-    return next((one for one in (beside, below) if natural_width(one) <= width), narrow)
+    return next((made for made in (beside, below) if natural_width(made) <= width), narrow)
 
 
 def _table_of_differences(
@@ -221,18 +229,48 @@ def _table_of_differences(
 
 
 def fit_text(model: Side, measured: Side) -> str:
-    """How far a side's model describes a measurement [%], or that only noise is left of it."""
+    """How far a side's model describes a measurement [%], or that only noise is left of it.
+
+    Args:
+        model: side whose model predicts.
+        measured: side whose effort is predicted.
+    """
     return _NOISE_ALONE if _is_only_noise(model, measured) else percent_text(model.fit_of(measured))
 
 
 def percent_text(fit: float) -> str:
-    """A fit, or that there is none."""
+    """A fit, or that there is none.
+
+    Args:
+        fit: [%]; NaN where there is none.
+    """
     return "–" if np.isnan(fit) else f"{fit:.1f}"
 
 
 def as_data(sides: Sides) -> dict[str, Any]:
-    """One channel as plain data; the keys are stable."""
+    """One channel as plain data; the keys are stable.
+
+    Args:
+        sides: both sides of one channel, compared.
+    """
     pair = (sides.first, sides.second)
+    parameters = [
+        {
+            "name": each.name,
+            "unit": each.unit,
+            "sides": [
+                None if side is None else {"value": side.value, "std_err": side.std_err}
+                for side in (each.first, each.second)
+            ],
+            "difference": {
+                "value": each.value,
+                "interval": [each.value - each.half, each.value + each.half],
+                "differs": each.differs,
+                "paired": each.paired_std_err is not None,
+            },
+        }
+        for each in sides.differences
+    ]
     return {
         "channel": sides.channel,
         "effort_unit": sides.first.channel.effort_unit,
@@ -241,23 +279,12 @@ def as_data(sides: Sides) -> dict[str, Any]:
         "same_data": sides.is_same_data,
         "fit_percent": {"models": sides.fits, "measured": sides.followed},
         "rmse": [None if side.compared is None else side.compared.rmse for side in pair],
-        "parameters": [_difference_data(difference) for difference in sides.differences],
+        "parameters": parameters,
         "residuals": [
             {"autocorrelation": _correlation(a), "cross_correlation": _correlation(b), "step_s": side.step_s}
             for side, a, b in ((side, side.autocorrelation, side.cross_correlation) for side in pair)
         ],
     }
-
-
-def _difference_data(one: ParameterDifference) -> dict[str, Any]:
-    sides = [
-        None if each is None else {"value": each.value, "std_err": each.std_err}
-        for each in (one.first, one.second)
-    ]
-    interval = [one.value - one.half, one.value + one.half]
-    difference: dict[str, Any] = {"value": one.value, "interval": interval, "differs": one.differs}
-    difference["paired"] = one.paired_std_err is not None
-    return {"name": one.name, "unit": one.unit, "sides": sides, "difference": difference}
 
 
 def _correlation(correlation: Correlation) -> dict[str, Any]:

@@ -11,21 +11,11 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from estimation.estimate import ParameterEstimate
-from estimation.statistics.correlation import Correlation
 from palpate.common.console import significant
 from palpate.render import palette
 from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
-from palpate.render.report import (
-    RUN_TIME,
-    Place,
-    PlotStyle,
-    as_html,
-    draw_curves,
-    rendered,
-    styled,
-    title_axes,
-)
+from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
 from palpate.render.thinning import rows_by_run, run_curves
 
 COLORS = (palette.MEASURED, palette.OTHER)
@@ -73,9 +63,15 @@ def residual_figure(view: PairedView) -> go.Figure:
     titles = ("Autocorrelation", "Cross-correlation with the velocity")
     made = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04, subplot_titles=titles)
     for letter, color, side in zip(LETTERS, COLORS, view.pair, strict=True):
-        for column, one in enumerate((side.autocorrelation, side.cross_correlation), start=1):
-            look = PlotStyle(letter, color, named=column == 1)
-            _draw_correlation(made, (1, column), one, side.step_s, look)
+        for column, correlation in enumerate((side.autocorrelation, side.cross_correlation), start=1):
+            group = {"x": side.step_s * correlation.lag, "legendgroup": letter}
+            line = {"color": color, "width": 1.3}
+            about = {"name": f"{letter}'s model", "showlegend": column == 1}
+            made.add_trace(go.Scatter(y=correlation.value, line=line, **about, **group), 1, column)
+            band = {"color": color, "width": 1, "dash": "dot"}
+            for edge in (correlation.band, -correlation.band):
+                trace = go.Scatter(y=edge, line=band, showlegend=False, hoverinfo="skip", **group)
+                made.add_trace(trace, 1, column)
     title_axes(made, (1, 1), "lag [s]", "correlation")
     title_axes(made, (1, 2), "velocity before (+) or after (−) by [s]", "")
     made.update_yaxes(range=[-1.05, 1.05])
@@ -83,54 +79,33 @@ def residual_figure(view: PairedView) -> go.Figure:
     return styled(made, 360).update_layout(legend_y=1.1)
 
 
-def _draw_correlation(
-    made: go.Figure, place: Place, correlation: Correlation, unit_s: float, look: PlotStyle
-) -> None:
-    lag_s = unit_s * correlation.lag
-    line = {"color": look.color, "width": 1.3}
-    shown = go.Scatter(
-        x=lag_s,
-        y=correlation.value,
-        name=f"{look.name}'s model",
-        line=line,
-        showlegend=look.named,
-        legendgroup=look.name,
-    )
-    made.add_trace(shown, *place)
-    band = {"color": look.color, "width": 1, "dash": "dot"}
-    for sign in (1.0, -1.0):
-        edge = go.Scatter(
-            x=lag_s,
-            y=sign * correlation.band,
-            line=band,
-            showlegend=False,
-            legendgroup=look.name,
-            hoverinfo="skip",
-        )
-        made.add_trace(edge, *place)
-
-
 _TEMPLATE = Path(__file__).parent / "paired.html"
 
 
 def document(pair: PairView) -> str:
-    """The whole page."""
-    filters: dict[str, Callable[..., Any]] = {"value": _value, "difference": difference_text}
+    """The whole page.
+
+    Args:
+        pair: all channels of both files.
+
+    Returns:
+        HTML.
+    """
+
+    def value(estimate: ParameterEstimate | None) -> str:
+        return "–" if estimate is None else significant(estimate.value, estimate.std_err)
+
+    def plots(view: PairedView) -> dict[str, Markup]:
+        draw = {"state": state_figure, "time": time_figure, "residual": residual_figure}
+        return {name: as_html(figure(view)) for name, figure in draw.items()}
+
+    filters: dict[str, Callable[..., Any]] = {"value": value, "difference": difference_text}
     facts = dict(zip(LETTERS, pair.names, strict=True))
     facts |= {
         "models": ", ".join(dict.fromkeys(side.model for channel in pair.channels for side in channel.pair))
     }
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
-    return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plotly=plotly, plots=_plots)
-
-
-def _plots(view: PairedView) -> dict[str, Markup]:
-    draw = {"state": state_figure, "time": time_figure, "residual": residual_figure}
-    return {name: as_html(figure(view)) for name, figure in draw.items()}
-
-
-def _value(estimate: ParameterEstimate | None) -> str:
-    return "–" if estimate is None else significant(estimate.value, estimate.std_err)
+    return rendered(_TEMPLATE, filters, title=pair.title, facts=facts, pair=pair, plotly=plotly, plots=plots)
 
 
 def record_pair(view: PairView, path: Path) -> None:
@@ -138,30 +113,33 @@ def record_pair(view: PairView, path: Path) -> None:
 
     Timeline `time` is that of each side, its runs one after the other; a repetition is at the times of A.
 
+    Args:
+        view: all channels of both files.
+        path: of the .rrd file.
+
     Raises:
         InputError: the file cannot be written.
     """
-    tabs = [_tab(channel) for channel in view.channels]
+    tabs, corner = [], rrb.Corner2D.LeftTop
+    for paired in view.channels:
+        axes = paired.views[0].axes
+        titles = {
+            "effort": axes.effort,
+            "residual": f"measured − model [{axes.effort_unit}]",
+            "position": axes.position,
+        }
+        plots = [plot(f"{paired.channel}/{name}", title, legend=corner) for name, title in titles.items()]
+        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1], name=paired.channel))
     with recording_file(view.title, path, shown_on(*tabs, timeline=TIME)) as recording:
-        for one in view.channels:
-            for letter, color, channel in zip(LETTERS, COLORS, one.views, strict=True):
-                overlay = one.found.overlay if letter == LETTERS[1] else None
-                time_s = channel.time_s if overlay is None else one.views[0].time_s
+        for paired in view.channels:
+            for letter, color, channel in zip(LETTERS, COLORS, paired.views, strict=True):
+                overlay = paired.found.overlay if letter == LETTERS[1] else None
+                time_s = channel.time_s if overlay is None else paired.views[0].time_s
                 effort = channel.effort if overlay is None else overlay
                 measured = {f"{letter} measured": (effort, color, 2.0)}
-                send_lines(recording, f"{one.channel}/effort/{letter}", time_s, measured)
+                send_lines(recording, f"{paired.channel}/effort/{letter}", time_s, measured)
                 for stage in channel.stages[-1:]:
                     left = {f"left by {letter}'s model": (stage.residual, color, 1.0)}
-                    send_lines(recording, f"{one.channel}/residual/{letter}", channel.time_s, left)
+                    send_lines(recording, f"{paired.channel}/residual/{letter}", channel.time_s, left)
                 motion = {f"{letter}": (channel.position, color, 1.2)}
-                send_lines(recording, f"{one.channel}/position/{letter}", channel.time_s, motion)
-
-
-def _tab(view: PairedView) -> rrb.Vertical:
-    axes, corner = view.views[0].axes, rrb.Corner2D.LeftTop
-    plots = [
-        plot(f"{view.channel}/effort", axes.effort, legend=corner),
-        plot(f"{view.channel}/residual", f"measured − model [{axes.effort_unit}]", legend=corner),
-        plot(f"{view.channel}/position", axes.position, legend=corner),
-    ]
-    return rrb.Vertical(*plots, row_shares=[3, 2, 1], name=view.channel)
+                send_lines(recording, f"{paired.channel}/position/{letter}", channel.time_s, motion)

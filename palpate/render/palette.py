@@ -7,7 +7,7 @@ MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded
 MODEL = "#de7a26"
 OTHER = "#9a6fc4"  # the second of two measurements
-FLOOR = "#2f9e73"
+NOISE = "#2f9e73"
 TRUTH = "#d1495b"
 BAND = "#48806a"
 SHADE = "rgba(128,140,155,0.18)"  # samples that are not judged
@@ -46,19 +46,31 @@ UNKNOWN_PHASE = ("unknown", "#9aa5b1")
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """Red, green and blue (0 to 255) of "#rrggbb"."""
+    """Red, green and blue (0 to 255) of "#rrggbb".
+
+    Args:
+        color: "#rrggbb".
+    """
     red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue
 
 
 def speed_colors(words: list[str]) -> dict[str, str]:
-    """A colour for each of several speeds, given from slow to fast."""
+    """A colour for each of several speeds, given from slow to fast.
+
+    Args:
+        words: for each speed, from slow to fast.
+    """
     last = max(len(words) - 1, 1)
     return {word: SPEEDS[round(i * (len(SPEEDS) - 1) / last)] for i, word in enumerate(words)}
 
 
 def phase(number: int) -> tuple[str, str]:
-    """Name and colour of a phase."""
+    """Name and colour of a phase.
+
+    Args:
+        number: of the session's column.
+    """
     if number not in set(Phase):
         return UNKNOWN_PHASE
     return Phase(number).name.lower().replace("_", " "), PHASES.get(Phase(number), UNKNOWN_PHASE[1])

@@ -35,6 +35,9 @@ def diagnosis_progress(channels: Sequence[str]) -> Iterator[Report]:
     """Show what is being tried, with a bar for each channel.
 
     A bar fills once for each effect found, so the end is not known.
+
+    Args:
+        channels: names of the channels.
     """
     columns = BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}")
     with Progress(*columns, console=console.stderr(), transient=True) as progress:
@@ -111,7 +114,12 @@ def motion_progress(what: str, *, live: bool) -> Iterator[MakeWatcher]:
 
 @contextmanager
 def weighing_progress(number: int, *, live: bool) -> Iterator[Callable[[float], None] | None]:
-    """Show how many weights have been read; with hardware the prompts say it."""
+    """Show how many weights have been read; with hardware the prompts say it.
+
+    Args:
+        number: of weights.
+        live: draw a bar; not with hardware.
+    """
     if not live:
         yield None
         return

@@ -23,7 +23,7 @@ from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import joined, rows_by_run, run_curves
-from palpate.render.view import BudgetView, ChannelView, StageView, StudyView, residual_map
+from palpate.render.view import ChannelView, StageView, StudyView, residual_map
 from robot_io.types import FloatArray
 
 _HERE = Path(__file__).parent
@@ -34,6 +34,14 @@ def rendered(template: Path, filters: Mapping[str, Callable[..., Any]], **values
     """The page that a template makes of values; `style` and `version` are given to all.
 
     A template extends base.html, which wants a `title` and `facts`.
+
+    Args:
+        template: file of the template.
+        filters: by name.
+        values: what the template asks for.
+
+    Returns:
+        HTML.
     """
     environment = Environment(
         loader=FileSystemLoader([template.parent, _HERE]),
@@ -71,7 +79,11 @@ class PlotStyle:
 
 
 def figure(channel: ChannelView | StudyView) -> go.Figure:
-    """Everything about one channel in one figure, for a notebook; of a study its first channel."""
+    """Everything about one channel in one figure, for a notebook; of a study its first channel.
+
+    Args:
+        channel: one channel, or a study.
+    """
     if isinstance(channel, StudyView):
         channel = channel.channels[0]
     specs = [[{}, {}], [{"colspan": 2}, None], [{"colspan": 2}, None]]
@@ -181,16 +193,16 @@ def _draw_fall(made: go.Figure, channel: ChannelView) -> None:
     gone.hoverinfo = "skip"
     made.add_traces([shown, gone], [1] * 2, [1] * 2)
     made.update_layout(barmode="stack", bargap=0.3)
-    left = channel.floor < 0.6 * reach
+    left = channel.noise_level < 0.6 * reach
     made.add_vline(
-        x=channel.floor,
-        line={"color": palette.FLOOR, "width": 1.5, "dash": "dot"},
-        annotation={"text": f" noise level {channel.floor:.3g} {unit}", "font_color": palette.FLOOR},
+        x=channel.noise_level,
+        line={"color": palette.NOISE, "width": 1.5, "dash": "dot"},
+        annotation={"text": f" noise level {channel.noise_level:.3g} {unit}", "font_color": palette.NOISE},
         annotation_position="bottom right" if left else "bottom left",
         row=1,
         col=1,
     )
-    # room below the last bar for the floor's label
+    # room below the last bar for the label of the noise level
     made.update_yaxes(range=[len(errors) + 0.1, -0.6], showgrid=False, row=1, col=1)
     made.update_xaxes(title_text=f"error in held-out runs [{unit}]", range=[0.0, reach], row=1, col=1)
 
@@ -216,8 +228,8 @@ def _draw_rest(made: go.Figure, channel: ChannelView, place: Place) -> None:
         left = np.where(channel.judged, stage.residual, np.nan)
         draw_curves(made, run_curves(channel.time_s, left, runs), place, unit, look)
     _shade(made, channel, place)
-    for level in (-2 * channel.floor, 2 * channel.floor):
-        line = {"color": palette.FLOOR, "width": 1, "dash": "dot"}
+    for level in (-2 * channel.noise_level, 2 * channel.noise_level):
+        line = {"color": palette.NOISE, "width": 1, "dash": "dot"}
         made.add_hline(y=level, line=line, row=place[0], col=place[1])
     title_axes(made, place, RUN_TIME, f"measured − model [{unit}]")
 
@@ -249,7 +261,15 @@ def _draw_state(
 
 
 def draw_curves(made: go.Figure, curves: Sequence[Curve], place: Place, unit: str, look: PlotStyle) -> None:
-    """Curves of one look, as one trace with gaps."""
+    """Curves of one look, as one trace with gaps.
+
+    Args:
+        made: figure that is drawn into.
+        curves: x (n,) and y (n,) of each.
+        place: row and column of the subplot.
+        unit: of y.
+        look: colour, dash, width and name.
+    """
     x, y = joined(curves)
     trace = go.Scatter(
         x=_small(x),
@@ -277,13 +297,28 @@ def _shade(made: go.Figure, channel: ChannelView, place: Place) -> None:
 
 
 def title_axes(made: go.Figure, place: Place, x: str, y: str) -> None:
-    """Name both axes of a subplot."""
+    """Name both axes of a subplot.
+
+    Args:
+        made: figure that is drawn into.
+        place: row and column of the subplot.
+        x: title of the horizontal axis.
+        y: title of the vertical axis.
+    """
     made.update_xaxes(title_text=x, row=place[0], col=place[1])
     made.update_yaxes(title_text=y, row=place[0], col=place[1])
 
 
 def styled(made: go.Figure, height: int) -> go.Figure:
-    """The house style: thin rules, transparent ground, one font; middle greys that read on light and dark."""
+    """The house style: thin rules, transparent ground, one font; middle greys that read on light and dark.
+
+    Args:
+        made: the figure.
+        height: [px].
+
+    Returns:
+        The same figure.
+    """
     made.update_layout(
         template="none",
         paper_bgcolor="rgba(0,0,0,0)",
@@ -316,43 +351,60 @@ _GREEK = {"tau": "τ", "mu": "μ", "pi": "π", "alpha": "α", "beta": "β", "ome
 
 
 def write_report(view: StudyView, path: Path) -> Path:
-    """Write the report; the file appears whole or not at all. InputError: it cannot be written."""
+    """Write the report; the file appears whole or not at all. InputError: it cannot be written.
+
+    Args:
+        view: all channels.
+        path: of the .html file.
+    """
     write_text(path, document(view))
     return path
 
 
 def document(view: StudyView) -> str:
-    """The whole page."""
+    """The whole page.
+
+    Args:
+        view: all channels.
+
+    Returns:
+        HTML.
+    """
+    draw = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
+
+    def plots(channel: ChannelView) -> dict[str, Markup]:
+        """The channel's figures as HTML, by name; empty where there is nothing to draw."""
+        is_drawn = dict.fromkeys(draw, bool(channel.stages)) | {"fall": bool(channel.fall)}
+        is_drawn["time"] |= channel.wanted is not None
+        return {name: as_html(draw[name](channel)) if is_drawn[name] else Markup() for name in draw}
+
     filters: dict[str, Callable[..., Any]] = {
         "bold": bold, "typeset": typeset, "interval": with_interval, "chance": chance,
-        "picture": _budget_picture,
+        "picture": lambda budget: Markup(budget_picture(budget, _BUDGET_WIDTH)),  # noqa: S704, escaped
         "yaml": lambda data: yaml.safe_dump(dict(data), sort_keys=False),
     }  # fmt: skip
     plotly = Markup(get_plotlyjs())  # noqa: S704, plotly's own
     return rendered(
-        _TEMPLATE, filters, title=view.file, facts=view.facts, view=view, plotly=plotly, plots=_plots
+        _TEMPLATE, filters, title=view.file, facts=view.facts, view=view, plotly=plotly, plots=plots
     )
 
 
-def _plots(channel: ChannelView) -> dict[str, Markup]:
-    """The channel's figures as HTML, by name; empty where there is nothing to draw."""
-    curves = {"fall": fall_figure, "map": map_figure, "time": time_figure, "state": state_figure}
-    wanted = dict.fromkeys(curves, bool(channel.stages)) | {"fall": bool(channel.fall)}
-    wanted["time"] |= channel.wanted is not None
-    return {name: as_html(draw(channel)) if wanted[name] else Markup() for name, draw in curves.items()}
-
-
-def _budget_picture(budget: BudgetView) -> Markup:
-    return Markup(budget_picture(budget, _BUDGET_WIDTH))  # noqa: S704, its texts are escaped
-
-
 def as_html(figure: go.Figure) -> Markup:
-    """A figure for a page that has plotly's program."""
+    """A figure for a page that has plotly's program.
+
+    Args:
+        figure: as plotly has it.
+    """
     return Markup(figure.to_html(full_html=False, include_plotlyjs=False, config=PLOT_CONFIG))  # noqa: S704, ours
 
 
 def bold(sentence: str, names: Iterable[str]) -> Markup:
-    """A sentence with names in bold, everything escaped."""
+    """A sentence with names in bold, everything escaped.
+
+    Args:
+        sentence: plain text.
+        names: words that are set in bold.
+    """
     text = escape(sentence)
     for name in dict.fromkeys(filter(None, names)):
         text = re.sub(rf"(?<![\w>]){re.escape(escape(name))}(?!\w)", f"<b>{escape(name)}</b>", text)
@@ -360,7 +412,11 @@ def bold(sentence: str, names: Iterable[str]) -> Markup:
 
 
 def typeset(equation: str) -> Markup:
-    """Powers raised, numbers of symbols lowered, Greek letters as such, everything escaped."""
+    """Powers raised, numbers of symbols lowered, Greek letters as such, everything escaped.
+
+    Args:
+        equation: plain text.
+    """
     raised = re.sub(r"\^(\([^)]*\)|[\w.]+)", r"<sup>\1</sup>", escape(equation, quote=False))
     lowered = re.sub(r"\b([A-Za-z])(\d)\b", r"\1<sub>\2</sub>", raised)
     greek = re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[1]], lowered)

@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.diagnosis.forms import Form
-from estimation.diagnosis.result import Accepted
 from estimation.effects.contact_geometry import ContactOffset
 from estimation.study import Revision
 from palpate.common.console import (
@@ -51,7 +50,12 @@ _LOPSIDED = 0.1  # of half an interval, by which its middle is off the value
 
 
 def print_diagnosis(console: Console, view: StudyView) -> None:
-    """Each channel's error budget, verdict, how the error falls, parameters, what to do next, evidence."""
+    """Each channel's error budget, verdict, how the error falls, parameters, what to do next, evidence.
+
+    Args:
+        console: prints it.
+        view: all channels.
+    """
     for number, channel in enumerate(view.channels):
         if number:
             console.print()
@@ -61,17 +65,24 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
         width = console.width - 2  # of what stands below it
         parts: list[RenderableType] = [Text(safe_text(remark)) for remark in channel.verdict.remarks]
         if channel.accepted:
-            parts += [fall_table(channel, width), *map(_signature, channel.accepted)]
+            parts.append(fall_table(channel, width))
+        for entry in channel.accepted:
+            rivals = (
+                f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
+            )
+            form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
+            text = f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}\n"
+            text += f"  [dim]signature[/dim] {safe(entry.signature)}\n"
+            text += f"  [dim]equation[/dim] {safe(entry.equation)}{rivals if entry.confused_with else ''}"
+            parts.append(Text.from_markup(text))
         if channel.parameters and (channel.accepted or channel.verdict.word != "unexplained"):
             parts.append(parameter_table(channel.parameters, width))
         if channel.ranking:
             error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
             made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
-            for entry in channel.ranking[:_MOST_RANKED]:
-                bar = _bar(entry.score, "blue", width)
-                made.add_row(
-                    safe(entry.effect), f"{entry.rmse_held_out:.4g}", f"{100 * entry.score:z.0f} %", bar
-                )
+            for rank in channel.ranking[:_MOST_RANKED]:
+                bar, share = _bar(rank.score, "blue", width), f"{100 * rank.score:z.0f} %"
+                made.add_row(safe(rank.effect), f"{rank.rmse_held_out:.4g}", share, bar)
             parts.append(made)
         if channel.next_experiment is not None:
             plan = channel.next_experiment
@@ -84,7 +95,13 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
 
 
 def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
-    """The error budget: one sentence, a bar for each part, and what cannot be told apart."""
+    """The error budget: one sentence, a bar for each part, and what cannot be told apart.
+
+    Args:
+        console: prints it.
+        channel: its name.
+        budget: shares of the error.
+    """
     console.print(Text.from_markup(f"[bold]{safe(channel)}[/bold]  {safe(budget.sentence)}"))
     if len(budget.parts) > 1:
         # Share, range, form and effects of each part; narrow, with the effects below the form.
@@ -103,7 +120,12 @@ def print_budget(console: Console, channel: str, budget: BudgetView) -> None:
 
 
 def print_comparison(console: Console, view: StudyView) -> None:
-    """Each channel's error beside the noise level, and where it is largest; tables where a model misses."""
+    """Each channel's error beside the noise level, and where it is largest; tables where a model misses.
+
+    Args:
+        console: prints it.
+        view: all channels.
+    """
     for channel in view.channels:
         _print_verdict(console, channel.verdict)
         if channel.parts and (channel.verdict.word != "fits" or len(view.channels) == 1):
@@ -111,33 +133,48 @@ def print_comparison(console: Console, view: StudyView) -> None:
 
 
 def print_stages(console: Console, channel: ChannelView) -> None:
-    """How the error falls with what was added, and the parameters of the last stage."""
+    """How the error falls with what was added, and the parameters of the last stage.
+
+    Args:
+        console: prints it.
+        channel: with its stages.
+    """
     _print_verdict(console, channel.verdict)
     console.print(fall_table(channel, console.width))
     console.print(parameter_table(channel.parameters, console.width))
 
 
 def print_revisions(console: Console, kept: Sequence[Revision]) -> None:
-    """All revisions of a session; one effect a line and no dates where there are few columns."""
+    """All revisions of a session; one effect a line and no dates where there are few columns.
+
+    Args:
+        console: prints them.
+        kept: revisions of the session.
+    """
     roomy = console.width >= _ROOMY
     numbers = ("revision", "from") if roomy else ("no.",)
     errors, when = ("held-out\nerror", "× noise"), ("made",) if roomy else ()
     words = ("channel", "model") if roomy else ("model",)
     made = table("", *numbers, *words, *errors, *when, right=(*numbers, *errors))
-    for one in kept:
-        times = one.rmse / one.noise_floor if one.noise_floor > 0.0 else float("inf")
-        before = "" if one.parent is None else str(one.parent)
-        number = [str(one.number), before] if roomy else [f"{before} → {one.number}".removeprefix(" → ")]
-        model = (" + " if roomy else "\n+ ").join(map(safe, [one.model, *one.effects]))
-        last = [f"[dim]{safe(one.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
-        words = (safe(one.channel), model) if roomy else (f"[bold]{safe(one.channel)}[/bold]\n{model}",)
-        error = safe(f"{one.rmse:.4g} {one.effort_unit}")
+    for each in kept:
+        times = each.rmse / each.noise_floor if each.noise_floor > 0.0 else float("inf")
+        before = "" if each.parent is None else str(each.parent)
+        number = [str(each.number), before] if roomy else [f"{before} → {each.number}".removeprefix(" → ")]
+        model = (" + " if roomy else "\n+ ").join(map(safe, [each.model, *each.effects]))
+        last = [f"[dim]{safe(each.created_utc[:16].replace('T', ' '))}[/dim]"] if roomy else []
+        words = (safe(each.channel), model) if roomy else (f"[bold]{safe(each.channel)}[/bold]\n{model}",)
+        error = safe(f"{each.rmse:.4g} {each.effort_unit}")
         made.add_row(*number, *words, error, f"[{grade(times)}]{times:.2f}[/]", *last)
     console.print(made)
 
 
 def print_files(console: Console, written: Mapping[str, Path]) -> None:
-    """The files that were written, one a line."""
+    """The files that were written, one a line.
+
+    Args:
+        console: prints them.
+        written: paths by what they are.
+    """
     for what, path in written.items():
         console.print(f"{what:<10} [bold]{shown(path)}[/bold]", soft_wrap=True)
 
@@ -159,7 +196,12 @@ def headline(verdict: VerdictView) -> Text:
 
 
 def emphasised(sentence: str, names: Iterable[str]) -> Text:
-    """A sentence with names in bold."""
+    """A sentence with names in bold.
+
+    Args:
+        sentence: plain text.
+        names: words that are set in bold.
+    """
     text = Text(safe_text(sentence))
     for name in filter(None, names):
         text.highlight_regex(rf"(?<!\w){re.escape(name)}(?!\w)", "bold")
@@ -172,12 +214,21 @@ def safe_text(text: str) -> str:
 
 
 def grade(times: float) -> str:
-    """Colour of an error by how many times the noise level it is."""
+    """Colour of an error by how many times the noise level it is.
+
+    Args:
+        times: error over noise.
+    """
     return "green" if times < NOISE else "yellow" if times < FAR else "red"
 
 
 def fall_table(channel: ChannelView, width: int) -> Table:
-    """The error in held-out runs, one row a stage, down to the noise level; narrow, without bars."""
+    """The error in held-out runs, one row a stage, down to the noise level; narrow, without bars.
+
+    Args:
+        channel: with its stages.
+        width: of the terminal [characters].
+    """
     made = _fall_table(channel, width, narrow=False)
     return made if natural_width(made) <= width else _fall_table(channel, width, narrow=True)
 
@@ -192,7 +243,7 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
     made = table("", *number, "model", error, "× noise", *[""] * (not narrow), *last, right=right)
     worst = max(value for _, value in channel.fall)
     for row, (label, value) in enumerate(channel.fall):
-        times = channel.times_floor(value)
+        times = channel.times_noise(value)
         name = f"{safe(label[:2])}[bold]{safe(label[2:])}[/bold]" if row else safe(label)
         made.add_row(
             *kept[row : row + len(number)],
@@ -202,13 +253,21 @@ def _fall_table(channel: ChannelView, width: int, *, narrow: bool) -> Table:
             *[_bar(value / worst, grade(times), width)] * (not narrow),
             *[evidence.get(label, "")] * len(last),
         )
-    floor, bar = f"[dim]{channel.floor:.4g}[/dim]", _bar(channel.floor / worst, "bright_black", width)
-    made.add_row(*[""] * len(number), "[dim]noise level[/dim]", floor, "", *[bar] * (not narrow))
+    level, bar = (
+        f"[dim]{channel.noise_level:.4g}[/dim]",
+        _bar(channel.noise_level / worst, "bright_black", width),
+    )
+    made.add_row(*[""] * len(number), "[dim]noise level[/dim]", level, "", *[bar] * (not narrow))
     return made
 
 
 def parameter_table(parameters: Sequence[ParameterView], width: int) -> RenderableType:
-    """Parameters with 95 % intervals; narrow, each with its unit below its effect's name."""
+    """Parameters with 95 % intervals; narrow, each with its unit below its effect's name.
+
+    Args:
+        parameters: of the last stage.
+        width: of the terminal [characters].
+    """
     if not parameters:
         return Text("The model has no free parameter.", style="dim")
     made = _parameter_table(parameters, narrow=False)
@@ -235,7 +294,14 @@ def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Ta
 
 
 def with_interval(view: ParameterView) -> tuple[str, str]:
-    """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count."""
+    """A value and half of its 95 % interval, or both ends of a lopsided one, with as many digits as count.
+
+    Args:
+        view: of the parameter.
+
+    Returns:
+        Value and interval.
+    """
     if view.at_bound:
         return significant(view.value), AT_BOUND
     if not view.half < float("inf"):  # NaN is not
@@ -247,7 +313,12 @@ def with_interval(view: ParameterView) -> tuple[str, str]:
 
 
 def parts_table(channel: ChannelView, width: int) -> Table:
-    """The error part by part, each beside the noise level; the worst of each kind in bold."""
+    """The error part by part, each beside the noise level; the worst of each kind in bold.
+
+    Args:
+        channel: whose error was split.
+        width: of the terminal [characters].
+    """
     unit = channel.axes.effort_unit
     numbers = ("rmse\n" + safe(f"[{unit}]"), "mean\n" + safe(f"[{unit}]"), "× noise")
     made = table("", "by", "where", *numbers, "", right=numbers)
@@ -255,7 +326,7 @@ def parts_table(channel: ChannelView, width: int) -> Table:
     for kind, parts in channel.parts_by():
         worst = max(parts, key=lambda part: part.rmse)
         for row, part in enumerate(parts):
-            times = channel.times_floor(part.rmse)
+            times = channel.times_noise(part.rmse)
             bold = part is worst and times > NOISE
             label = f"[bold]{safe(part.label)}[/bold]" if bold else safe(part.label)
             cells = f"[dim]{safe(kind)}[/dim]" if row == 0 else "", label, f"{part.rmse:.3g}"
@@ -263,16 +334,6 @@ def parts_table(channel: ChannelView, width: int) -> Table:
             last = row == len(parts) - 1
             made.add_row(*cells, f"{part.mean:+.2g}", f"{times:.1f}", bar, end_section=last)
     return made
-
-
-def _signature(entry: Accepted) -> Text:
-    rivals = f"\n  [yellow]this data cannot tell it from {safe(', '.join(entry.confused_with))}[/yellow]"
-    form = " (approximate form)" if entry.form is Form.APPROXIMATE else ""
-    return Text.from_markup(
-        f"[bold]{safe(entry.effect)}[/bold]{form}: {safe(entry.physics)}\n"
-        f"  [dim]signature[/dim] {safe(entry.signature)}\n  [dim]equation[/dim] {safe(entry.equation)}"
-        + (rivals if entry.confused_with else "")
-    )
 
 
 def _bar(share: float, color: str, width: int) -> Bar:

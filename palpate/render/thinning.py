@@ -15,6 +15,10 @@ def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
     """Rows of `values` (n,) to draw: the least and the greatest of each of `most` / 2 equal stretches.
 
     A stretch without finite values keeps one of them, which leaves a gap in the curve.
+
+    Args:
+        values: shape (n,).
+        most: number of rows to keep.
     """
     n = len(values)
     if n <= most:
@@ -30,7 +34,11 @@ def peaks(values: FloatArray, most: int = MOST_POINTS) -> IntArray:
 
 
 def rows_by_run(run: IntArray) -> dict[int, IntArray]:
-    """Rows of each run by its number; of very many runs, evenly chosen ones."""
+    """Rows of each run by its number; of very many runs, evenly chosen ones.
+
+    Args:
+        run: number of each sample's run, shape (n,).
+    """
     numbers = np.unique(run)
     places = np.linspace(0, len(numbers) - 1, min(len(numbers), _MOST_RUNS))
     chosen = numbers[np.unique(places.round().astype(int))]
@@ -38,14 +46,24 @@ def rows_by_run(run: IntArray) -> dict[int, IntArray]:
 
 
 def run_curves(x: FloatArray, y: FloatArray, runs: Sequence[IntArray]) -> list[tuple[FloatArray, FloatArray]]:
-    """Each run's curve (x, y), with few enough points for all of them together and the peaks of both."""
+    """Each run's curve (x, y), with few enough points for all of them together and the peaks of both.
+
+    Args:
+        x: shape (n,).
+        y: shape (n,).
+        runs: rows of each run.
+    """
     share = max(MOST_POINTS // (2 * max(len(runs), 1)), _FEWEST)
     kept = (rows[np.union1d(peaks(x[rows], share), peaks(y[rows], share))] for rows in runs)
     return [(x[rows], y[rows]) for rows in kept]
 
 
 def joined(curves: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Curves as one, with a gap (NaN) after each."""
+    """Curves as one, with a gap (NaN) after each.
+
+    Args:
+        curves: x and y of each.
+    """
     gap = np.array([np.nan])
     x, y = ([part for curve in curves for part in (curve[axis], gap)] for axis in (0, 1))
     return (np.concatenate(x), np.concatenate(y)) if curves else (gap, gap)

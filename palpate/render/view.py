@@ -123,7 +123,12 @@ class BudgetView:
 
 
 def percent(share: float, *, bound: str = "") -> str:
-    """A share of the whole in percent, without digits that nobody needs."""
+    """A share of the whole in percent, without digits that nobody needs.
+
+    Args:
+        share: of the whole, 0 to 1.
+        bound: "at most" where the share is only bounded.
+    """
     if 0.0 < share < 0.005:
         return "1 %" if bound == "at most" else "under 1 %"
     return f"{100 * share:z.0f} %"
@@ -146,8 +151,8 @@ class ChannelView:
     stages: tuple[StageView, ...]  # base model first; empty where the data cannot be judged
     fall: tuple[tuple[str, float], ...]  # label and error of each stage
     parameters: tuple[ParameterView, ...]  # of the last stage
-    floor: float  # error that a complete model would leave, 0 where that is not known
-    noise: str  # the same with its source, in words
+    noise_level: float  # error that a complete model would leave, 0 where that is not known
+    noise_text: str  # the same with its source, in words
     verdict: VerdictView  # the answer
     budget: BudgetView | None = None  # of the base model's error; None where nobody asked or nothing is known
     # The last model's error by phase, run, speed and so on.
@@ -158,9 +163,13 @@ class ChannelView:
     # What was commanded or aimed at, with its name, shape (n,); None where nothing is known.
     wanted: tuple[str, FloatArray] | None = None
 
-    def times_floor(self, error: float) -> float:
-        """An error over the noise."""
-        return error / self.floor if self.floor > 0.0 else float("inf")
+    def times_noise(self, error: float) -> float:
+        """An error over the noise.
+
+        Args:
+            error: in the effort's unit.
+        """
+        return error / self.noise_level if self.noise_level > 0.0 else float("inf")
 
     def parts_by(self) -> Iterator[tuple[str, Sequence[Part]]]:
         """The parts of each kind with its name; of very many, such as runs, only the worst."""
@@ -203,7 +212,14 @@ _CELLS, _OUTER, _LEAST = 36, 0.002, 3  # per axis; share beyond each end; sample
 def residual_map(
     position: FloatArray, velocity: FloatArray, residual: FloatArray, used: BoolArray
 ) -> ResidualMap:
-    """Average a residual (n,) over position and velocity; of the samples that are `used`, such as pressed."""
+    """Average a residual (n,) over position and velocity; of the samples that are `used`, such as pressed.
+
+    Args:
+        position: shape (n,).
+        velocity: shape (n,).
+        residual: shape (n,).
+        used: samples that count, shape (n,).
+    """
     used = used & np.isfinite(residual)
     velocity, position = velocity[used], position[used]
     edges = [_edges(velocity), _edges(position)]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from control.loop.task import Phase
-from palpate.render.palette import BASE, FLOOR, JOINTS, MEASURED, MODEL, TRUTH
+from palpate.render.palette import BASE, JOINTS, MEASURED, MODEL, NOISE, TRUTH
 from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
 
 P = ParamSpec("P")
@@ -49,7 +49,7 @@ _STYLE: Any = {
 _KNOWN = {
     "lsq": MEASURED,
     "ransac": MODEL,
-    "robust": FLOOR,
+    "robust": NOISE,
     "weighted": "#9a6fc4",
     "rls": "#5aa7b5",
     "ewrls": "#a08a2e",

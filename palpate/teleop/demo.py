@@ -84,7 +84,6 @@ def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
         last_s: when the last press begins at the latest [s].
     """
     high_m, low_m = surface_m + _ABOVE_M, surface_m - _BELOW_M
-    one, other = _PLACES_M
     path: list[dict[str, object]] = []
     at_s = 0.0
 
@@ -93,8 +92,8 @@ def script(surface_m: float, last_s: float = _LAST_S) -> dict[str, object]:
         at_s += after_s
         path.append({"time_s": round(at_s, 3), "position_world_m": [x_m, 0.0, z_m], "select": select})
 
-    go(one, high_m, 0.0)
-    for x_m in (one, other):
+    go(_PLACES_M[0], high_m, 0.0)
+    for x_m in _PLACES_M:
         go(x_m, high_m, 0.6)
         go(x_m, high_m, 0.2, select=True)
         go(x_m, high_m, 0.2)
@@ -112,6 +111,10 @@ def write_worlds(folder: Path, real: Scenario) -> None:
     """Write the follower's world as real.yaml, and the leader's as guess.yaml, softer and higher.
 
     InputError: they cannot be written.
+
+    Args:
+        folder: that exists.
+        real: the follower's world.
     """
     surface_m = real.object.surface_height_m + _GUESS_ABOVE_M
     guess = Scenario(description="a guess", object=ObjectSettings(law=_GUESS, surface_height_m=surface_m))
@@ -140,7 +143,9 @@ def run_demo(
     surface_m = real.object.surface_height_m
     write_text(operator, yaml.safe_dump(script(surface_m), sort_keys=False))
     write_worlds(folder, real)
-    port = str(_free_port())
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
     commands = {
         "follower": ["--scenario", str(folder / "real.yaml"), *follower],
         "leader": ["--scenario", str(folder / "guess.yaml"), "--operator", str(operator), *leader],
@@ -169,8 +174,8 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
     valid = {0}
     try:
         for side, options in commands.items():
-            with (folder / f"{side}.log").open("wb") as log:
-                running[side] = subprocess.Popen([*program, side, *options], stdout=log, stderr=log)  # noqa: S603
+            with (folder / f"{side}.log").open("wb") as file:
+                running[side] = subprocess.Popen([*program, side, *options], stdout=file, stderr=file)  # noqa: S603
         with suppress(subprocess.TimeoutExpired):
             running["leader"].wait(until_s - time.monotonic())
         if running["leader"].poll() is None:  # the machine is slow: what there is must do
@@ -179,7 +184,11 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
                 process.send_signal(signal.SIGINT)
         for side in reversed(_SIDES):
             if running[side].wait(_END_S) not in valid:
-                raise PalpateError(f"the {side} failed: {_last_words(folder / f'{side}.log')}")
+                log = folder / f"{side}.log"
+                lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                raise PalpateError(
+                    f"the {side} failed: {lines[-1] if lines else f'without a word (see {log})'}"
+                )
     except subprocess.TimeoutExpired:
         raise PalpateError(f"the {side} does not end; see {folder / side}.log") from None
     finally:
@@ -190,14 +199,3 @@ def _run_both(folder: Path, commands: dict[str, list[str]]) -> bool:
                     process.wait(_END_S)
                 process.kill()
     return INTERRUPTED in valid
-
-
-def _last_words(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return lines[-1] if lines else f"without a word (see {log})"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -64,6 +64,10 @@ def sample_stream(joint_count: int) -> Stream:
 def first_look(samples: Samples, target: int) -> ObjectEstimate:
     """What the runs so far say of the object at a target, by the better of two contact laws.
 
+    Args:
+        samples: of one target.
+        target: its number.
+
     Raises:
         InputError: nothing was touched, or too little to estimate from.
     """
@@ -74,6 +78,10 @@ def second_look(samples: Samples, target: int) -> ObjectEstimate:
     """The same with what the diagnosis establishes beside the law, and with its verdict.
 
     What is established and cannot be simulated, and so not felt, is said in words.
+
+    Args:
+        samples: of one target.
+        target: its number.
 
     Raises:
         InputError: as `first_look`.
@@ -108,7 +116,13 @@ class ObjectEstimator:
         return any(worker.busy for worker in self._workers)
 
     def look(self, samples: Samples, target: int, *, last: bool) -> None:
-        """Have the samples of a target looked at: once, or where it was the last run also twice."""
+        """Have the samples of a target looked at: once, or where it was the last run also twice.
+
+        Args:
+            samples: of one target.
+            target: its number.
+            last: whether its last run is over.
+        """
         for worker in self._workers[: 2 if last else 1]:
             worker.take(samples, target)
 
@@ -211,20 +225,20 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
     found: list[tuple[str, ObjectEstimate]] = []
     for model in _MODELS:
         try:
-            (one,) = Study(contact.channel, model).estimate(_ESTIMATORS)
+            (estimates,) = Study(contact.channel, model).estimate(_ESTIMATORS)
             # Estimates as a revision that nobody keeps: what can be written as a simulated object.
             revision = Revision(
                 number=0,
                 parent=None,
-                channel=one.channel.name,
-                model=one.model.name,
+                channel=estimates.channel.name,
+                model=estimates.model.name,
                 added="",
                 effects=[],
                 user_effects=[],
-                effort_unit=one.channel.kind.effort_unit,
-                rmse=one.best.rmse,
+                effort_unit=estimates.channel.kind.effort_unit,
+                rmse=estimates.best.rmse,
                 noise_floor=0.0,
-                parameters={p.name: KeptParameter.of(p) for p in one.best.parameters},
+                parameters={p.name: KeptParameter.of(p) for p in estimates.best.parameters},
                 data_sha256="",
                 created_utc="",
                 software_version="",
@@ -236,7 +250,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
             break
     if not found:
         raise failure
-    return min(found, key=lambda one: one[1].rmse_n)
+    return min(found, key=lambda pair: pair[1].rmse_n)
 
 
 def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:
@@ -248,6 +262,11 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
     export = export_scenario(Scenario(), [FittedChannel(revision, contact.channel.surface, 0)], "")
     if export.left_out:
         raise InputError(export.left_out[0])
+    parameters = []
+    for name, kept in revision.parameters.items():
+        reach = nan if kept.std_err is None else _SURE * kept.std_err
+        ends = kept.value - reach, kept.value + reach
+        parameters.append(EstimatedParameter(name, kept.unit, kept.value, *ends))
     tip_m, direction = contact.tip_world_m, contact.direction_world
     along_m = -export.scenario.object.surface_height_m  # as `export_scenario` has it, whatever the direction
     surface_m = tip_m + (along_m - tip_m @ direction) * direction
@@ -257,7 +276,7 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
         surface_world_m=tuple(surface_m.tolist()),
         direction_world=tuple(direction.tolist()),
         model=terms_of(export.scenario),
-        parameters=tuple(_parameter(name, kept) for name, kept in revision.parameters.items()),
+        parameters=tuple(parameters),
         verdict="",
         words="",
         rmse_n=revision.rmse,
@@ -265,8 +284,3 @@ def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstim
         runs=len(contact.channel.runs),
         measured_s=contact.measured_s,
     )
-
-
-def _parameter(name: str, kept: KeptParameter) -> EstimatedParameter:
-    reach = nan if kept.std_err is None else _SURE * kept.std_err
-    return EstimatedParameter(name, kept.unit, kept.value, kept.value - reach, kept.value + reach)

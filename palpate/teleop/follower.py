@@ -95,7 +95,18 @@ class FollowerMessaging(threading.Thread):
         self._newest: dict[int, ObjectEstimate] = {}  # by target, of the newest targets
         self._seen: tuple[int, ...] = ()  # revisions that the leader has
         self._resend_s, self._asked_s, self._made_s = 0.0, math.nan, -math.inf
-        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._on_new_peer)
+
+        def take(message: Message, _sent_s: float) -> None:
+            if isinstance(message, Intent):
+                self.queue.take(message)
+                self._seen = message.seen
+
+        def drop_targets() -> None:
+            self._seen = ()
+            self.queue.clear()
+            say("another leader has begun: the targets of the last one are dropped")
+
+        self._messaging = Messaging(line, clock, take=take, on_new_peer=drop_targets)
 
     def settled(self) -> bool:
         """Whether no estimate is still to come, and none to be seen by a leader who can be heard.
@@ -110,7 +121,14 @@ class FollowerMessaging(threading.Thread):
         return bool(self.error) or not ((waiting and now_s < self._asked_s + _SETTLE_S) or unseen)
 
     def look(self, stream: Stream, records: RecordArray, target: int, *, last: bool) -> None:
-        """Have a target's samples estimated; takes no time."""
+        """Have a target's samples estimated; takes no time.
+
+        Args:
+            stream: columns of the records.
+            records: samples of one target.
+            target: its number.
+            last: whether its last run is over.
+        """
         self._work.append((stream, records, target, last))
 
     def run(self) -> None:
@@ -125,7 +143,11 @@ class FollowerMessaging(threading.Thread):
             self.queue.linked = False
 
     def farewell(self, cause: str) -> None:
-        """Say that the arm has ended, and why it was stopped if it was."""
+        """Say that the arm has ended, and why it was stopped if it was.
+
+        Args:
+            cause: why the arm was stopped; empty where it was not.
+        """
         self.close()
         with suppress(Exception):  # nobody needs to hear it
             for _ in range(_FAREWELLS):
@@ -140,7 +162,11 @@ class FollowerMessaging(threading.Thread):
         self._estimator.close()
 
     def record(self, now_s: float) -> tuple[object, ...]:
-        """How things stand with the line, as one record of `LINK_STREAM`."""
+        """How things stand with the line, as one record of `LINK_STREAM`.
+
+        Args:
+            now_s: time of the session [s].
+        """
         return self._messaging.record(now_s)
 
     def _exchange(self) -> None:
@@ -161,16 +187,6 @@ class FollowerMessaging(threading.Thread):
             self.notes.append(("link", words, {}))
             self._say(words)
 
-    def _take(self, message: Message, _sent_s: float) -> None:
-        if isinstance(message, Intent):
-            self.queue.take(message)
-            self._seen = message.seen
-
-    def _on_new_peer(self) -> None:
-        self._seen = ()
-        self.queue.clear()
-        self._say("another leader has begun: the targets of the last one are dropped")
-
     def _think(self) -> None:
         """Hand samples to the estimator, and take its answers."""
         while self._work:
@@ -184,27 +200,24 @@ class FollowerMessaging(threading.Thread):
                 self.notes.append(("no_estimate", answer, {}))
                 self._say(answer)
                 continue
-            self._keep(answer)
-
-    def _keep(self, estimate: ObjectEstimate) -> None:
-        kept = self._newest.pop(estimate.target, None)
-        if kept is not None and _rank(kept) > _rank(estimate):  # what has come is less, and late
-            self._newest[estimate.target] = kept
-            return
-        self._newest[estimate.target] = replace(estimate, revision=self.estimates)
-        self.estimates += 1
-        self._made_s = self._clock.now_s()
-        text = f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}"
-        self.notes.append((ESTIMATE, text, {"target": estimate.target, "verdict": estimate.verdict}))
-        self._say(text)
-        if len(self._newest) > MOST_TARGETS:
-            del self._newest[next(iter(self._newest))]
+            kept = self._newest.pop(answer.target, None)
+            if kept is not None and _rank(kept) > _rank(answer):  # what has come is less, and late
+                self._newest[answer.target] = kept
+                continue
+            self._newest[answer.target] = replace(answer, revision=self.estimates)
+            self.estimates += 1
+            self._made_s = self._clock.now_s()
+            text = f"target {short_number(answer.target)}: {summarize_estimate(answer)}"
+            self.notes.append((ESTIMATE, text, {"target": answer.target, "verdict": answer.verdict}))
+            self._say(text)
+            if len(self._newest) > MOST_TARGETS:
+                del self._newest[next(iter(self._newest))]
 
     def _unseen(self) -> list[ObjectEstimate]:
-        return [one for one in list(self._newest.values()) if one.revision not in self._seen]
+        return [made for made in list(self._newest.values()) if made.revision not in self._seen]
 
     def _send_estimates(self) -> None:
-        """Those that the leader has not said to have; what is lost is sent again."""
+        """Send those that the leader has not said to have; what is lost is sent again."""
         now_s = self._clock.now_s()
         if now_s >= self._resend_s:
             self._resend_s = now_s + _RESEND_S
@@ -317,6 +330,10 @@ class FollowerOutcome:
 
 def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
     """Follow until the leader has ended, somebody stops it, or the guard trips; the session is whole then.
+
+    Args:
+        job: what is to be done.
+        say: told what has happened, one line each.
 
     Raises:
         InputError: robot file, plan, link and scenario do not fit each other; nothing has moved.

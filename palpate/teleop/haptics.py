@@ -21,13 +21,13 @@ from control.loop.timing import Histogram, SectionTiming, TickGrid
 from control.teleop.messaging import LINK_STREAM
 from control.teleop.operator_devices import build_operator
 from control.teleop.virtual_arm import VirtualArm
-from control.teleop.virtual_object import RenderedForce, VirtualObject
+from control.teleop.virtual_object import VirtualObject
 from palpate.runs.robots import find_robot
 from palpate.teleop.virtual_object import felt_data, force_law, summarize_estimate, terms_of
 from robot_io.clock import Clock, MonotonicClock
 from robot_io.errors import InputError, PalpateError
 from robot_io.link import ObjectEstimate, short_number
-from robot_io.operator.device import HandState, OperatorDevice
+from robot_io.operator.device import OperatorDevice
 from robot_io.robot_file import RobotFile
 from robot_io.session import Column, SessionMetadata, SessionWriter, Stream
 from sim_backend.scenario import Scenario
@@ -86,7 +86,11 @@ _NOTHING = HapticReport((0.0, 0.0, 0.0), 0.0)
 
 
 def haptic_stream(joint_count: int) -> Stream:
-    """The columns of a haptic tick."""
+    """The columns of a haptic tick.
+
+    Args:
+        joint_count: of the virtual arm.
+    """
     return Stream(
         STREAM_NAME,
         (
@@ -108,7 +112,12 @@ def haptic_stream(joint_count: int) -> Stream:
 
 
 def run_haptics(job: HapticJob, pipe: Connection) -> None:
-    """Render until the script ends, the main process says so, or it is gone; for a process of its own."""
+    """Render until the script ends, the main process says so, or it is gone; for a process of its own.
+
+    Args:
+        job: what is rendered.
+        pipe: to the main process.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which then says to end
     clock, lateness, failure, opened = MonotonicClock(), Histogram(), "", False
     try:
@@ -157,7 +166,12 @@ class _Haptics:
         self._was_selected = self._end = False
 
     def run(self, clock: Clock, lateness: Histogram) -> None:
-        """Tick after tick."""
+        """Tick after tick.
+
+        Args:
+            clock: gives the time.
+            lateness: collects how late ticks began.
+        """
         grid = TickGrid(clock.now_s() + _PERIOD_S, _PERIOD_S)
         periods, busy_s = 1, 0.0
         late_s = np.zeros(_TELL_TICKS)
@@ -178,7 +192,10 @@ class _Haptics:
         touch = self._object.step(hand.position_world_m, hand.velocity_world_m_s, dt_s)
         felt_n = self._device.set_force(touch.force_world_n)
         self._arm.follow(hand.position_world_m)
-        self._select(hand, touch)
+        if hand.select and not self._was_selected:  # the button went down: at the surface below the tip
+            place = self._arm.tip_world_m - touch.depth_m * _DOWN
+            self._selected.append(tuple(place.tolist()))
+        self._was_selected = hand.select
         self._log.append(
             STREAM_NAME,
             (
@@ -215,13 +232,6 @@ class _Haptics:
             self._told += 1
             self._selected.clear()
             self._refused.clear()
-
-    def _select(self, hand: HandState, touch: RenderedForce) -> None:
-        """A place is chosen when the button goes down, at the virtual surface below the arm's tip."""
-        if hand.select and not self._was_selected:
-            place = self._arm.tip_world_m - touch.depth_m * _DOWN
-            self._selected.append(tuple(place.tolist()))
-        self._was_selected = hand.select
 
     def _feel(self, estimate: ObjectEstimate, now_s: float) -> None:
         try:

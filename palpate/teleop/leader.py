@@ -66,7 +66,13 @@ class LeaderOutcome:
 
 
 def leader_metadata(robot_file: RobotFile, scene: Scenario, command_line: str) -> SessionMetadata:
-    """What a leader's session says of itself."""
+    """What a leader's session says of itself.
+
+    Args:
+        robot_file: of the virtual arm.
+        scene: what is felt before anything was probed.
+        command_line: as it was typed.
+    """
     return SessionMetadata(
         robot_file=robot_file.text,
         urdf=robot_file.urdf_path.read_text(encoding="utf-8"),
@@ -131,7 +137,7 @@ class _Leader:
     ) -> None:
         self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._on_new_peer)
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._forget_follower)
         self._target_states = TargetStates(job.haptics.scene)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}
@@ -146,7 +152,7 @@ class _Leader:
         self._lateness: SectionTiming | None = None
 
     def run(self) -> None:
-        """FollowerMessaging until it is over."""
+        """Exchange messages until it is over."""
         begun_s = self._clock.now_s()
         while not self._over:
             now_s = self._clock.now_s()
@@ -159,10 +165,19 @@ class _Leader:
             if chosen is not None:
                 self._send(HapticCommands(self._read, render=chosen))
             self._messaging.send(self._intent())
-            self._order(now_s)
+            # the session's part goes to the process that writes it
+            if self._telling is not None and (self._notes or not now_s < self._link_s + _LINK_RECORD_S):
+                self._link_s, notes = now_s, tuple(self._notes)
+                self._send(HapticCommands(self._read, notes=notes, link=self._messaging.record(now_s)))
+                self._notes.clear()
             if not now_s < self._show_s + _SHOW_S:
-                self._show_s = now_s
-                self._show(self._status_line(now_s))
+                self._show_s, status, felt = now_s, "starting", self._target_states.felt
+                if self._telling is not None:  # how far the virtual object can be trusted
+                    age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
+                    trust = self._target_states.summary(self._telling.tip_world_m, age_s)
+                    link = "linked" if self._messaging.linked else "NO LINK"
+                    status = f"{self._telling.force_n:5.2f} N felt; {trust}; {link}"
+                self._show(status)
             if now_s > self._ending_s + _FAREWELL_S or (self._ending and not self._messaging.linked):
                 self._over = True
             self._clock.sleep_until(now_s + MESSAGE_PERIOD_S)
@@ -194,11 +209,11 @@ class _Leader:
     def _hear_operator(self) -> None:
         try:
             while self._pipe.poll():
-                self._take_telling(self._pipe.recv())
+                self._take_report(self._pipe.recv())
         except (EOFError, OSError) as error:
             raise self._lost() from error
 
-    def _take_telling(self, telling: HapticReport) -> None:
+    def _take_report(self, telling: HapticReport) -> None:
         if telling.lateness is not None:
             self._lateness = telling.lateness
             if not telling.opened:
@@ -217,7 +232,7 @@ class _Leader:
 
     def _select(self, place: tuple[float, ...]) -> None:
         """A new target; or, where one is waiting or being probed, that one called off."""
-        waiting = [one for one in self._wanted() if dist(one.position_world_m, place) < _SAME_PLACE_M]
+        waiting = [each for each in self._queued() if dist(each.position_world_m, place) < _SAME_PLACE_M]
         for target in waiting:
             self._cancelled.append(target.number)
             self._note("target", f"target {short_number(target.number)} called off")
@@ -229,19 +244,28 @@ class _Leader:
 
     def _hear_follower(self) -> None:
         if self._messaging.receive():
-            heard = self._messaging.linked
-            self._note("link", "the follower is heard" if heard else "the follower is silent")
-        if words := self._messaging.problem():
-            self._note("link", words)
+            is_heard = self._messaging.linked
+            self._note("link", "the follower is heard" if is_heard else "the follower is silent")
+        if problem := self._messaging.problem():
+            self._note("link", problem)
 
-    def _on_new_peer(self) -> None:
+    def _forget_follower(self) -> None:
         self._target_states.on_new_peer()
         self._note("link", "another follower has begun")
 
     def _take(self, message: Message, sent_s: float) -> None:
         if isinstance(message, ObjectEstimate):
-            self._take_estimate(message)
+            try:
+                is_new = self._target_states.take(message)
+            except InputError as error:
+                self._note("refused", f"estimate {message.revision} cannot be felt: {error}")
+                return
+            if is_new:
+                why = f" ({message.words})" if message.words else ""
+                target = short_number(message.target)
+                self._note("estimate", f"target {target}: {summarize_estimate(message)}{why}")
         elif isinstance(message, Report):
+            # A follower that has not heard of this leader yet may still tell of the targets of the last one.
             states = zip(message.targets, map(TargetState, message.states), strict=True)
             self._states.update((number, state) for number, state in states if number in self._targets)
             if message.remark and message.remark != self._remark:
@@ -254,38 +278,17 @@ class _Leader:
                 self.end()
                 self._over = True
 
-    def _take_estimate(self, estimate: ObjectEstimate) -> None:
-        try:
-            new = self._target_states.take(estimate)
-        except InputError as error:
-            self._note("refused", f"estimate {estimate.revision} cannot be felt: {error}")
-            return
-        if new:
-            why = f" ({estimate.words})" if estimate.words else ""
-            self._note(
-                "estimate", f"target {short_number(estimate.target)}: {summarize_estimate(estimate)}{why}"
-            )
-
     def _intent(self) -> Intent:
-        wanted = tuple(self._wanted()[:MOST_TARGETS])
-        return Intent(wanted, tuple(self._cancelled[-MOST_TARGETS:]), self._target_states.seen, self._ending)
+        queued = tuple(self._queued()[:MOST_TARGETS])
+        return Intent(queued, tuple(self._cancelled[-MOST_TARGETS:]), self._target_states.seen, self._ending)
 
-    def _wanted(self) -> list[Target]:
+    def _queued(self) -> list[Target]:
         """Targets that the follower has not finished, and that are not called off."""
         return [
             target
             for target in self._targets.values()
             if self._states.get(target.number) not in _OVER and target.number not in self._cancelled
         ]
-
-    def _order(self, now_s: float) -> None:
-        """Hand the session's part to the process that writes it."""
-        if self._telling is None or (now_s < self._link_s + _LINK_RECORD_S and not self._notes):
-            return
-        self._link_s = now_s
-        record = self._messaging.record(now_s)
-        self._send(HapticCommands(self._read, notes=tuple(self._notes), link=record))
-        self._notes.clear()
 
     def _send(self, orders: HapticCommands) -> None:
         try:
@@ -299,13 +302,3 @@ class _Leader:
     def _note(self, kind: str, text: str) -> None:
         self._notes.append((kind, text))
         self._say(text)
-
-    def _status_line(self, now_s: float) -> str:
-        """How things stand, and how far the virtual object can be trusted."""
-        telling, felt = self._telling, self._target_states.felt
-        if telling is None:
-            return "starting"
-        age_s = nan if felt is None else self._messaging.peer.since_s(felt.measured_s, now_s)
-        trust = self._target_states.summary(telling.tip_world_m, age_s)
-        link = "linked" if self._messaging.linked else "NO LINK"
-        return f"{telling.force_n:5.2f} N felt; {trust}; {link}"

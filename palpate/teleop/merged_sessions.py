@@ -18,7 +18,7 @@ from palpate.teleop.virtual_object import force_law, terms_in, terms_of
 from robot_io.errors import InputError
 from robot_io.link import short_number
 from robot_io.session import Event, Samples, Session
-from robot_io.types import BoolArray, FloatArray, IntArray
+from robot_io.types import BoolArray, FloatArray
 from sim_backend.scenario import Scenario
 
 TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
@@ -52,7 +52,11 @@ class ForceComparison:
         return self.select((since_s >= TOUCH_S) & ~self.stalled)
 
     def select(self, kept: BoolArray) -> "ForceComparison":
-        """Those samples, shape (n,), for which `kept` holds."""
+        """Those samples, shape (n,), for which `kept` holds.
+
+        Args:
+            kept: shape (n,).
+        """
         return ForceComparison(self.time_s[kept], self.felt_n[kept], self.real_n[kept], self.stalled[kept])
 
     def summary(self) -> str:
@@ -145,7 +149,11 @@ class MergedSessions:
         return clauses
 
     def to_leader(self, follower_s: FloatArray) -> FloatArray:
-        """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart."""
+        """Times of the follower's clock on the leader's, shape (n,) [s]; clocks may drift apart.
+
+        Args:
+            follower_s: times of the follower's clock, shape (n,) [s].
+        """
         time_s, offset_s, _ = self.exchanges.T
         theirs_s = np.maximum.accumulate(time_s + offset_s)
         return np.asarray(follower_s - np.interp(follower_s, theirs_s, offset_s))
@@ -163,6 +171,9 @@ class MergedSessions:
         """What was felt after the first estimate, and what the real object would have answered to that hand.
 
         Touches that were under way when the first estimate came are left out: the force fades over then.
+
+        Args:
+            real: the follower's world.
         """
         haptic = self.haptic
         law = force_law(terms_of(real))
@@ -172,22 +183,35 @@ class MergedSessions:
         motion = zip(depth_m.tolist(), rate_m_s.tolist(), step_s.tolist(), strict=True)
         real_n = np.array([law(*state) for state in motion])
         touching = haptic["force_n"] > 0.0
-        # Samples of those touches that began when something was known, shape (n,).
-        begins, number = _touches(touching)
+        # where a touch begins, and the number of the newest one, 0 before the first
+        begins = touching & ~np.concatenate([[False], touching[:-1]])
+        number = np.cumsum(begins)
         knew = np.concatenate([[False], (haptic["revision"] != GUESS)[begins]])
-        begun_after = np.asarray(touching & knew[number])
-        counted = begun_after & (real_n > _LEAST_N)
+        counted = touching & knew[number] & (real_n > _LEAST_N)
+        # touches that began less than `TOUCH_S` before a missed tick
         missed = haptic["lateness_s"] > np.median(step_s)
-        return ForceComparison(
-            haptic["time_s"], haptic["force_n"], real_n, _begun_during(touching, missed)
-        ).select(counted)
+        first = np.convolve(begins, np.ones(round(TOUCH_S / _TICK_S)))[: len(begins)] > 0.0
+        late = np.zeros(number[-1] + 1, bool)
+        late[number[first & missed]] = True
+        forces = ForceComparison(haptic["time_s"], haptic["force_n"], real_n, touching & late[number])
+        return forces.select(counted)
 
     def modelled_and_measured(self) -> ForceComparison:
         """What each target's newest model answers to the follower's presses, and what was measured."""
         ticks, parts = self.ticks, []
         newest = {data["target"]: data for _, data in self.feels()}
         pressed = np.isin(ticks["phase"], _PRESSED) & (ticks["run"] >= 0)
-        targets = self._target_of(ticks["time_s"])
+        begun = [
+            (event.time_s, event.data["target"])
+            for event in self.follower.events
+            if event.kind == "target" and event.data and "state" not in event.data
+        ]
+        # number of the target that was being probed; -1 before any
+        targets = np.full(len(ticks), -1.0)
+        if begun:
+            starts_s, numbers = np.array(begun).T
+            places = np.searchsorted(starts_s, ticks["time_s"], side="right") - 1
+            targets = np.where(places >= 0, numbers[np.maximum(places, 0)], -1.0)
         air_n = float(np.mean(ticks["force_n"][ticks["phase"] == Phase.FREE_AIR]))
         for target, data in newest.items():
             law, rows = force_law(terms_in(data)), np.flatnonzero(targets == target)
@@ -206,38 +230,15 @@ class MergedSessions:
         time_s, modelled_n, measured_n = (np.concatenate(column) for column in zip(*parts, strict=True))
         return ForceComparison(self.to_leader(time_s), modelled_n, measured_n, np.zeros(len(time_s), bool))
 
-    def _target_of(self, time_s: FloatArray) -> FloatArray:
-        """Number of the target that was being probed at the follower's times, shape (n,); -1 before any."""
-        begun = [
-            (event.time_s, event.data["target"])
-            for event in self.follower.events
-            if event.kind == "target" and event.data and "state" not in event.data
-        ]
-        if not begun:
-            return np.full(len(time_s), -1.0)
-        starts_s, numbers = np.array(begun).T
-        found = np.searchsorted(starts_s, time_s, side="right") - 1
-        return np.where(found >= 0, numbers[np.maximum(found, 0)], -1.0)
-
 
 def merge_sessions(first: Session, second: Session) -> MergedSessions:
-    """Both sessions, whichever comes first. InputError: they are not a leader's and a follower's."""
+    """Both sessions, whichever comes first. InputError: they are not a leader's and a follower's.
+
+    Args:
+        first: of leader or follower.
+        second: of the other side.
+    """
     for leader, follower in ((first, second), (second, first)):
         if HAPTIC in leader.stream_names and {TICK, LINK} <= set(follower.stream_names):
             return MergedSessions(leader, follower)
     raise InputError(f"{first.path} and {second.path}: give the sessions of a leader and of its follower")
-
-
-def _begun_during(touching: BoolArray, missed: BoolArray) -> BoolArray:
-    """Samples of those touches that began less than `TOUCH_S` before a missed tick, shape (n,)."""
-    begins, number = _touches(touching)
-    first = np.convolve(begins, np.ones(round(TOUCH_S / _TICK_S)))[: len(begins)] > 0.0
-    late = np.zeros(number[-1] + 1, bool)
-    late[number[first & missed]] = True
-    return np.asarray(touching & late[number])
-
-
-def _touches(touching: BoolArray) -> tuple[BoolArray, IntArray]:
-    """Where a touch begins, and the number of the newest one, 0 before the first; shape (n,) each."""
-    begins = touching & ~np.concatenate([[False], touching[:-1]])
-    return begins, np.cumsum(begins)

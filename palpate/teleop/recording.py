@@ -22,8 +22,6 @@ from palpate.render.recording.session import log_phases
 from palpate.teleop.haptics import GUESS
 from palpate.teleop.merged_sessions import ForceComparison, MergedSessions
 from palpate.teleop.virtual_object import GEOMETRY
-from robot_io.session import Event
-from robot_io.types import FloatArray
 
 _LEADER_BASE_M = (0.0, 0.5, 0.0)  # beside the follower, in the picture only
 _FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
@@ -33,6 +31,10 @@ _MILLI = 1e3
 
 def record_both(merged: MergedSessions, path: Path) -> float:
     """Write the recording; it appears whole or not at all.
+
+    Args:
+        merged: both sessions.
+        path: of the .rrd file.
 
     Returns:
         A moment worth a picture [s].
@@ -52,30 +54,33 @@ def record_both(merged: MergedSessions, path: Path) -> float:
             position_rad = samples.vector("joint_position_rad")[rows]
             urdf = session.metadata.urdf
             log_moving_arm(recording, name, urdf, time_s[rows], position_rad, name=name, base_world_m=base_m)
-            _log_events(recording, name, session.events, start_s, merged)
-        _log_forces(recording, merged, hand_s, arm_s)
+            if session.events:
+                times = np.array([event.time_s for event in session.events])
+                times = (times if name == "leader" else merged.to_leader(times)) - start_s
+                columns = rr.TextLog.columns(
+                    text=[f"{name}, {event.kind}: {event.text}" for event in session.events],
+                    level=[
+                        rr.TextLogLevel.WARN if event.kind in _TROUBLE else rr.TextLogLevel.INFO
+                        for event in session.events
+                    ],
+                )
+                recording.send_columns(f"{_EVENTS}/{name}", time_column(times), columns)
+        for place, time_s, name, values, color in (
+            (f"{_FORCE}/leader", hand_s, "felt", haptic["force_n"], palette.MODEL),
+            (f"{_FORCE}/follower", arm_s, "measured", ticks["force_n"], palette.MEASURED),
+            (_DEPTH, hand_s, "below the virtual surface", _MILLI * haptic["depth_m"], palette.MODEL),
+        ):
+            send_lines(recording, place, time_s, {name: (values, color, 1.5)})
         log_phases(recording, _PHASE, ticks["phase"], arm_s)
         _log_parameters(recording, merged, start_s)
         link = merged.leader.samples("link")
         lines = {
             "age of the newest report [ms]": (_MILLI * link["age_s"], palette.MEASURED, 1.5),
-            "round trip [ms]": (_MILLI * link["round_trip_s"], palette.FLOOR, 1.5),
+            "round trip [ms]": (_MILLI * link["round_trip_s"], palette.NOISE, 1.5),
         }
         send_lines(recording, _LINK, link["time_s"] - start_s, lines)
     felt = np.flatnonzero((haptic["force_n"] > 0.0) & (haptic["revision"] != GUESS))
     return float(hand_s[felt[len(felt) // 2]]) if len(felt) else float(hand_s[-1] / 2)
-
-
-def _log_forces(
-    recording: rr.RecordingStream, merged: MergedSessions, hand_s: FloatArray, arm_s: FloatArray
-) -> None:
-    haptic, ticks = merged.haptic, merged.ticks
-    send_lines(recording, f"{_FORCE}/leader", hand_s, {"felt": (haptic["force_n"], palette.MODEL, 1.5)})
-    send_lines(
-        recording, f"{_FORCE}/follower", arm_s, {"measured": (ticks["force_n"], palette.MEASURED, 1.5)}
-    )
-    depth = {"below the virtual surface": (_MILLI * haptic["depth_m"], palette.MODEL, 1.5)}
-    send_lines(recording, _DEPTH, hand_s, depth)
 
 
 def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start_s: float) -> None:
@@ -94,24 +99,6 @@ def _log_parameters(recording: rr.RecordingStream, merged: MergedSessions, start
             for word, values, look in zip(words, levels.T, looks, strict=True)
         }
         send_lines(recording, _entity(name), edges.reshape(-1) - start_s, lines)
-
-
-def _log_events(
-    recording: rr.RecordingStream,
-    side: str,
-    events: tuple[Event, ...],
-    start_s: float,
-    merged: MergedSessions,
-) -> None:
-    if not events:
-        return
-    times = np.array([event.time_s for event in events])
-    times = (times if side == "leader" else merged.to_leader(times)) - start_s
-    levels = [rr.TextLogLevel.WARN if event.kind in _TROUBLE else rr.TextLogLevel.INFO for event in events]
-    columns = rr.TextLog.columns(
-        text=[f"{side}, {event.kind}: {event.text}" for event in events], level=levels
-    )
-    recording.send_columns(f"{_EVENTS}/{side}", time_column(times), columns)
 
 
 def _parameters(merged: MergedSessions) -> list[str]:
@@ -139,7 +126,7 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
     parameters = [plot(_entity(name), name) for name in _parameters(merged)]
     left = rrb.Vertical(arms, rrb.TextLogView(origin=_EVENTS, name="Events"), row_shares=[3, 2])
     right = rrb.Vertical(
-        plot(f"{_FORCE}/leader", "ForceComparison by the operator [N]"),
+        plot(f"{_FORCE}/leader", "Felt by the operator [N]"),
         plot(f"{_FORCE}/follower", "Measured by the follower [N]"),
         rrb.StateTimelineView(origin=_PHASE, name="Follower's phase"),
         plot(_DEPTH, "Depth of the hand [mm]"),
@@ -168,61 +155,39 @@ def draw(path: Path, merged: MergedSessions, felt: ForceComparison, modelled: Fo
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     figure, axes = plt.subplots(3, 1, figsize=(11, 10), layout="constrained")
-    start_s = float(merged.haptic["time_s"][0])
     over_time, over_force, line = axes
-    haptic, exchanges = merged.haptic, merged.exchanges
-    over_time.plot(haptic["time_s"] - start_s, haptic["force_n"], color=palette.MODEL, lw=1.2, label="felt")
+    haptic, start_s = merged.haptic, float(merged.haptic["time_s"][0])
+    hand_s = haptic["time_s"] - start_s
+    over_time.plot(hand_s, haptic["force_n"], color=palette.MODEL, lw=1.2, label="felt")
     real_n = np.full(len(haptic), np.nan)
     real_n[np.searchsorted(haptic["time_s"], felt.time_s)] = felt.real_n
     look = {"color": palette.TRUTH, "lw": 1.0, "ls": (0, (4, 2))}
-    over_time.plot(
-        haptic["time_s"] - start_s, real_n, label="the real object, pressed by the same hand", **look
-    )
+    over_time.plot(hand_s, real_n, label="the real object, pressed by the same hand", **look)
+    note = {"xycoords": ("data", "axes fraction"), "fontsize": 7, "rotation": 40, "color": palette.BASE}
     for event, data in merged.feels():
         over_time.axvline(event.time_s - start_s, color=palette.BASE, lw=0.8)
         verdict = f", {data['verdict']}" if data["verdict"] else ""
-        over_time.annotate(
-            f"estimate {data['revision']}{verdict}",
-            (event.time_s - start_s, 1.01),
-            xycoords=("data", "axes fraction"),
-            fontsize=7,
-            rotation=40,
-            color=palette.BASE,
-        )
+        over_time.annotate(f"estimate {data['revision']}{verdict}", (event.time_s - start_s, 1.01), **note)
     over_time.set(xlabel="time of the leader [s]", ylabel="force [N]")
     over_time.set_ylim(top=1.2 * over_time.get_ylim()[1])  # room for the legend above the presses
     over_time.legend(loc="upper left", frameon=False, ncols=2)
-    over_force.plot(
-        felt.real_n, felt.felt_n, ".", ms=2, color=palette.MODEL, label=f"felt over real: {felt.summary()}"
-    )
-    over_force.plot(
-        modelled.real_n,
-        modelled.felt_n,
-        ".",
-        ms=2,
-        color=palette.MEASURED,
-        label=f"model over the follower's measurement: {modelled.summary()}",
-    )
-    most = max(float(one.max(initial=1.0)) for one in (felt.real_n, modelled.real_n))
+    for forces, color, title in (
+        (felt, palette.MODEL, "felt over real"),
+        (modelled, palette.MEASURED, "model over the follower's measurement"),
+    ):
+        dots = {"ms": 2, "color": color, "label": f"{title}: {forces.summary()}"}
+        over_force.plot(forces.real_n, forces.felt_n, ".", **dots)
+    most = max(float(forces.real_n.max(initial=1.0)) for forces in (felt, modelled))
     over_force.plot((0.0, most), (0.0, most), color=palette.BASE, lw=0.8)
     over_force.set(xlabel="real force [N]", ylabel="felt, or modelled [N]")
     over_force.legend(loc="upper left", frameon=False)
-    link = merged.leader.samples("link")
-    line.plot(
-        link["time_s"] - start_s,
-        1e3 * link["age_s"],
-        color=palette.MEASURED,
-        lw=1.0,
-        label="age of the newest message",
-    )
-    drift_ms = 1e3 * (exchanges[:, 1] - merged.offset_s)
-    line.plot(
-        exchanges[:, 0] - start_s,
-        drift_ms,
-        color=palette.FLOOR,
-        lw=1.0,
-        label="drift of the follower's clock",
-    )
+    link, exchanges = merged.leader.samples("link"), merged.exchanges
+    drift_s = exchanges[:, 1] - merged.offset_s
+    for time_s, delay_s, color, title in (
+        (link["time_s"], link["age_s"], palette.MEASURED, "age of the newest message"),
+        (exchanges[:, 0], drift_s, palette.NOISE, "drift of the follower's clock"),
+    ):
+        line.plot(time_s - start_s, 1e3 * delay_s, color=color, lw=1.0, label=title)
     line.set(xlabel="time of the leader [s]", ylabel="link [ms]")
     line.legend(loc="upper left", frameon=False)
     for axis in axes:

@@ -15,7 +15,7 @@ from control.teleop.force_mismatch import MismatchMonitor
 from control.teleop.virtual_object import ForceLaw
 from palpate.common.console import count, significant
 from robot_io.errors import InputError
-from robot_io.link import ContactModel, EstimatedParameter, ObjectEstimate, Report, short_number
+from robot_io.link import ContactModel, ObjectEstimate, Report, short_number
 from robot_io.link.messages import MOST_TARGETS
 from sim_backend.contact import ObjectResponse
 from sim_backend.contact_laws import describe_contact_law, parse_contact_law
@@ -28,7 +28,11 @@ _ONE_JOINT = 1  # contact effects ask for none
 
 
 def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
-    """A scenario's object: its contact law, then the effects that act between it and the tip."""
+    """A scenario's object: its contact law, then the effects that act between it and the tip.
+
+    Args:
+        scenario: a simulated world.
+    """
     law = describe_contact_law(scenario.object.law)
     hidden = [describe_imperfection(entry) for entry in scenario.hidden if _is_felt(entry)]
     return (_term(law, "name"), *(_term(entry, "effect") for entry in hidden))
@@ -36,6 +40,9 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
     """The law of an object, with a memory of its own; for `control.teleop.virtual_object.VirtualObject`.
+
+    Args:
+        terms: contact law first, then effects.
 
     Raises:
         InputError: there is no such law or effect, or a value is out of its range.
@@ -74,7 +81,11 @@ def felt_data(estimate: ObjectEstimate) -> dict[str, object]:
 
 
 def terms_in(data: Mapping[str, Any]) -> tuple[ContactModel, ...]:
-    """The object's model in what `felt_data` made. InputError: it is none."""
+    """The object's model in what `felt_data` made. InputError: it is none.
+
+    Args:
+        data: of the session's event.
+    """
     try:
         return tuple(
             ContactModel(name, tuple(values), tuple(map(float, values.values())))
@@ -104,18 +115,15 @@ GEOMETRY = ("contact_offset.offset",)
 
 def summarize_estimate(estimate: ObjectEstimate) -> str:
     """Its parameters with their 95 % intervals, what they leave, and the verdict."""
-    shown = ", ".join(
-        _parameter(parameter) for parameter in estimate.parameters if parameter.name not in GEOMETRY
-    )
+    parameters = []
+    for each in estimate.parameters:
+        half = 0.5 * (each.upper - each.lower)
+        interval = f" ± {significant(half, half)}" if isfinite(half) and half > 0.0 else ""
+        name, value = _SHORT.get(each.name, each.name), significant(each.value, half)
+        if each.name not in GEOMETRY:
+            parameters.append(f"{name} {value}{interval} {each.unit}")
     verdict = f"; {estimate.verdict}" if estimate.verdict else ""
-    return f"{shown}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
-
-
-def _parameter(parameter: EstimatedParameter) -> str:
-    name, half = _SHORT.get(parameter.name, parameter.name), 0.5 * (parameter.upper - parameter.lower)
-    if not (isfinite(half) and half > 0.0):
-        return f"{name} {significant(parameter.value, half)} {parameter.unit}"
-    return f"{name} {significant(parameter.value, half)} ± {significant(half, half)} {parameter.unit}"
+    return f"{', '.join(parameters)}; {estimate.rmse_n:.3g} N left, {count(estimate.runs, 'run')}{verdict}"
 
 
 def summarize_trust(estimate: ObjectEstimate | None, age_s: float, away_m: float) -> str:
@@ -166,7 +174,11 @@ class TargetStates:
         self._revisions.clear()
 
     def take(self, estimate: ObjectEstimate) -> bool:
-        """Take in an estimate; whether it is new. InputError: it is, but cannot be felt."""
+        """Take in an estimate; whether it is new. InputError: it is, but cannot be felt.
+
+        Args:
+            estimate: of one target.
+        """
         known = self._revisions.pop(estimate.target, -1)
         self._revisions[estimate.target] = max(known, estimate.revision)
         if estimate.revision <= known:
@@ -179,7 +191,11 @@ class TargetStates:
         return True
 
     def choose(self, tip_world_m: tuple[float, ...]) -> ObjectEstimate | None:
-        """The estimate that is to be felt from now on at this place, (3,) [m]; None if all stays as it is."""
+        """The estimate that is to be felt from now on at this place, (3,) [m]; None if all stays as it is.
+
+        Args:
+            tip_world_m: of the virtual arm, shape (3,) [m].
+        """
         if not self._estimates:
             return None
         nearest = min(self._estimates.values(), key=lambda estimate: _away_m(estimate, tip_world_m))
@@ -192,6 +208,10 @@ class TargetStates:
 
     def compare(self, report: Report, sent_s: float) -> list[str]:
         """Hold what the follower feels against what the virtual object would answer there.
+
+        Args:
+            report: of the follower.
+            sent_s: when it was sent, on the follower's clock [s].
 
         Returns:
             Where they disagree and it was not told yet, in words.
@@ -206,11 +226,16 @@ class TargetStates:
         place = (short_number(report.target), Phase(report.phase).name.lower())
         self._mismatch.add(place, depth_m, report.force_n, predicted_n)
         found = [mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._told]
-        self._told.update(one.place for one in found)
-        return [f"target {place[0]}, {place[1]}: {one.summary()}" for one in found]
+        self._told.update(mismatch.place for mismatch in found)
+        return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in found]
 
     def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
-        """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s]."""
+        """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s].
+
+        Args:
+            tip_world_m: of the virtual arm, shape (3,) [m].
+            age_s: of the measurement [s].
+        """
         away_m = nan if self.felt is None else _away_m(self.felt, tip_world_m)
         return summarize_trust(self.felt, age_s, away_m)
 

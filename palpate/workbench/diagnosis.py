@@ -42,7 +42,11 @@ class DiagnosisCard:
         self._judging: DiagnosisProcess | None = None  # as the page shows it
 
     def build(self, more: Callable[[], None] = lambda: None) -> None:
-        """Put the elements; `more` builds what belongs below the verdict."""
+        """Put the elements; `more` builds what belongs below the verdict.
+
+        Args:
+            more: builds what belongs below the verdict.
+        """
         self._more = more
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
@@ -106,7 +110,11 @@ class DiagnosisCard:
             element.set_visibility(now)
 
     def offer(self, chosen: Sequence[str]) -> None:
-        """Offer what the diagnosis names, step by step, but for what is chosen already."""
+        """Offer what the diagnosis names, step by step, but for what is chosen already.
+
+        Args:
+            chosen: names of the effects in the model.
+        """
         if self._buttons is None:
             return
         self._buttons.clear()
@@ -162,6 +170,12 @@ HIDDEN = (
 
 def pose(folder: Path) -> Path:
     """Probe an object in which one of `HIDDEN` is hidden; the answer is sealed beside the session.
+
+    Args:
+        folder: of the session.
+
+    Returns:
+        The session.
 
     Raises:
         PalpateError: the session cannot be written.

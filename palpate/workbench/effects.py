@@ -16,8 +16,8 @@ from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.render.effects import Example
 from palpate.workbench import elements
-from palpate.workbench.elements import Figure, Plot, Restyle, heading, set_props
-from palpate.workbench.plots import DrawnMotion, axis, curve, layout_of, near, picked
+from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
+from palpate.workbench.plots import DrawnMotion, near, picked
 from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.startup import picture
 from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
@@ -38,10 +38,19 @@ class EffectRows(Element, component="effects.js"):
         self.by_name = {row["name"]: row for row in rows}
         self._is_ready = False
         self._props |= {"effects": rows, "hint": elements.PICTURE, "alike": elements.ALIKE}
-        self.on("ready", self._send_all)
+
+        def send_all() -> None:
+            self._is_ready = True
+            self.run_method("change", self.by_name)
+
+        self.on("ready", send_all)
 
     def change(self, changes: Mapping[str, Row]) -> None:
-        """Change what is said of some effects; only what differs is sent."""
+        """Change what is said of some effects; only what differs is sent.
+
+        Args:
+            changes: what differs of a row, by the effect's name.
+        """
         differing = {
             name: left
             for name, row in changes.items()
@@ -51,10 +60,6 @@ class EffectRows(Element, component="effects.js"):
             self.by_name[name] |= row
         if differing and self._is_ready:
             self.run_method("change", differing)
-
-    def _send_all(self) -> None:
-        self._is_ready = True
-        self.run_method("change", self.by_name)
 
 
 class Effects:
@@ -69,10 +74,16 @@ class Effects:
 
     def build(self) -> None:
         """Put the heading and the place of the list."""
+
+        def show_matching(event: events.ValueChangeEventArguments[Any]) -> None:
+            part, words = (event.value or "").strip().lower(), ("name", "label", "signature", "physics")
+            texts = {name: " ".join(row[key] for key in words) for name, row in self._rows.by_name.items()}
+            self._rows.change({name: {"seen": part in text.lower()} for name, text in texts.items()})
+
         with ui.element("section").classes("card effects") as self._card, ui.row().classes("bar"):
             heading("Effects", elements.EFFECTS)
             ui.space()
-            text = ui.input(placeholder="filter", on_change=self._filter).classes("filter")
+            text = ui.input(placeholder="filter", on_change=show_matching).classes("filter")
             set_props(text.props("dense outlined clearable"), aria_label="filter effects")
 
     def fill(self) -> None:
@@ -92,7 +103,11 @@ class Effects:
         self.show(self._state.choice.effects)
 
     def show(self, chosen: tuple[str, ...]) -> None:
-        """Tick what is chosen."""
+        """Tick what is chosen.
+
+        Args:
+            chosen: names of the effects in the model.
+        """
         if not self._effects:
             return
         self._rows.change({name: {"chosen": name in chosen} for name in self._effects})
@@ -102,6 +117,9 @@ class Effects:
         """Find out what each effect would do beside the chosen model, while nobody waits for the page.
 
         A tick finds its fit made already.
+
+        Args:
+            idle: set while nobody waits for the page.
         """
         channel, weighed = self._state.channel, None
         ahead = FitPrefetcher(self._state.study, channel)
@@ -171,15 +189,6 @@ class Effects:
                 said = ", ".join(name.replace("_", " ") for name in names)
                 changes[last] |= {"together": f"much the same to this data: {said}"}
         self._rows.change(changes)
-
-    def _filter(self, event: events.ValueChangeEventArguments[Any]) -> None:
-        part, words = (event.value or "").strip().lower(), ("name", "label", "signature", "physics")
-        self._rows.change(
-            {
-                name: {"seen": part in " ".join(row[word] for word in words).lower()}
-                for name, row in self._rows.by_name.items()
-            }
-        )
 
 
 def _row(effect: Effect, kind: ChannelKind) -> Row:

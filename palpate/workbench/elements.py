@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import nicegui.elements.plotly  # noqa: F401, serves plotly.js; plotly's Python, which it also has, is slow to import
+import numpy as np
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
@@ -17,13 +18,25 @@ def set_props(element: AnyElement, **values: str | bool) -> AnyElement:
     """Set properties by key (aria_label sets aria-label); returns the element.
 
     `Element.props("key=value")` reads its text as code: a quote in a value would begin properties of its own.
+
+    Args:
+        element: gets the properties.
+        values: property values by key.
+
+    Returns:
+        The element.
     """
     element.props.update({key.replace("_", "-"): value for key, value in values.items()})
     return element
 
 
 def heading(text: str, title: str = "") -> None:
-    """A heading; `title` is shown on hover."""
+    """A heading; `title` is shown on hover.
+
+    Args:
+        text: of the heading.
+        title: shown on hover.
+    """
     element = TextElement(tag="h2", text=text)
     if title:
         set_props(element, title=title)
@@ -41,22 +54,39 @@ class Plot(Element, component="plot.js"):
         self.figure: Figure = figure
         self._props["figure"] = figure
         self._is_ready = False
-        self.on("ready", self._send_figure)
+
+        def begin() -> None:
+            self._is_ready = True
+            self._send("replace", self.figure)
+
+        self.on("ready", begin)
 
     def replace(self, figure: Figure) -> None:
-        """Draw another figure."""
+        """Draw another figure.
+
+        Args:
+            figure: as plotly's JSON has it.
+        """
         self.figure = figure
         self._send("replace", figure)
 
     def restyle(self, update: Restyle) -> None:
-        """Change some traces."""
+        """Change some traces.
+
+        Args:
+            update: new values of each property, one for each trace, and the numbers of the traces.
+        """
         values, traces = update
         for place, number in enumerate(traces):
             self.figure["data"][number] |= {name: each[place] for name, each in values.items()}
         self._send("restyle", values, traces)
 
     def relayout(self, layout: Figure) -> None:
-        """Change the layout."""
+        """Change the layout.
+
+        Args:
+            layout: what changes of it.
+        """
         self.figure["layout"] |= layout
         self._send("relayout", layout)
 
@@ -64,9 +94,55 @@ class Plot(Element, component="plot.js"):
         if self._is_ready:
             self.run_method(method, *what)
 
-    def _send_figure(self) -> None:
-        self._is_ready = True
-        self._send("replace", self.figure)
+
+_FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
+_AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True, "ticks": ""}
+
+
+def curve(  # noqa: PLR0917, what a line is made of
+    name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
+) -> dict[str, Any]:
+    """A curve over x (n,).
+
+    Args:
+        name: in the legend.
+        x: shape (n,).
+        y: shape (n,).
+        color: as CSS has it.
+        width: of the line [px].
+        unit: of y.
+        more: further keys of plotly's trace.
+    """
+    dash = more.pop("dash", "solid")
+    return {
+        "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
+        "line": {"color": color, "width": width, "dash": dash, "simplify": True},
+        "hovertemplate": f"%{{x:.4g}}: %{{y:.4g}} {unit}", **more,
+    }  # fmt: skip
+
+
+def axis(title: str, **more: object) -> dict[str, Any]:
+    """An axis with what runs along it.
+
+    Args:
+        title: with its unit.
+        more: further keys of plotly's axis.
+    """
+    return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}
+
+
+def layout_of(height: int, **more: object) -> dict[str, Any]:
+    """The look that all figures share.
+
+    Args:
+        height: of the figure [px].
+        more: further keys of plotly's layout.
+    """
+    return {
+        "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
+        "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",
+        "legend": {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}, **more,
+    }  # fmt: skip
 
 
 ERROR = (

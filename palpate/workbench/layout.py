@@ -1,4 +1,4 @@
-"""What stands on the page: a bench with its diagnosis, or a place to begin where there is no data yet."""
+"""Layout of the page: a study with its diagnosis, or a place to begin where there is no data yet."""
 
 import asyncio
 import secrets
@@ -32,7 +32,11 @@ _CODE_DIGITS = 6
 
 
 async def lay_out_page(home: AppState) -> None:
-    """Build the page for what the server shows."""
+    """Build the page for what the server shows.
+
+    Args:
+        home: what the server shows.
+    """
     if home.state is None:
         # Where nothing is open: drop a file, choose one, or probe.
         with ui.element("div").classes("begin"):
@@ -97,7 +101,11 @@ def _choose(home: AppState) -> FileDrop:
 
 
 def is_data(file: Path) -> bool:
-    """Whether a file of a folder is offered."""
+    """Whether a file of a folder is offered.
+
+    Args:
+        file: in the folder of sessions.
+    """
     is_table = file.name.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".xlsx", ".parquet", ".npz"))
     return file.is_file() and (is_table or is_session(file))
 

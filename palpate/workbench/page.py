@@ -90,9 +90,26 @@ class Page:
         self._lines.show()
         self._list_revisions()
         ui.keyboard(self._key, ignore=["input", "textarea"])
+
+        async def begin() -> None:
+            await self._change(self.state.show)
+            if self._shown is not None:
+                self._effects.fill()
+                await self._effects.weigh(self._idle)
+
+        async def follow() -> None:
+            """Show what was chosen in another tab."""
+            shown, choice = self._shown, self.state.choice
+            if shown is None or choice == shown.choice or not self._idle.is_set():
+                return
+            if choice.channel != shown.choice.channel:
+                ui.navigate.reload()
+            else:
+                await self._change(self.state.show)
+
         if not refused:
-            ui.timer(0.01, self._begin, once=True)
-            ui.timer(_FOLLOW_S, self._follow)
+            ui.timer(0.01, begin, once=True)
+            ui.timer(_FOLLOW_S, follow)
 
     async def tick(self, effect: str) -> None:
         """Add an effect, or take it away."""
@@ -103,11 +120,19 @@ class Page:
         await self._change(lambda: self.state.choose(toggled()), toggled)
 
     async def choose(self, choice: ModelSelection) -> None:
-        """Show another choice."""
+        """Show another choice.
+
+        Args:
+            choice: the model to fit and show.
+        """
         await self._change(lambda: self.state.choose(choice), lambda: choice)
 
     async def add(self, effects: Sequence[str]) -> None:
-        """Tick effects, as a diagnosis proposes."""
+        """Tick effects, as a diagnosis proposes.
+
+        Args:
+            effects: their names, in order.
+        """
         choice = self.state.choice
         await self.choose(choice.with_effects(list(dict.fromkeys([*choice.effects, *effects]))))
 
@@ -116,22 +141,6 @@ class Page:
         if self._shown is not None:
             self._effects.arrange()
             ui.timer(0.01, lambda: self._change(self.state.show), once=True)
-
-    async def _begin(self) -> None:
-        await self._change(self.state.show)
-        if self._shown is not None:
-            self._effects.fill()
-            await self._effects.weigh(self._idle)
-
-    async def _follow(self) -> None:
-        """Show what was chosen in another tab."""
-        shown, choice = self._shown, self.state.choice
-        if shown is None or choice == shown.choice or not self._idle.is_set():
-            return
-        if choice.channel != shown.choice.channel:
-            ui.navigate.reload()
-        else:
-            await self._change(self.state.show)
 
     async def _change(
         self, work: Callable[[], DisplayedFit], coming: Callable[[], ModelSelection] | None = None
@@ -194,7 +203,12 @@ class Page:
             return self._shown
 
     async def pull(self, name: str, value: float) -> None:
-        """Draw the model with the slider of a parameter at a value: curves first, then all other views."""
+        """Draw the model with the slider of a parameter at a value: curves first, then all other views.
+
+        Args:
+            name: of the parameter.
+            value: of the slider, in the parameter's SI unit.
+        """
         if (
             self._shown is None
             or name not in self._shown.fitted.values

@@ -72,7 +72,13 @@ class ErrorCard:
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
 
     def preview(self, error: float, unit: str, noise: float) -> None:
-        """State the error at the values of the sliders."""
+        """State the error at the values of the sliders.
+
+        Args:
+            error: held-out error [unit].
+            unit: of the effort.
+            noise: noise level of the channel [unit].
+        """
         self._wrong.set_text("")  # it is said of the fit
         self._number.set_content(_number(error, unit, noise, "at these values"))
 
@@ -90,7 +96,16 @@ def _number(error: float, unit: str, noise: float, what: str = "", kind: str = "
 
 
 def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> str:
-    """The error of each stage as bars, with the noise level as a line."""
+    """The error of each stage as bars, with the noise level as a line.
+
+    Args:
+        steps: label and held-out error of each stage.
+        noise: noise level [unit].
+        unit: of the effort.
+
+    Returns:
+        HTML.
+    """
     most = max(error for _, error in steps) or 1.0
     rows, before = [], steps[0][1]
     for label, error in steps:
@@ -103,7 +118,7 @@ def waterfall(steps: tuple[tuple[str, float], ...], noise: float, unit: str) -> 
             f'<span class="value">{error:.3g} {unit}<em>{falls}</em></span></div>'
         )
         before = error
-    return f'<div class="fall">{"".join(rows)}<div class="floor">noise level {noise:.3g} {unit}</div></div>'
+    return f'<div class="fall">{"".join(rows)}<div class="noise">noise level {noise:.3g} {unit}</div></div>'
 
 
 class Parameters:
@@ -155,7 +170,11 @@ class Parameters:
                 ui.label("nothing is fitted in this model").classes("quiet")
 
     def show_intervals(self, estimates: Mapping[str, ParameterEstimate]) -> None:
-        """State the 95 % intervals."""
+        """State the 95 % intervals.
+
+        Args:
+            estimates: by "effect.parameter".
+        """
         assert self._shown is not None  # noqa: S101, set by `show`
         self._estimates = dict(estimates)
         self._values = {name: p.value for name, p in estimates.items()} | dict(self._shown.choice.pulled)
@@ -163,7 +182,11 @@ class Parameters:
             self._mark_state(name)
 
     def mark_pulled(self, shown: DisplayedFit) -> None:
-        """State the values that sliders were pulled to."""
+        """State the values that sliders were pulled to.
+
+        Args:
+            shown: the fit with the values of the sliders.
+        """
         self._shown = shown
         self._values |= shown.choice.pulled
         self._back.set_visibility(True)

@@ -13,7 +13,7 @@ from palpate.render.build import axes_of, one_after_the_other
 from palpate.render.thinning import peaks
 from palpate.render.view import Axes, ResidualMap, residual_map
 from palpate.workbench import elements
-from palpate.workbench.elements import Figure, Plot, Restyle, heading, set_props
+from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.state import DisplayedFit, WorkbenchState
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -21,8 +21,6 @@ MOST_POINTS = 1200  # of a curve over time
 MOST_OF_STATE = 900
 _FEW = 4  # runs over the state, where none were chosen
 _MILLI = 1e3
-_FONT = {"family": "Inter, Source Sans 3, Helvetica Neue, Liberation Sans, Arial, sans-serif", "size": 12}
-_AXIS = {"gridcolor": "#e8ecf0", "zerolinecolor": "#c3cbd3", "automargin": True, "ticks": ""}
 MEASURED, BASE, MODEL, LEFT_BEFORE, LEFT = range(5)  # traces over time
 
 
@@ -39,7 +37,12 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, data: ChannelData, runs: Sequence[int] = ()) -> "DrawnMotion":
-        """The motion of some runs; of all without any."""
+        """The motion of some runs; of all without any.
+
+        Args:
+            data: the channel, n samples.
+            runs: numbers of the runs to draw; empty for all.
+        """
         axes = axes_of(data.kind)
         scale = _MILLI if "mm" in axes.position else 1.0
         return cls(
@@ -52,11 +55,21 @@ class DrawnMotion:
         return np.isin(self.data.run, self.runs) if self.runs else np.ones(len(self.data), dtype=np.bool_)
 
     def map(self, residual: FloatArray) -> ResidualMap:
-        """A residual (n,) over the state; of a contact only while pressed."""
+        """A residual (n,) over the state; of a contact only while pressed.
+
+        Args:
+            residual: shape (n,), in the effort's unit.
+        """
         return residual_map(self.position, self.velocity, residual, self.judged & self.data.engaged)
 
     def rows(self, values: FloatArray, most: int, span_s: tuple[float, float] | None = None) -> IntArray:
-        """Samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between two runs."""
+        """Samples to draw so that peaks of `values` (n,) are seen; -1 for a gap between two runs.
+
+        Args:
+            values: shape (n,).
+            most: number of samples to keep.
+            span_s: first and last time to draw [s]; None for all.
+        """
         chosen = self.judged
         if span_s is not None:
             chosen &= (self.time_s >= span_s[0]) & (self.time_s <= span_s[1])
@@ -67,12 +80,26 @@ class DrawnMotion:
 
 
 def picked(values: FloatArray, rows: IntArray) -> np.ndarray:
-    """Select rows of values (n,) as float32, which a browser gets quickly; NaN at gaps (row -1)."""
+    """Select rows of values (n,) as float32, which a browser gets quickly; NaN at gaps (row -1).
+
+    Args:
+        values: shape (n,).
+        rows: shape (m,), -1 for a gap.
+
+    Returns:
+        Float32, shape (m,).
+    """
     return np.where(rows < 0, np.nan, values[rows]).astype(np.float32)
 
 
 def time_figure(motion: DrawnMotion, base: FloatArray | None, left: FloatArray | None) -> Figure:
-    """Measured effort, base model and model over time; below, what they leave."""
+    """Measured effort, base model and model over time; below, what they leave.
+
+    Args:
+        motion: what is drawn, n samples.
+        base: effort of the base model (n,); None before the fit.
+        left: residual of the base model (n,); None before the fit.
+    """
     rows = motion.rows(motion.data.effort, MOST_POINTS)
     x, unit = picked(motion.time_s, rows), motion.axes.effort_unit
     effort = picked(motion.data.effort, rows)
@@ -106,7 +133,14 @@ def time_update(
     now: tuple[FloatArray, FloatArray],
     span_s: tuple[float, float] | None,
 ) -> Restyle:
-    """All curves over time again, with as many points in the span that is looked at; see `time_figure`."""
+    """All curves over time again, with as many points in the span that is looked at; see `time_figure`.
+
+    Args:
+        motion: what is drawn, n samples.
+        base: effort and residual of the base model, (n,) each.
+        now: the same of the chosen model.
+        span_s: first and last time to draw [s]; None for all.
+    """
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
     ys = [motion.data.effort, base[0], now[0], base[1], now[1]]
     update = {"x": [picked(motion.time_s, rows)] * len(ys), "y": [picked(y, rows) for y in ys]}
@@ -116,7 +150,14 @@ def time_update(
 def model_update(
     motion: DrawnMotion, predicted: FloatArray, left: FloatArray, span_s: tuple[float, float] | None
 ) -> Restyle:
-    """The model's curves alone."""
+    """The model's curves alone.
+
+    Args:
+        motion: what is drawn, n samples.
+        predicted: effort of the model (n,).
+        left: residual of the model (n,).
+        span_s: first and last time to draw [s]; None for all.
+    """
     rows = motion.rows(motion.data.effort, MOST_POINTS, span_s)
     return {"y": [picked(predicted, rows), picked(left, rows)]}, [MODEL, LEFT]
 
@@ -131,14 +172,26 @@ def _state_rows(motion: DrawnMotion) -> IntArray:
 
 
 def near(motion: DrawnMotion) -> BoolArray:
-    """Where a contact is pressed, and somewhat before and after; all of a joint's motion."""
+    """Where a contact is pressed, and somewhat before and after; all of a joint's motion.
+
+    Args:
+        motion: what is drawn, n samples.
+
+    Returns:
+        Shape (n,).
+    """
     if motion.data.kind is not ChannelKind.CONTACT:
         return np.ones(len(motion.data), dtype=np.bool_)
     return motion.position > -0.1 * float(motion.position.max())
 
 
 def state_figure(motion: DrawnMotion, predicted: FloatArray | None) -> Figure:
-    """Measured effort and model over position, and over velocity."""
+    """Measured effort and model over position, and over velocity.
+
+    Args:
+        motion: what is drawn, n samples.
+        predicted: effort of the model (n,); None before the fit.
+    """
     rows = _state_rows(motion)
     effort, unit = picked(motion.data.effort, rows), motion.axes.effort_unit
     model = np.full(len(rows), np.nan, dtype=np.float32) if predicted is None else picked(predicted, rows)
@@ -180,13 +233,24 @@ def _stacked(height: int) -> Figure:
 
 
 def state_update(motion: DrawnMotion, predicted: FloatArray) -> Restyle:
-    """The model's curves over the state."""
+    """The model's curves over the state.
+
+    Args:
+        motion: what is drawn, n samples.
+        predicted: effort of the model (n,).
+    """
     rows = _state_rows(motion)
     return {"y": [picked(predicted, rows)] * 2}, [1, 3]
 
 
 def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figure:
-    """What base model and model leave over the state, in the same colours."""
+    """What base model and model leave over the state, in the same colours.
+
+    Args:
+        motion: what is drawn, n samples.
+        before: residual of the base model (n,).
+        now: residual of the chosen model (n,).
+    """
     maps = motion.map(before), motion.map(now)
     sizes = np.abs(maps[0].mean[np.isfinite(maps[0].mean)])
     reach = float(np.quantile(sizes, 0.98)) if len(sizes) else 1.0
@@ -220,14 +284,23 @@ def map_figure(motion: DrawnMotion, before: FloatArray, now: FloatArray) -> Figu
 
 
 def map_update(motion: DrawnMotion, residual: FloatArray) -> Restyle:
-    """The model's map."""
+    """The model's map.
+
+    Args:
+        motion: what is drawn, n samples.
+        residual: of the chosen model (n,).
+    """
     each = motion.map(residual)
     x, y, z = (part.astype(np.float32) for part in (each.position, each.velocity, each.mean))
     return {"x": [x], "y": [y], "z": [z]}, [1]
 
 
 def cursor_shapes(times_s: Mapping[str, float]) -> dict[str, Any]:
-    """The cursors A and B as lines with their letters."""
+    """The cursors A and B as lines with their letters.
+
+    Args:
+        times_s: of each cursor, by its letter [s].
+    """
     colors = {"A": "#1d2733", "B": palette.TRUTH}
     lines = [
         {"type": "line", "xref": "x", "yref": "paper", "x0": t, "x1": t, "y0": 0, "y1": 1,
@@ -246,32 +319,6 @@ def _above(text: str, x_axis: str, y_axis: str) -> dict[str, Any]:
     """A title in the middle above the panel of these axes."""
     place = {"xref": f"{x_axis} domain", "yref": f"{y_axis} domain", "x": 0.5, "y": 1.0, "yanchor": "bottom"}
     return {**place, "text": text, "showarrow": False}
-
-
-def curve(  # noqa: PLR0917, what a line is made of
-    name: str, x: np.ndarray, y: np.ndarray, color: str, width: float, unit: str, **more: object
-) -> dict[str, Any]:
-    """A curve over x (n,)."""
-    dash = more.pop("dash", "solid")
-    return {
-        "type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "connectgaps": False,
-        "line": {"color": color, "width": width, "dash": dash, "simplify": True},
-        "hovertemplate": f"%{{x:.4g}}: %{{y:.4g}} {unit}", **more,
-    }  # fmt: skip
-
-
-def axis(title: str, **more: object) -> dict[str, Any]:
-    """An axis with what runs along it."""
-    return {**_AXIS, "title": {"text": title, "standoff": 6}, **more}
-
-
-def layout_of(height: int, **more: object) -> dict[str, Any]:
-    """The look that all figures share."""
-    return {
-        "height": height, "margin": {"l": 56, "r": 12, "t": 24, "b": 40}, "font": _FONT,
-        "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "hovermode": "closest",
-        "legend": {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}, **more,
-    }  # fmt: skip
 
 
 MOST_RUNS = 60  # that can be chosen one by one
@@ -293,13 +340,25 @@ class PlotPanel:
 
     def build(self) -> None:
         """Put the elements where they are; raw curves are there before, and whatever, the analysis says."""
+
+        def zoom(event: events.GenericEventArguments) -> None:
+            span = event.args
+            self._span_s = (float(span[0]), float(span[1])) if span else None
+            if self._shown is not None and self._drawn is not None:
+                base = _of_base(self._shown)
+                self._time.restyle(time_update(self._motion, base, self._drawn, self._span_s))
+
+        def place_cursor(event: events.GenericEventArguments) -> None:
+            name, self._next = self._next, "B" if self._next == "A" else "A"
+            self._at[name].set_value(round(float(event.args), 4))
+
         with ui.element("section").classes("card"):
             with ui.row().classes("bar"):
                 heading("Curves", elements.CURVES)
                 self._runs()
             self._time = Plot(time_figure(self._motion, None, None))
-            self._time.on("zoom", self._zoom)
-            self._time.on("point", self._place_cursor)
+            self._time.on("zoom", zoom)
+            self._time.on("point", place_cursor)
             with ui.row().classes("bar cursors"):
                 set_props(ui.label("cursors").classes("quiet"), title=elements.CURSORS)
                 self._at = {name: self._cursor(name) for name in ("A", "B")}
@@ -337,7 +396,11 @@ class PlotPanel:
             self._map.restyle(map_update(self._motion, self._drawn[1]))
 
     def preview(self, effort: FloatArray) -> None:
-        """Draw another prediction (n,) than that of the fit, while a slider is pulled."""
+        """Draw another prediction (n,) than that of the fit, while a slider is pulled.
+
+        Args:
+            effort: shape (n,), in the effort's unit.
+        """
         if self._shown is not None:
             self._drawn = effort, np.where(self._shown.base.judged, self._data.effort - effort, np.nan)
             self._model(*self._drawn)
@@ -391,12 +454,6 @@ class PlotPanel:
             select.on("popup-show", lambda: use(still=True)).on("popup-hide", lambda: use(still=False))
             select.on_value_change(lambda: use(still=choosing))
 
-    def _zoom(self, event: events.GenericEventArguments) -> None:
-        span = event.args
-        self._span_s = (float(span[0]), float(span[1])) if span else None
-        if self._shown is not None and self._drawn is not None:
-            self._time.restyle(time_update(self._motion, _of_base(self._shown), self._drawn, self._span_s))
-
     def _cursor(self, name: str) -> ui.number:
         def put(event: events.ValueChangeEventArguments[Any]) -> None:
             """Put the cursor at a time [s], or on the nearer end of the curves; None takes it away."""
@@ -410,10 +467,6 @@ class PlotPanel:
 
         cursor = ui.number(f"{name} [s]", format="%.3f", on_change=put)
         return cursor.props("dense outlined").classes("cursor")
-
-    def _place_cursor(self, event: events.GenericEventArguments) -> None:
-        name, self._next = self._next, "B" if self._next == "A" else "A"
-        self._at[name].set_value(round(float(event.args), 4))
 
     def _read_cursors(self) -> None:
         rows = {name: int(np.argmin(np.abs(self._motion.time_s - t))) for name, t in self._cursors.items()}

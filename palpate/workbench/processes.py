@@ -36,7 +36,12 @@ class DiagnosisProcess:
         self.said = ""  # why there is no answer
 
     def note(self, what: str, share: float) -> None:
-        """How far it is."""
+        """How far it is.
+
+        Args:
+            what: is being done.
+            share: of the work that is done, 0 to 1.
+        """
         self.now = what, share
 
     def stop(self) -> None:
@@ -111,6 +116,9 @@ class FitPrefetcher:
 
     async def fit(self, effects: Sequence[str]) -> None:
         """Make a fit known to the study, if it is not yet.
+
+        Args:
+            effects: added to the base model, in order.
 
         Raises:
             InputError: it cannot be fitted.

@@ -52,8 +52,15 @@ class OwnPageOnly:
         """Handle one request or connection."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
-        elif self._is_foreign(Headers(scope=scope), is_socket=scope["type"] == "websocket"):
-            refusal = WebSocketClose() if scope["type"] == "websocket" else PlainTextResponse("", 403)
+            return
+        headers, is_socket = Headers(scope=scope), scope["type"] == "websocket"
+        origin = headers.get("origin")
+        is_foreign = origin not in self._origins
+        if origin is None:  # nobody opens a socket without an origin
+            is_loaded = headers.get("sec-fetch-site") in _ELSEWHERE
+            is_foreign = is_socket or (is_loaded and headers.get("sec-fetch-mode") != "navigate")
+        if is_foreign:
+            refusal = WebSocketClose() if is_socket else PlainTextResponse("", 403)
             await refusal(scope, receive, send)
         else:
             nonce = scope.setdefault("state", {})[_NONCE] = secrets.token_urlsafe(16)
@@ -61,20 +68,12 @@ class OwnPageOnly:
 
             async def send_with_policy(message: Message) -> None:
                 if message["type"] == "http.response.start":
-                    headers = MutableHeaders(scope=message)
-                    own = headers.get(_POLICY)  # of a report, which is kept from the page itself
-                    headers.update({**HEADERS, _POLICY: f"{own}; {_UNFRAMED}" if own else policy})
+                    answer = MutableHeaders(scope=message)
+                    own = answer.get(_POLICY)  # of a report, which is kept from the page itself
+                    answer.update({**HEADERS, _POLICY: f"{own}; {_UNFRAMED}" if own else policy})
                 await send(message)
 
             await self._app(scope, receive, send_with_policy)
-
-    def _is_foreign(self, headers: Headers, *, is_socket: bool) -> bool:
-        """Whether another page asks; without an origin, nobody opens a socket."""
-        origin = headers.get("origin")
-        if origin is None:
-            loaded = headers.get("sec-fetch-site") in _ELSEWHERE
-            return is_socket or (loaded and headers.get("sec-fetch-mode") != "navigate")
-        return origin not in self._origins
 
 
 class _WithNonce(jinja2.BaseLoader):
@@ -100,7 +99,12 @@ _AWAY_S = 30.0  # that a browser may be out of touch, on a busy machine, before 
 
 
 def serve(home: AppState, listening: socket) -> None:
-    """Serve at an open socket until interrupted."""
+    """Serve at an open socket until interrupted.
+
+    Args:
+        home: what the server shows.
+        listening: socket that is open already.
+    """
 
     @ui.page("/", title="palpate workbench", response_timeout=_CONNECT_S)
     async def page() -> None:

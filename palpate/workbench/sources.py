@@ -25,8 +25,8 @@ from estimation.data.units import SI
 from palpate.common.files import output_folder, whole_file
 from palpate.render import palette
 from palpate.render.thinning import peaks
-from palpate.workbench.elements import Figure, Plot, heading, set_props
-from palpate.workbench.plots import axis, curve, layout_of, picked
+from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of, set_props
+from palpate.workbench.plots import picked
 from robot_io.errors import InputError, PalpateError
 from robot_io.session import Follower, Samples, Session
 from robot_io.types import FloatArray
@@ -50,7 +50,11 @@ class ColumnGuess:
 
 
 def guess(table: Table) -> list[ColumnGuess]:
-    """What each column of numbers seems to hold, as every command guesses it; the time also by its values."""
+    """What each column of numbers seems to hold, as every command guesses it; the time also by its values.
+
+    Args:
+        table: the file.
+    """
     guesses = guess_columns(table.names, clocks_of(table.columns))
     guesses = [guessed for guessed in guesses if table.is_numeric(guessed.column)]
     best = {(each.quantity, each.joint): each for each in sorted(guesses, key=lambda each: each.fit)}
@@ -71,7 +75,11 @@ def guess(table: Table) -> list[ColumnGuess]:
 
 
 def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
-    """How to read the file, as the page has it. InputError: two columns hold the same."""
+    """How to read the file, as the page has it. InputError: two columns hold the same.
+
+    Args:
+        columns: as the user left them.
+    """
     used = [column for column in columns if column.quantity]
     names = [column.quantity for column in used]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -81,7 +89,11 @@ def options_of(columns: Sequence[ColumnGuess]) -> ImportOptions:
 
 
 def units_of(quantity: str) -> list[str]:
-    """Units that a quantity may have."""
+    """Units that a quantity may have.
+
+    Args:
+        quantity: such as force or position_2.
+    """
     return [
         unit for dimension in QUANTITIES.get(re.sub(r"_\d+$", "", quantity), ()) for unit in SI[dimension]
     ]
@@ -107,26 +119,31 @@ class FileDrop:
 
     def build(self) -> None:
         """Put the elements."""
+
+        async def upload(event: events.UploadEventArguments) -> None:
+            try:
+                path, is_new = await self._keep(event)
+            except PalpateError as error:
+                _warn(error)
+                return
+            if not await self.begin(path) and is_new:
+                path.unlink()
+
         ui.upload(
             label="Drop a data file or a session here, or choose one",
             auto_upload=True,
             max_files=1,
             max_file_size=MOST_BYTES,
-            on_upload=self._upload,
+            on_upload=upload,
         ).props("flat bordered").classes("drop").mark("drop")
         self._review = ui.element("div").classes("dropped")
 
-    async def _upload(self, event: events.UploadEventArguments) -> None:
-        try:
-            path, is_new = await self._kept(event)
-        except PalpateError as error:
-            _warn(error)
-            return
-        if not await self.begin(path) and is_new:
-            path.unlink()
-
     async def begin(self, path: Path) -> bool:
-        """Open a session at once, and a data file after a look at its columns; whether it can be read."""
+        """Open a session at once, and a data file after a look at its columns; whether it can be read.
+
+        Args:
+            path: a session, a folder of sessions or a data file.
+        """
         try:
             if is_session(path) or path.is_dir():
                 await self._opened(path, ImportOptions())
@@ -137,7 +154,7 @@ class FileDrop:
             return False
         return True
 
-    async def _kept(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
+    async def _keep(self, event: events.UploadEventArguments) -> tuple[Path, bool]:
         """The file, kept under its own name, and whether it was not there; another of that name stays."""
         name = Path(event.file.name).name
         if event.file.size() > MOST_BYTES:  # the browser refuses it, but whoever sends it need not be one
@@ -261,7 +278,12 @@ class Feed:
         return bool(self._channel.has_sinks())
 
     def send(self, session: Path, ticks: Samples) -> None:
-        """Send what is newer than what was sent of the session before; to nobody, nothing is sent."""
+        """Send what is newer than what was sent of the session before; to nobody, nothing is sent.
+
+        Args:
+            session: that is being written.
+            ticks: newest ticks of it.
+        """
         if not self.is_watched:
             return
         time_s = ticks["time_s"]
@@ -288,7 +310,11 @@ class Feed:
 
 
 def online_residual(ticks: Samples) -> FloatArray:
-    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none."""
+    """Force less that of the online estimates of k, c and surface, (n,) [N]; NaN where there are none.
+
+    Args:
+        ticks: n ticks with the online estimates.
+    """
     along = np.sum(ticks["tip_position_world_m"] * ticks["press_direction_world"], axis=1)
     speed = np.sum(ticks["tip_velocity_world_m_s"] * ticks["press_direction_world"], axis=1)
     depth = along - ticks["surface_m"]
@@ -325,7 +351,7 @@ def live_figure(ticks: Samples) -> Figure:
         ("residual of the estimates [N]", online_residual(ticks)[last], palette.TRUTH, "y"),
         *((f"torque {n} [N m]", y, color, "y2") for n, y, color in joints),
         ("k [N/m]", ticks["stiffness_n_m"][last], palette.MODEL, "y3"),
-        ("c [N s/m]", ticks["damping_n_s_m"][last], palette.FLOOR, "y4"),
+        ("c [N s/m]", ticks["damping_n_s_m"][last], palette.NOISE, "y4"),
     ]
     traces = []
     for name, y, color, place in curves:

@@ -42,7 +42,7 @@ class AppState:
     error: str = ""  # why it could not be
     reports: dict[str, Path] = field(default_factory=dict)  # that were written from the page, by their key
     feed: "Feed | None" = None  # for Foxglove, if that was asked for
-    open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # makes a bench of a file
+    open: "Callable[[Path, ImportOptions], WorkbenchState] | None" = None  # opens a file
 
     @property
     def waiting(self) -> str:
@@ -56,7 +56,12 @@ class AppState:
         return f"/report/{key}"
 
     def read(self, make: "Callable[[], WorkbenchState]", what: str) -> None:
-        """Make the bench in another thread; the page shows what was measured and waits for it."""
+        """Read the data in another thread; the page shows what was measured and waits for it.
+
+        Args:
+            make: reads the data.
+            what: is read, in words.
+        """
 
         def run() -> None:
             try:
@@ -117,7 +122,11 @@ class EarlyServer(ThreadingTCPServer):
         self._answers = False
 
     def answer_with(self, body: str) -> None:
-        """Answer the first visitor with this HTML."""
+        """Answer the first visitor with this HTML.
+
+        Args:
+            body: HTML.
+        """
         self.page, self._answers = _PAGE.format(body=body, style=STYLE, script=_SCRIPT).encode(), True
         Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
 
@@ -169,7 +178,14 @@ _MOST_POINTS = 600  # of a curve
 def picture(
     x: FloatArray, curves: Sequence[tuple[FloatArray, str]], width: int = 72, height: int = 44
 ) -> str:
-    """A small drawing of curves (n,) over x (n,), as SVG without axes."""
+    """A small drawing of curves (n,) over x (n,), as SVG without axes.
+
+    Args:
+        x: shape (n,).
+        curves: values (n,) and colour of each.
+        width: [px].
+        height: [px].
+    """
     every = np.concatenate([y for y, _ in curves])
     low, high = float(every.min()), float(every.max())
     left, right = float(x.min()), float(x.max())
@@ -185,6 +201,12 @@ def picture(
 
 def raw_curves(file: Path) -> str:
     """Force and torques of a probing over time, as they were measured; empty for other files.
+
+    Args:
+        file: session or data file.
+
+    Returns:
+        HTML.
 
     Raises:
         SessionError: it is a session that cannot be read.

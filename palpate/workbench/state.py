@@ -1,4 +1,4 @@
-"""What lies on the bench: a study, the model chosen on the page, and the way back; no page in it."""
+"""The state of the workbench: a study, the model chosen on the page, and undo; without any page."""
 
 from collections import deque
 from collections.abc import Mapping, MutableSequence, Sequence
@@ -46,7 +46,11 @@ class ModelSelection:
         return replace(self, pulled={})
 
     def with_effects(self, effects: Sequence[str]) -> "ModelSelection":
-        """The same with other effects; what was said of parameters that are gone is dropped."""
+        """The same with other effects; what was said of parameters that are gone is dropped.
+
+        Args:
+            effects: their names, in order.
+        """
         gone = set(self.effects) - set(effects)
         held = {name: value for name, value in self.held.items() if name.partition(".")[0] not in gone}
         bounds = {name: pair for name, pair in self.bounds.items() if name.partition(".")[0] not in gone}
@@ -71,7 +75,14 @@ class DisplayedFit:
         return {**self.fitted.values, **self.choice.pulled}
 
     def error_at(self, values: Mapping[str, float]) -> float:
-        """Root mean square error of the model at other parameters, where the error is judged."""
+        """Root mean square error of the model at other parameters, where the error is judged.
+
+        Args:
+            values: by "effect.parameter".
+
+        Returns:
+            The error in the effort's unit.
+        """
         judged = self.base.judged
         left = self.fitted.data.effort[judged] - self.fitted.predict(values)[judged]
         return float(np.sqrt(np.mean(left**2)))
@@ -136,6 +147,9 @@ class WorkbenchState:
     def preview(self, choice: ModelSelection) -> DisplayedFit | None:
         """Fit roughly what `show` will give; None where that is known, or parameters are held or bounded.
 
+        Args:
+            choice: the model.
+
         Raises:
             InputError: it cannot be fitted.
         """
@@ -164,7 +178,12 @@ class WorkbenchState:
             self.choice = choice
 
     def pull(self, name: str, value: float) -> None:
-        """Note that a slider was pulled to a value: one step of undo until `release`."""
+        """Note that a slider was pulled to a value: one step of undo until `release`.
+
+        Args:
+            name: "effect.parameter".
+            value: in the parameter's SI unit.
+        """
         if self.choice.pulled.get(name) == value:  # said twice by the browser
             return
         choice = replace(self.choice, pulled={**self.choice.pulled, name: value})
@@ -186,13 +205,22 @@ class WorkbenchState:
         )
 
     def with_held(self, name: str, value: float | None) -> ModelSelection:
-        """The present choice with a parameter held at a value; None to free it."""
+        """The present choice with a parameter held at a value; None to free it.
+
+        Args:
+            name: "effect.parameter".
+            value: in the parameter's SI unit; None to free it.
+        """
         held, bounds = _without(self.choice.held, name), _without(self.choice.bounds, name)
         held |= {} if value is None else {name: value}
         return replace(self.choice, held=held, bounds=bounds, pulled={})
 
     def with_bounds(self, name: str, bounds: Bounds) -> ModelSelection:
         """The present choice with a parameter bounded.
+
+        Args:
+            name: "effect.parameter".
+            bounds: lower and upper, in the parameter's SI unit.
 
         Raises:
             InputError: they are not two numbers, the lower one below the upper one.
@@ -219,7 +247,7 @@ class WorkbenchState:
         """Go back one step.
 
         Returns:
-            This bench; another one of the same measurement if the last step was to use its runs otherwise.
+            This state; another one of the same measurement if the last step was to use its runs otherwise.
         """
         return self._moved(self._past, self._future)
 
@@ -248,6 +276,9 @@ class WorkbenchState:
     def to_revision(self, revision: Revision) -> DisplayedFit:
         """Show a kept revision.
 
+        Args:
+            revision: kept in the study's folder.
+
         Raises:
             InputError: it is of other data, or of another base model than the page shows.
         """
@@ -272,12 +303,16 @@ class WorkbenchState:
         return newest is not None and tuple(newest.effects) == self.choice.effects
 
     def parameter(self, name: str) -> Parameter:
-        """What is known of a parameter of the chosen model before any fit."""
+        """What is known of a parameter of the chosen model before any fit.
+
+        Args:
+            name: "effect.parameter".
+        """
         model = self.study.fit(self.channel, self.choice.effects).model
         return {**model.gains, **model.inner}[name]
 
     def joined_with(self, path: Path) -> "WorkbenchState":
-        """A bench with the runs of another session after those of this one; in memory.
+        """Return a state with the runs of another session after those of this one; in memory.
 
         Raises:
             InputError: the session cannot be read, or has no channel of this one.
@@ -286,7 +321,7 @@ class WorkbenchState:
         return self._with(source, self.study.held_out)
 
     def with_runs(self, out: Sequence[int], held_out: Sequence[int]) -> "WorkbenchState":
-        """A bench of the same measurement, its runs used otherwise; in memory.
+        """Return a state of the same measurement, its runs used otherwise; in memory.
 
         Args:
             out: runs neither fitted nor judged.
@@ -313,7 +348,7 @@ class WorkbenchState:
         return state
 
     def _with(self, source: Source, held_out: Sequence[int]) -> "WorkbenchState":
-        """A bench of other data with the base model and effects of this one."""
+        """Return a state of other data with the base model and effects of this one."""
         study = self.study
         state = WorkbenchState(Study(source, study.model, effects=study.own_effects, held_out=held_out))
         state.choice = ModelSelection(self.choice.channel, self.choice.effects)
@@ -376,7 +411,14 @@ TELLING = 0.05  # share of the error below which an effect does nothing here
 
 
 def evidence_of(study: Study, channel: StudyChannel, beside: Sequence[str], effect: str) -> EffectEvidence:
-    """What one effect takes away beside others of the model. InputError: it cannot be fitted."""
+    """What one effect takes away beside others of the model. InputError: it cannot be fitted.
+
+    Args:
+        study: holds the fits.
+        channel: of the study.
+        beside: names of the other effects in the model.
+        effect: its name.
+    """
     before, fitted = study.fit(channel, beside), study.fit(channel, [*beside, effect])
     change = before.residual_on_blocks - fitted.residual_on_blocks
     length = float(np.linalg.norm(change))

@@ -122,7 +122,7 @@ def test_the_picture_stacks_the_shares_to_its_whole_width():
         palette.KINDS[Kind.TIME_MEMORY],
         palette.KINDS[Kind.ELASTIC_SHAPE],
         palette.KINDS[Kind.RUN_DIFFERENCES],
-        palette.FLOOR,
+        palette.NOISE,
     ]
     assert [float(rect.get("width")) for rect in stacked] == pytest.approx([488, 200, 80, 32])
     assert float(stacked[1].get("x")) == pytest.approx(488)

@@ -169,7 +169,7 @@ class TestFigures:
         view = result_view(result)
         shown = report.fall_figure(view)
         np.testing.assert_allclose(shown.data[0].x, [stage.rmse for stage in result.stages])
-        assert shown.layout.shapes[0].x0 == view.floor
+        assert shown.layout.shapes[0].x0 == view.noise_level
 
     def test_curves_over_time_are_measured_first_and_last_model_with_what_they_leave(self, result):
         shown = report.time_figure(result_view(result))

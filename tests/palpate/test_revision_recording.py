@@ -61,14 +61,12 @@ def test_the_last_model_lies_on_the_measurement_and_the_first_does_not(chunks):
     assert distance[2] < distance[0] / 3
 
 
-def test_the_bar_falls_beside_the_first_which_stays(result, chunks):
-    bars = dict(rows_of(chunks, "/contact/error/now", "LineStrips2D:strips"))
-    heights = [HEIGHT - min(point[1] for line in bars[n] for point in line) for n in range(3)]
-    errors = [stage.rmse for stage in result.stages]
-    np.testing.assert_allclose(np.divide(heights, heights[0]), np.divide(errors, errors[0]), rtol=0.02)
-    ((revision, first),) = rows_of(chunks, "/contact/error/first", "LineStrips2D:strips")
-    assert revision is None
-    assert HEIGHT - min(point[1] for line in first for point in line) == pytest.approx(heights[0])
+def test_the_error_of_each_revision_stands_beside_the_noise(result, chunks):
+    rows = rows_of(chunks, "/contact/error", "Scalars:scalars")
+    assert [revision for revision, _ in rows] == [0, 1, 2]
+    errors, noise = np.transpose([levels for _, levels in rows])
+    np.testing.assert_allclose(errors, [stage.rmse for stage in result.stages])
+    np.testing.assert_allclose(noise, result.noise.value)
 
 
 def test_words_say_what_was_added(chunks):

@@ -58,35 +58,62 @@ def recording_file(name: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[
 
 
 def time_column(time_s: FloatArray) -> list[rr.TimeColumn]:
-    """The timeline of a session."""
+    """The timeline of a session.
+
+    Args:
+        time_s: shape (n,) [s].
+    """
     return [rr.TimeColumn(TIME, duration=time_s)]
 
 
 def send_lines(
-    recording: rr.RecordingStream, entity: str, time_s: FloatArray, lines: Mapping[str, Line]
+    recording: rr.RecordingStream,
+    entity: str,
+    index: FloatArray | list[rr.TimeColumn],
+    lines: Mapping[str, Line],
 ) -> None:
-    """Send several curves over `time_s` (n,) [s] as one entity, in one go; by the name in the legend."""
+    """Send several curves as one entity, in one go.
+
+    Args:
+        recording: where to.
+        entity: path of the entity.
+        index: times (n,) [s], or the n places on another timeline.
+        lines: values (n,), colour and width of each curve, by its name in the legend.
+    """
     look = rr.SeriesLines(
         names=list(lines),
         colors=[palette.rgb(color) for _, color, _ in lines.values()],
         widths=[width for *_, width in lines.values()],
     )
     recording.log(entity, look, static=True)
+    index = time_column(index) if isinstance(index, np.ndarray) else index
     scalars = np.column_stack([values for values, *_ in lines.values()])
-    recording.send_columns(entity, indexes=time_column(time_s), columns=rr.Scalars.columns(scalars=scalars))
+    recording.send_columns(entity, indexes=index, columns=rr.Scalars.columns(scalars=scalars))
 
 
 def plot(
     origin: str, name: str, span: tuple[float, float] | None = None, legend: rrb.Corner2D | None = None
 ) -> rrb.TimeSeriesView:
-    """A plot over all of the time; without a corner for it there is no legend, which would cover curves."""
+    """A plot over all of the time; without a corner for it there is no legend, which would cover curves.
+
+    Args:
+        origin: path of the entity.
+        name: title of the plot.
+        span: range of the vertical axis; None for all.
+        legend: its corner; None for no legend.
+    """
     axis = rrb.ScalarAxis(range=span) if span else None
     shown = rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False)
     return rrb.TimeSeriesView(origin=origin, name=name, axis_x=WHOLE_TIME, axis_y=axis, plot_legend=shown)
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
-    """A blueprint of tabs, without the panels that a reader does not need; of revisions, at the last one."""
+    """A blueprint of tabs, without the panels that a reader does not need; of revisions, at the last one.
+
+    Args:
+        contents: tabs.
+        timeline: that is shown first.
+    """
     # what follows stands at the end
     play: Literal["following", "paused"] = "following" if timeline == REVISION else "paused"
     panel = rrb.TimePanel(state="collapsed", timeline=timeline, play_state=play)
@@ -103,6 +130,9 @@ _TOAST_S = 7.0  # the viewer greets with a note over its upper right corner
 
 def open_window(recording: Path) -> None:
     """Show a recording in a window that stays when this program ends.
+
+    Args:
+        recording: .rrd file.
 
     Raises:
         PalpateError: the viewer's program cannot be started.
@@ -126,13 +156,18 @@ def take_picture(
         PalpateError: the viewer could not be started or did not answer.
         InputError: the picture cannot be written.
     """
+
+    def is_loaded() -> bool:
+        state = viewer.get_state()
+        return bool(state.active_recording) and not state.loading
+
     started_s = time.monotonic()
     with TemporaryDirectory() as folder, whole_file(picture) as unfinished, _headless_viewer(size) as viewer:
         shown, taken = Path(folder, "shown.rrd"), Path(folder, "taken.png")  # it takes no name but UTF-8
         shown.symlink_to(recording.absolute())
         try:
             viewer.open(str(shown))
-            _wait_for(lambda: _is_loaded(viewer), "the Rerun viewer did not load the recording")
+            _wait_for(is_loaded, "the Rerun viewer did not load the recording")
             if revision is None:
                 viewer.set_time(TIME, duration=time_s, play_state="paused")
             else:
@@ -155,9 +190,21 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     window = f"{size[0]}x{size[1]}"
     process = _start("--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window)
     clients: list[ViewerClient] = []
+
+    def connected() -> bool:
+        if process.poll() is not None:
+            raise PalpateError(f"the Rerun viewer ended at once ({_DRIVER})")
+        try:
+            client = ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
+            client.get_state()
+        except (OSError, RuntimeError):
+            return False
+        clients.append(client)
+        return True
+
     try:
         remedy = f"the Rerun viewer did not start without a display ({_DRIVER})"
-        _wait_for(lambda: _connected(process, f"rerun+http://{_HOST}:{port}/proxy", clients), remedy)
+        _wait_for(connected, remedy)
         yield clients[0]
     finally:
         process.terminate()
@@ -166,24 +213,6 @@ def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _connected(process: "subprocess.Popen[bytes]", url: str, clients: list[ViewerClient]) -> bool:
-    """Whether the viewer answers; it is then the one in `clients`."""
-    if process.poll() is not None:
-        raise PalpateError(f"the Rerun viewer ended at once ({_DRIVER})")
-    try:
-        client = ViewerClient.connect(url)
-        client.get_state()
-    except (OSError, RuntimeError):
-        return False
-    clients.append(client)
-    return True
-
-
-def _is_loaded(viewer: ViewerClient) -> bool:
-    state = viewer.get_state()
-    return bool(state.active_recording) and not state.loading
 
 
 def _wait_for(is_done: Callable[[], bool], failure: str) -> None:

@@ -24,7 +24,7 @@ from palpate.render.recording.file import (
 )
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
-from palpate.render.view import BudgetPart, BudgetView, ChannelView, StudyView
+from palpate.render.view import BudgetView, ChannelView, StudyView
 from robot_io.types import FloatArray
 
 WIDTH, HEIGHT = 160.0, 90.0  # of the frame in the view's own units
@@ -32,8 +32,6 @@ _RULE, _INK = (62, 72, 84), (190, 200, 210)
 _TICKS = 5
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _LABEL_DROP = 3.5  # Rerun writes words below their point
-_FILL = 0.6  # height of the lines that fill a bar: Rerun only outlines boxes
-_BAR_WIDTH = 24.0
 
 
 @dataclass(frozen=True)
@@ -48,26 +46,34 @@ class Chart:
     width: float = WIDTH  # of the frame, in the view's own units
 
     def place(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Points (n, 2) in the view, whose vertical axis runs downwards; cut off at the frame."""
+        """Points (n, 2) in the view, whose vertical axis runs downwards; cut off at the frame.
+
+        Args:
+            x: shape (n,).
+            y: shape (n,).
+        """
         across = (np.asarray(x) - self.x[0]) / (self.x[1] - self.x[0])
         up = np.clip((np.asarray(y) - self.y[0]) / (self.y[1] - self.y[0]), -0.02, 1.02)
         placed: FloatArray = np.column_stack([self.width * across, HEIGHT * (1.0 - up)])
         return placed
 
-    def draw_frame(self, recording: rr.RecordingStream, *, upright: bool = True) -> None:
-        """Draw rules and labels, once for all revisions; of the vertical axis alone without `upright`."""
+    def draw_frame(self, recording: rr.RecordingStream) -> None:
+        """Draw rules and labels, once for all revisions.
+
+        Args:
+            recording: where to.
+        """
         rules = [self.place(np.array(self.x), np.full(2, value)) for value in ticks(*self.y)]
         words = [
             ((-7.0, float(rule[0, 1]) - _LABEL_DROP), f"{value:g}")
             for rule, value in zip(rules, ticks(*self.y), strict=True)
         ]
         words.append(((14.0, -11.0), self.y_label))
-        if upright:
-            across = [self.place(np.full(2, value), np.array(self.y)) for value in ticks(*self.x)]
-            below = zip(across, ticks(*self.x), strict=True)
-            words += [((float(rule[0, 0]), HEIGHT + 1.0), f"{value:g}") for rule, value in below]
-            words.append(((self.width / 2, HEIGHT + 8.0), self.x_label))
-            rules += across
+        across = [self.place(np.full(2, value), np.array(self.y)) for value in ticks(*self.x)]
+        below = zip(across, ticks(*self.x), strict=True)
+        words += [((float(rule[0, 0]), HEIGHT + 1.0), f"{value:g}") for rule, value in below]
+        words.append(((self.width / 2, HEIGHT + 8.0), self.x_label))
+        rules += across
         lines = rr.LineStrips2D(rules, colors=_RULE, radii=rr.Radius.ui_points(0.5))
         recording.log(f"{self.entity}/frame", lines, static=True)
         places, labels = zip(*words, strict=True)
@@ -77,39 +83,25 @@ class Chart:
     def strips(
         self, curves: Sequence[tuple[FloatArray, FloatArray]], color: str, width: float
     ) -> rr.LineStrips2D:
-        """Curves (x, y) of one colour; values that are not finite are left out."""
+        """Curves (x, y) of one colour; values that are not finite are left out.
+
+        Args:
+            curves: x (n,) and y (n,) of each.
+            color: "#rrggbb".
+            width: of the lines [points].
+        """
         finite = [(x[np.isfinite(y)], y[np.isfinite(y)]) for x, y in curves]
         placed = [self.place(x, y) for x, y in finite if len(x) > 1]
         return rr.LineStrips2D(placed, colors=palette.rgb(color), radii=rr.Radius.ui_points(width / 2))
 
-    def log_bar(  # noqa: PLR0917, what a bar is drawn from
-        self,
-        recording: rr.RecordingStream,
-        name: str,
-        middle: float,
-        height: float,
-        color: str,
-        text: str,
-        *,
-        static: bool,
-    ) -> None:
-        """A bar from zero up to a value, with its words above."""
-        entity, top = f"{self.entity}/{name}", float(self.place(np.zeros(1), np.array([height]))[0, 1])
-        left, right = middle - _BAR_WIDTH / 2, middle + _BAR_WIDTH / 2
-        heights = np.linspace(HEIGHT, top, max(2, round((HEIGHT - top) / _FILL)))
-        lines = [[[left, y], [right, y]] for y in heights]
-        filled = rr.LineStrips2D(lines, colors=palette.rgb(color), radii=_FILL / 2 + 0.1)
-        recording.log(entity, filled, static=static)
-        recording.log(f"{entity}/word", label((middle, top - 9.0), text, color), static=static)
-
-
-def label(place: tuple[float, float], text: str, color: str) -> rr.Points2D:
-    """Words at a place in a chart."""
-    return rr.Points2D([place], labels=[text], colors=palette.rgb(color), radii=0.0, show_labels=True)
-
 
 def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
-    """Least and largest of finite values, with room around them."""
+    """Least and largest of finite values, with room around them.
+
+    Args:
+        values: shape (n,), not all need be finite.
+        margin: share of the range added at both ends.
+    """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     room = margin * (high - low) or 1.0
@@ -117,7 +109,12 @@ def span_of(values: FloatArray, margin: float = 0.06) -> tuple[float, float]:
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Round values from low to high, about five."""
+    """Round values from low to high, about five.
+
+    Args:
+        low: least value.
+        high: largest value.
+    """
     least = (high - low) / _TICKS
     unit = 10.0 ** np.floor(np.log10(least))
     step = next(factor * unit for factor in _STEPS if factor * unit >= least * (1.0 - 1e-9))
@@ -130,32 +127,46 @@ _STACK, _ROW = 14.0, 13.0  # heights of the stacked bar and of a row
 _NAMES = -62.0  # left end of the rows' names
 _STEP = 0.5  # between the lines that fill a bar: Rerun only outlines boxes
 _THICK = 5.0  # of a row's bar
-_TEXT_COLOUR = "#bec8d2"
 
 
 def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -> None:
-    """Log an error budget, the same at all times."""
+    """Log an error budget, the same at all times.
+
+    Args:
+        recording: where to.
+        entity: path of the budget.
+        budget: shares of the error.
+    """
     total = sum(max(part.share, 0.0) for part in budget.parts) or 1.0
     left = 0.0
     for number, part in enumerate(budget.parts):
         right = left + max(part.share, 0.0) / total * _WIDTH
         _fill(recording, f"{entity}/chart/stack/{number}", (left, right), (0.0, _STACK), part.color)
         left = right
-        _log_row(recording, f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW, part)
-    words = rr.TextDocument(_budget_markdown(budget), media_type=rr.MediaType.MARKDOWN)
+        # name and share; the bar, and a line from the necessary to the sufficient share
+        row, y = f"{entity}/chart/row/{number}", _STACK + (number + 1) * _ROW
+        place, text = (_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}"
+        name = rr.Points2D([place], labels=[text], colors=_INK, radii=0.0, show_labels=True)
+        recording.log(f"{row}/name", name, static=True)
+        end = max(part.share, 0.0) * _WIDTH
+        _fill(recording, f"{row}/bar", (0.0, end), (y - _THICK / 2, y + _THICK / 2), part.color)
+        if part.necessary is not None and part.sufficient is not None:
+            ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in (part.necessary, part.sufficient)]
+            line = rr.LineStrips2D([ends], colors=palette.rgb(part.color), radii=rr.Radius.ui_points(1.0))
+            recording.log(f"{row}/range", line, static=True)
+    lines = ["### Error budget", budget.sentence, ""]
+    lines += ["| kind | share | 95 % interval | necessary to sufficient | form | effects |", "|---" * 6 + "|"]
+    for part in budget.parts:
+        interval = f"{100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %" if part.interval else ""
+        cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += [
+        "\nShares of the base model's squared error in held-out runs. The line below a bar goes from "
+        "what only this kind explains to what it explains alone."
+    ]
+    lines += [f"\n{confusion}" for confusion in budget.confusions]
+    words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
     recording.log(f"{entity}/words", words, static=True)
-
-
-def _log_row(recording: rr.RecordingStream, entity: str, y: float, part: BudgetPart) -> None:
-    """Name and share of a part; its bar, and a line from the necessary to the sufficient share."""
-    name = label((_NAMES / 2, y - 3.5), f"{part.word} {part.share_text}", _TEXT_COLOUR)
-    recording.log(f"{entity}/name", name, static=True)
-    end = max(part.share, 0.0) * _WIDTH
-    _fill(recording, f"{entity}/bar", (0.0, end), (y - _THICK / 2, y + _THICK / 2), part.color)
-    if part.necessary is not None and part.sufficient is not None:
-        ends = [[_WIDTH * share, y + _THICK / 2 + 1.5] for share in (part.necessary, part.sufficient)]
-        line = rr.LineStrips2D([ends], colors=palette.rgb(part.color), radii=rr.Radius.ui_points(1.0))
-        recording.log(f"{entity}/range", line, static=True)
 
 
 def _fill(
@@ -168,23 +179,13 @@ def _fill(
     recording.log(entity, filled, static=True)
 
 
-def _budget_markdown(budget: BudgetView) -> str:
-    lines = ["### Error budget", budget.sentence, ""]
-    lines += ["| kind | share | 95 % interval | necessary to sufficient | form | effects |", "|---" * 6 + "|"]
-    for part in budget.parts:
-        interval = f"{100 * part.interval[0]:.0f} to {100 * part.interval[1]:.0f} %" if part.interval else ""
-        cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
-        lines.append(f"| {' | '.join(cells)} |")
-    lines += [
-        "",
-        "Shares of the base model's squared error in held-out runs. The line below a bar goes from ",
-    ]
-    lines[-1] += "what only this kind explains to what it explains alone."
-    return "\n".join([*lines, *(f"\n{confusion}" for confusion in budget.confusions)])
-
-
 def budget_tab(entity: str, name: str) -> rrb.Horizontal:
-    """The tab of an error budget."""
+    """The tab of an error budget.
+
+    Args:
+        entity: path of the budget.
+        name: of the tab.
+    """
     frame = rrb.VisualBounds2D(x_range=[_NAMES - 8.0, _WIDTH + 8.0], y_range=[-8.0, _STACK + 9 * _ROW])
     background = rrb.Background(color=BACKGROUND)
     chart = rrb.Spatial2DView(
@@ -195,7 +196,6 @@ def budget_tab(entity: str, name: str) -> rrb.Horizontal:
 
 
 _WIDE = 300.0
-_FIRST, _NOW = 42.0, 92.0  # middles of the two bars
 
 
 def record_rerun(view: StudyView, path: Path) -> None:
@@ -205,17 +205,28 @@ def record_rerun(view: StudyView, path: Path) -> None:
     timeline `revision` shows curves, residual, error and words of each revision,
     beside those of revision 0 in grey. Timeline `time` shows measurement, models and motion over time.
 
+    Args:
+        view: all channels.
+        path: of the .rrd file.
+
     Raises:
         InputError: the file cannot be written.
     """
     drawn = [channel for channel in view.channels if len(channel.effort)]
     grown = [channel for channel in drawn if len(channel.stages) > 1]
     judged = [channel for channel in drawn if channel.budget is not None]
-    tabs = [
+    tabs: list[rrb.Container] = [
         *(budget_tab(f"{c.name}/budget", f"{c.name}: error budget") for c in judged),
         *map(_growth_tab, grown),
-        *(_time_tab(c, f"{c.name} over time" if grown else c.name) for c in drawn),
     ]
+    for channel in drawn:
+        place, axes, corner = f"{channel.name}/time", channel.axes, rrb.Corner2D.LeftTop
+        plots = [plot(f"{place}/effort", axes.effort, legend=corner)]
+        if channel.stages:
+            plots.append(plot(f"{place}/residual", f"measured − model [{axes.effort_unit}]", legend=corner))
+        plots += [plot(f"{place}/position", axes.position), plot(f"{place}/velocity", axes.velocity)]
+        name = f"{channel.name} over time" if grown else channel.name
+        tabs.append(rrb.Vertical(*plots, row_shares=[3, 2, 1, 1][-len(plots) :], name=name))
     timeline = REVISION if grown else TIME
     with recording_file(Path(view.file).name, path, shown_on(*tabs, timeline=timeline)) as recording:
         for channel in judged:
@@ -223,28 +234,26 @@ def record_rerun(view: StudyView, path: Path) -> None:
                 log_budget(recording, f"{channel.name}/budget", channel.budget)
         for channel in grown:
             _log_curves(recording, channel)
-            _log_errors(recording, channel)
+            errors = np.array([stage.rmse for stage in channel.stages])
+            revisions = [rr.TimeColumn(REVISION, sequence=np.arange(len(errors)))]
+            levels = {
+                "held-out error": (errors, palette.MEASURED, 2.0),
+                "noise level": (np.full(len(errors), channel.noise_level), palette.NOISE, 2.0),
+            }
+            send_lines(recording, f"{channel.name}/error", revisions, levels)
             for number in range(len(channel.stages)):
                 recording.set_time(REVISION, sequence=number)
                 stage, unit = channel.stages[number], channel.axes.effort_unit
-                lines = [
-                    f"### Revision {number}",
-                    f"**{stage.label}**{'' if number else ', the base model'}",
-                    "",
-                ]
-                lines += [
-                    f"held-out error **{stage.rmse:.4g} {unit}**, noise level {channel.floor:.4g} {unit}",
-                    "",
-                ]
+                kind = "" if number else ", the base model"
+                error = f"held-out error **{stage.rmse:.4g} {unit}**, "
+                error += f"noise level {channel.noise_level:.4g} {unit}"
+                lines = [f"### Revision {number}", f"**{stage.label}**{kind}", "", error, ""]
                 lines += [f"`{effect.name}` {effect.equation}  " for effect in stage.effects]
                 lines += ["", "| parameter | value | 95 % interval | unit |", "|---|---|---|---|"]
                 for parameter in stage.parameters:
-                    value, interval = with_interval(parameter)
-                    lines.append(
-                        f"| {parameter.effect}.{parameter.name} | {value} | {interval} | {parameter.unit} |"
-                    )
-                stage_markdown = "\n".join(lines)
-                words = rr.TextDocument(stage_markdown, media_type=rr.MediaType.MARKDOWN)
+                    name, cells = f"{parameter.effect}.{parameter.name}", with_interval(parameter)
+                    lines.append(f"| {' | '.join([name, *cells, parameter.unit])} |")
+                words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)
                 recording.log(f"{channel.name}/words", words)
             recording.reset_time()
         for channel in drawn:
@@ -265,47 +274,24 @@ def _log_curves(recording: rr.RecordingStream, channel: ChannelView) -> None:
         f"{name}/residual", across, residuals, axes.position, f"measured − model [{axes.effort_unit}]"
     )
 
-    def log(entity: str, strips: rr.LineStrips2D, *, static: bool = False) -> None:
-        recording.log(f"{name}/{entity}", strips, static=static)
-
     for chart, x, rows in ((effort, channel.time_s, runs), (loop, channel.position, pressed)):
         chart.draw_frame(recording)
-        short = chart.entity.rpartition("/")[2]
         measured = chart.strips(run_curves(x, channel.effort, rows), palette.MEASURED, 3.5)
-        log(f"{short}/a_measured", measured, static=True)
+        recording.log(f"{chart.entity}/a_measured", measured, static=True)
         first = chart.strips(run_curves(x, stages[0].predicted, rows), palette.BASE, 1.2)
-        log(f"{short}/b_first", first, static=True)
+        recording.log(f"{chart.entity}/b_first", first, static=True)
         for number, stage in enumerate(stages):
             recording.set_time(REVISION, sequence=number)
-            log(f"{short}/model", chart.strips(run_curves(x, stage.predicted, rows), palette.MODEL, 1.6))
+            model = chart.strips(run_curves(x, stage.predicted, rows), palette.MODEL, 1.6)
+            recording.log(f"{chart.entity}/model", model)
         recording.reset_time()
     left.draw_frame(recording)
     first = left.strips(run_curves(channel.position, stages[0].residual, pressed), palette.BASE, 1.2)
-    log("residual/a_first", first, static=True)
+    recording.log(f"{left.entity}/a_first", first, static=True)
     for number, stage in enumerate(stages):
         recording.set_time(REVISION, sequence=number)
         curves = run_curves(channel.position, stage.residual, pressed)
-        log("residual/now", left.strips(curves, palette.MODEL, 1.4))
-    recording.reset_time()
-
-
-def _log_errors(recording: rr.RecordingStream, channel: ChannelView) -> None:
-    """The error of each revision beside that of revision 0, over the noise level."""
-    errors, unit, floor = [stage.rmse for stage in channel.stages], channel.axes.effort_unit, channel.floor
-    reach = 1.16 * max(errors)
-    chart = Chart(f"{channel.name}/error", (0.0, WIDTH), (0.0, reach), "", f"held-out error [{unit}]")
-    chart.draw_frame(recording, upright=False)
-    line = chart.strips([(np.array([0.0, WIDTH]), np.full(2, floor))], palette.FLOOR, 2.0)
-    recording.log(f"{chart.entity}/floor", line, static=True)
-    height = float(chart.place(np.zeros(1), np.array([floor]))[0, 1])
-    words = label((WIDTH - 18.0, height - 9.0), f"noise level {floor:.3g}", palette.FLOOR)
-    recording.log(f"{chart.entity}/floor_word", words, static=True)
-    first = f"revision 0: {errors[0]:.3g}"
-    chart.log_bar(recording, "first", _FIRST, errors[0], palette.BASE, first, static=True)
-    for number, error in enumerate(errors):
-        recording.set_time(REVISION, sequence=number)
-        text = f"revision {number}: {error:.3g}"
-        chart.log_bar(recording, "now", _NOW, error, palette.MEASURED, text, static=False)
+        recording.log(f"{left.entity}/now", left.strips(curves, palette.MODEL, 1.4))
     recording.reset_time()
 
 
@@ -324,15 +310,6 @@ def _log_time(recording: rr.RecordingStream, channel: ChannelView) -> None:
         send_lines(recording, f"{place}/{what}", channel.time_s, {what: (values, palette.MEASURED, 1.2)})
 
 
-def _time_tab(channel: ChannelView, name: str) -> rrb.Vertical:
-    place, axes, corner = f"{channel.name}/time", channel.axes, rrb.Corner2D.LeftTop
-    plots = [plot(f"{place}/effort", axes.effort, legend=corner)]
-    if channel.stages:
-        plots.append(plot(f"{place}/residual", f"measured − model [{axes.effort_unit}]", legend=corner))
-    plots += [plot(f"{place}/position", axes.position), plot(f"{place}/velocity", axes.velocity)]
-    return rrb.Vertical(*plots, row_shares=[3, 2, 1, 1][-len(plots) :], name=name)
-
-
 def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
     name = channel.name
     curves = rrb.Vertical(
@@ -343,7 +320,9 @@ def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
         ),
     )
     words = rrb.TextDocumentView(origin=f"{name}/words", name="This revision")
-    errors = rrb.Vertical(_view(f"{name}/error", "Error in held-out runs"), words)
+    reach = (0.0, 1.16 * max(stage.rmse for stage in channel.stages))
+    title = f"Error in held-out runs [{channel.axes.effort_unit}]"
+    errors = rrb.Vertical(plot(f"{name}/error", title, reach, rrb.Corner2D.RightTop), words)
     return rrb.Horizontal(curves, errors, column_shares=[2, 1], name=name)
 
 

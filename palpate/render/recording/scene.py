@@ -60,7 +60,11 @@ class Scene:
         return int(self.ticks["joint_position_rad"].shape[1])
 
     def found(self, parameter: str) -> ParameterEstimate | None:
-        """The offline estimate of a parameter, None where there is none."""
+        """The offline estimate of a parameter, None where there is none.
+
+        Args:
+            parameter: "effect.parameter".
+        """
         parameters = self.estimate.parameters if self.estimate is not None else ()
         return next((found for found in parameters if found.name == parameter), None)
 
@@ -120,18 +124,29 @@ class Scene:
 
 
 def picture_rows(time_s: FloatArray) -> IntArray:
-    """Indices of times (n,) [s] that are drawn in 3D, `PICTURES_HZ` of them a second, and the last."""
+    """Indices of times (n,) [s] that are drawn in 3D, `PICTURES_HZ` of them a second, and the last.
+
+    Args:
+        time_s: shape (n,) [s].
+    """
     grid = np.arange(time_s[0], time_s[-1], 1.0 / PICTURES_HZ)
     return np.unique(np.append(np.searchsorted(time_s, grid), len(time_s) - 1))
 
 
 def has_ticks(session: Session) -> bool:
-    """Whether the session was made by an arm, rather than imported."""
+    """Whether the session was made by an arm, rather than imported.
+
+    Args:
+        session: of an arm, or imported.
+    """
     return STREAM_NAME in session.stream_names and len(session.samples(STREAM_NAME)) > 1
 
 
 def tick_columns(session: Session) -> Columns:
     """Columns of the "tick" stream; one value a joint even where the arm has a single joint.
+
+    Args:
+        session: of an arm.
 
     Raises:
         InputError: there are none.
@@ -144,7 +159,11 @@ def tick_columns(session: Session) -> Columns:
 
 
 def last_known(values: FloatArray) -> float | None:
-    """The last finite value, None where there is none."""
+    """The last finite value, None where there is none.
+
+    Args:
+        values: shape (n,).
+    """
     known = values[np.isfinite(values)]
     return float(known[-1]) if len(known) else None
 
@@ -196,7 +215,12 @@ class Block:
         return _mesh(self._flat, np.tile(-self._down, (len(self._flat), 1)), triangles, _TOP)
 
     def rows_that_differ(self, rows: IntArray, depth_m: FloatArray) -> IntArray:
-        """Those of `rows` at which the top looks different from the row before, and the first."""
+        """Those of `rows` at which the top looks different from the row before, and the first.
+
+        Args:
+            rows: indices of ticks, shape (m,).
+            depth_m: of the tip below the surface at all ticks (n,) [m].
+        """
         steps = np.round(np.maximum(depth_m[rows], 0.0) / _RESOLUTION_M)
         return rows[np.r_[True, np.diff(steps) != 0]]
 
@@ -204,6 +228,10 @@ class Block:
         """Vertices and normals of the top, each shape (m, vertices, 3), with the tip at m places.
 
         The top follows d / (1 + (r / a)^2)^(3/2): flat far away, and d deep under the tip.
+
+        Args:
+            tips_world_m: places of the tip, shape (m, 3) [m].
+            depth_m: of the tip below the surface, shape (m,) [m].
         """
         offset = self._flat[None] - tips_world_m[:, None]
         along_u, along_v = offset @ self._u, offset @ self._v
@@ -241,6 +269,10 @@ SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.B
 
 def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the links once and the joints' motion; nothing where the session holds no URDF.
+
+    Args:
+        recording: where to.
+        scene: the session.
 
     Raises:
         InputError: what it holds is no URDF.
@@ -299,6 +331,11 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree
     Meshes and textures are left out: the text may come from a stranger's session, and names any file.
 
     ValueError, RuntimeError: it cannot be used.
+
+    Args:
+        text: of the URDF.
+        entity: path of the arm.
+        frame_prefix: before the names of frames.
     """
     drawn = tostring(without_files(parse_urdf(text)), encoding="unicode")
     with tempfile.TemporaryDirectory() as folder:
@@ -308,7 +345,11 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree
 
 
 def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
-    """The joints that move, from the base outwards."""
+    """The joints that move, from the base outwards.
+
+    Args:
+        tree: of the arm.
+    """
     inward = {joint.child_link: joint for joint in tree.joints()}
 
     def distance(joint: UrdfJoint) -> int:
@@ -319,7 +360,12 @@ def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
 
 
 def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Log the force with which the object pushes back, beside the tip, and the object that gives way."""
+    """Log the force with which the object pushes back, beside the tip, and the object that gives way.
+
+    Args:
+        recording: where to.
+        scene: the session.
+    """
     rows = scene.picture_rows
     rows = rows[scene.known_tip[rows]]
     press, tips = scene.press_direction_world[rows], scene.ticks["tip_position_world_m"][rows]
@@ -345,7 +391,11 @@ def log_object(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def view_3d(scene: Scene) -> rrb.Spatial3DView:
-    """The arm from the side, with base and all places of the tip in sight."""
+    """The arm from the side, with base and all places of the tip in sight.
+
+    Args:
+        scene: the session.
+    """
     points = np.vstack([np.zeros(3), scene.ticks["tip_position_world_m"]])
     lower, upper = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     size = max(float(np.linalg.norm(upper - lower)), 0.2)

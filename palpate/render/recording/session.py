@@ -33,30 +33,28 @@ _LEFT_TOP, _RIGHT_TOP = rrb.Corner2D.LeftTop, rrb.Corner2D.RightTop
 def record_session(scene: Scene, path: Path) -> None:
     """Write the recording of a probing session; the file appears whole or not at all.
 
+    Args:
+        scene: the session.
+        path: of the .rrd file.
+
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
-    layers = (log_arm, log_object, _log_contact, _log_joints, _log_estimates, _log_notes, _log_timing)
+    layers = (log_arm, log_object, _log_signals, _log_estimates, _log_notes)
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
         for log in layers:
             log(recording, scene)
 
 
-def _log_contact(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Force, displacement and phase over time."""
-    force = {
-        "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
-        "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),
-    }
-    send_lines(recording, _FORCE, scene.time_s, force)
-    if scene.depth_m is not None:
-        depth = {"into the object [mm]": (_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
-        send_lines(recording, _DEPTH, scene.time_s, depth)
-    log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
-
-
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
-    """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour."""
+    """Log what an arm is doing, from numbers of `Phase` at times (n,) [s], by name and colour.
+
+    Args:
+        recording: where to.
+        entity: path of the phases.
+        phases: numbers of `Phase`, shape (n,).
+        time_s: shape (n,) [s].
+    """
     first, _ = block_index(phases)
     shown = [phase(int(number)) for number in phases[first]]
     colors = {name: palette.rgb(color) for name, color in shown}
@@ -66,8 +64,17 @@ def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, tim
     recording.send_columns(entity, time_column(time_s[first]), changes)
 
 
-def _log_joints(recording: rr.RecordingStream, scene: Scene) -> None:
-    """One entity a joint for torque and one for position, each with what was wanted; and all errors."""
+def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Force, displacement, phase; torque and position of each joint beside what was wanted; timing."""
+    force = {
+        "desired [N]": (scene.ticks["desired_force_n"], palette.TRUTH, 1.5),
+        "measured [N]": (scene.ticks["force_n"], palette.MEASURED, 1.5),
+    }
+    send_lines(recording, _FORCE, scene.time_s, force)
+    if scene.depth_m is not None:
+        depth = {"into the object [mm]": (_MILLI * scene.depth_m, palette.MEASURED, 1.5)}
+        send_lines(recording, _DEPTH, scene.time_s, depth)
+    log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
     ticks = scene.ticks
     position, wanted = np.degrees(ticks["joint_position_rad"]), np.degrees(ticks["reference_position_rad"])
     lines = zip((position - wanted).T, cycle(palette.JOINTS), strict=False)
@@ -85,6 +92,17 @@ def _log_joints(recording: rr.RecordingStream, scene: Scene) -> None:
                 name: (commanded[:, joint], palette.MODEL, 1.0),
             }
             send_lines(recording, f"{entity}/joint_{joint + 1}", scene.time_s, curves)
+    # how long the loop's sections took, and how late it woke up
+    present = [name for name in _SECTIONS if name in scene.ticks]
+    sections = {
+        name.removesuffix("_s"): (_MICRO * scene.ticks[name], color, 1.0)
+        for name, color in zip(present, palette.JOINTS, strict=False)
+    }
+    if sections:
+        send_lines(recording, f"{_TIMING}/sections", scene.time_s, sections)
+    if "lateness_s" in scene.ticks:
+        late = {"lateness": (_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
+        send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
 
 
 def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -96,7 +114,7 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
         found = scene.found(name)
         if found is not None:
             levels = {"afterwards": found.value, "95 % from": found.interval[0], "95 % to": found.interval[1]}
-            looks = ((palette.FLOOR, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
+            looks = ((palette.NOISE, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
             lines = {
                 word: (np.full(2, value), *look)
                 for (word, value), look in zip(levels.items(), looks, strict=True)
@@ -121,63 +139,40 @@ def _log_notes(recording: rr.RecordingStream, scene: Scene) -> None:
         recording.send_columns(_EVENTS, time_column(times), columns)
 
 
-def _log_timing(recording: rr.RecordingStream, scene: Scene) -> None:
-    """How long the loop's sections took, and how late it woke up."""
-    present = [name for name in _SECTIONS if name in scene.ticks]
-    sections = {
-        name.removesuffix("_s"): (_MICRO * scene.ticks[name], color, 1.0)
-        for name, color in zip(present, palette.JOINTS, strict=False)
-    }
-    if sections:
-        send_lines(recording, f"{_TIMING}/sections", scene.time_s, sections)
-    if "lateness_s" in scene.ticks:
-        late = {"lateness": (_MICRO * scene.ticks["lateness_s"], palette.TRUTH, 1.0)}
-        send_lines(recording, f"{_TIMING}/lateness", scene.time_s, late)
-
-
 def _blueprint(scene: Scene) -> rrb.Blueprint:
     """Arm, notes and estimates on the left, curves on the right; further tabs for positions and timing."""
-    estimates = [
-        plot(entity, title, _estimate_span(scene, entity), legend=_RIGHT_TOP if number == 0 else None)
-        for number, (entity, (_, _, title)) in enumerate(_PARAMETERS.items())
-    ]
+    estimates: list[rrb.View] = []
+    for entity, (name, column, title) in _PARAMETERS.items():
+        # the vertical range shows where an estimate ends up, rather than its first wild guesses
+        found, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
+        levels = [scene.truth[name]] if name in scene.truth else []
+        levels += [found.value] if found is not None else []
+        levels += [float(np.median(online))] if len(online) else []
+        span = (_LOWEST * min(levels), _HIGHEST * max(levels)) if levels and min(levels) > 0 else None
+        estimates.append(plot(entity, title, span, legend=None if estimates else _RIGHT_TOP))
     notes = rrb.Tabs(
         rrb.TextDocumentView(origin=_SUMMARY, name="Summary"), rrb.TextLogView(origin=_EVENTS, name="Events")
     )
     left = rrb.Vertical(view_3d(scene), rrb.Horizontal(*estimates), notes, row_shares=[4.7, 2.6, 2.9])
-    joints = [plot(f"{_POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(scene.joints)]
-    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=_LEFT_TOP)
-    sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=_LEFT_TOP)
-    return shown_on(
-        rrb.Horizontal(left, _curves(scene), column_shares=[5, 6], name="Probing"),
-        rrb.Vertical(tracking, *joints, name="Joints"),
-        rrb.Vertical(sections, plot(f"{_TIMING}/lateness", "Woken up late by [µs]"), name="Loop"),
-        timeline=TIME,
-    )
-
-
-def _curves(scene: Scene) -> rrb.Vertical:
     deepest_mm = _MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
-    span = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
+    depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
     torques = [
         plot(f"{_TORQUE}/joint_{j + 1}", f"Joint {j + 1} torque [N m]", legend=None if j else _LEFT_TOP)
         for j in range(scene.joints)
     ]
-    return rrb.Vertical(
+    curves = rrb.Vertical(
         plot(_FORCE, "Contact force [N]", legend=_LEFT_TOP),
         rrb.StateTimelineView(origin=_PHASE, name="Phase"),
-        plot(_DEPTH, "Displacement [mm]", span),
+        plot(_DEPTH, "Displacement [mm]", depths),
         *torques,
         row_shares=[4, 1.6, 3] + [2.6] * scene.joints,
     )
-
-
-def _estimate_span(scene: Scene, entity: str) -> tuple[float, float] | None:
-    """Vertical range that shows where an estimate ends up, rather than its first wild guesses."""
-    name, column, _ = _PARAMETERS[entity]
-    found = scene.found(name)
-    levels = [scene.truth[name]] if name in scene.truth else []
-    levels += [found.value] if found is not None else []
-    online = scene.ticks[column][np.isfinite(scene.ticks[column])]
-    levels += [float(np.median(online))] if len(online) else []
-    return (_LOWEST * min(levels), _HIGHEST * max(levels)) if levels and min(levels) > 0 else None
+    joints = [plot(f"{_POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(scene.joints)]
+    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=_LEFT_TOP)
+    sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=_LEFT_TOP)
+    return shown_on(
+        rrb.Horizontal(left, curves, column_shares=[5, 6], name="Probing"),
+        rrb.Vertical(tracking, *joints, name="Joints"),
+        rrb.Vertical(sections, plot(f"{_TIMING}/lateness", "Woken up late by [µs]"), name="Loop"),
+        timeline=TIME,
+    )
