@@ -180,7 +180,7 @@ def _reading_unit(table: Table, name: str) -> str:
     unit = _READING_UNITS.get(name.rpartition("_")[2].lower())
     if unit is None:
         raise InputError(
-            f"{table.path}: the unit of the reading is not the end of its column's name '{name}'; "
+            f"{table.path}: column '{name}' does not end in the unit of the reading; "
             "say it with --reading-unit"
         )
     return unit

@@ -84,7 +84,7 @@ class PlanarArm:
         self.lengths_m: tuple[float, float, float] = tuple(math.hypot(*link) for link in links)  # type: ignore[assignment]
         self._rest = tuple(math.atan2(link[1], link[0]) for link in links)
         if min(self.lengths_m[:2]) < 1e-6:
-            raise InputError(f"link lengths {self.lengths_m} m: the first two must be longer than nothing")
+            raise InputError(f"link lengths {self.lengths_m} m: the first two must be above 0")
         self._tool_rest = self._plane_angle(rotation @ frozen_array(tool_axis_tip, (3,), what="tool axis"))
 
     def solve(

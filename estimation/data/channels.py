@@ -34,7 +34,9 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
         )
     for one in channels:
         if not sample_time(one.time_s, one.run) > 0.0:
-            raise InputError(f"{session.path}: the times of '{one.name}' do not go on from sample to sample")
+            raise InputError(
+                f"{session.path}: the times of '{one.name}' do not increase from sample to sample"
+            )
     return channels
 
 

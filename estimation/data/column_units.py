@@ -81,7 +81,7 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
             f"{table.path}: column '{column}': '{unit}' measures no {role.quantity}. Valid: {valid}"
         )
     if not 0.0 < abs(scale) < math.inf:
-        raise InputError(f"{table.path}: column '{column}': unit '{said}' has no factor to multiply by")
+        raise InputError(f"{table.path}: column '{column}': unit '{said}' cannot be converted")
     if not said and own and dimension_of(own) not in dimensions:
         note = f"column '{column}' is taken as {role.quantity} in {unit}, whatever its name says"
     if dimension in STANDS_FOR:

@@ -191,7 +191,7 @@ def _motion(
         InputError: most of those times do not go on.
     """
     if not sample_time(sampled_at_s, run) > 0.0:
-        raise InputError("column 'encoder_at_s': its times do not go on from sample to sample")
+        raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")
     pieces = number_pieces(sampled_at_s, run)
     motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
     position, velocity, acceleration = (

@@ -189,7 +189,7 @@ def _of_import(name: str, imported: Imported, path: Path | None = None) -> Sourc
 def _of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
-            raise InputError(f"{path}: is a folder of sessions, whose options are those of their import")
+            raise InputError(f"{path}: is a folder of sessions; such options were given at their import")
         from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)

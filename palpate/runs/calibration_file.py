@@ -279,7 +279,7 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     talk, file = console.stderr(), whose.file.path
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":
-        talk.print(f"\nIt is of readings in {unit}. No robot can name it: a robot's driver reads N.")
+        talk.print(f"\nIt is of readings in {unit}. A robot file cannot use it: a robot's driver reads N.")
         again = f"palpate calibrate force {whose.option} --weights-kg 0,0.5,1,2,1,0.5,0"
         console.next_steps((again, "the sensor as the robot reads it"))
         return
@@ -294,7 +294,7 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     talk.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
-        talk.print("It is of emulated devices: with --wire it is used, on the arm itself refused.")
+        talk.print("It was made with emulated devices: --wire uses it, and the arm itself refuses it.")
     if whose.named in shipped_robots():
         copy = Path(f"my_{whose.named}")
         console.next_steps(

@@ -81,8 +81,8 @@ def load_seal(path: Path, topic: str) -> Seal:
     if not _LEAST_BYTES <= len(key) <= _MOST_BYTES:
         size = f"{len(key)} bytes" if len(key) <= _MOST_BYTES else "too many bytes"
         raise InputError(
-            f"key {path}: {size}; {_LEAST_BYTES} to {_MOST_BYTES} are needed, and nobody may guess them; "
-            "'head -c 32 /dev/urandom' makes some"
+            f"key {path}: {size}; it must hold {_LEAST_BYTES} to {_MOST_BYTES} random bytes; "
+            "'head -c 32 /dev/urandom' makes them"
         )
     return key_seal(hmac.digest(key, topic.encode(), "sha256"))
 

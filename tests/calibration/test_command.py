@@ -37,7 +37,7 @@ def test_somebodys_load_cell_becomes_a_file_and_a_plot(table, tmp_path):
     assert (calibration.valid_until_utc - calibration.made_utc).days == 30
     assert out.with_suffix(".html").stat().st_size > 10_000
     assert "applied" in result.stdout
-    assert "No robot can name it" in result.stderr
+    assert "A robot file cannot use it" in result.stderr
     assert "palpate calibrate force --robot follower --weights-kg" in result.stderr
 
 

@@ -88,7 +88,7 @@ def with_joint_2(**changes) -> RigidBody:
     [
         (with_joint_2(alpha_rad=0.2), "axis of 'joint_3' is not parallel to that of 'joint_1'"),
         (with_joint_2(type="prismatic"), "needs 3 revolute joints; this arm has: revolute, prismatic"),
-        (with_joint_2(a_m=0.0), "longer than nothing"),
+        (with_joint_2(a_m=0.0), "above 0"),
     ],
 )
 def test_other_arms_are_refused(body, message):

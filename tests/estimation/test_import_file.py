@@ -378,8 +378,8 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
             "do not say their units; say them, as in --unit force=N --unit displacement=m",
         ),
         ({}, {"units": {"displacement": "N"}}, "measures no displacement"),
-        ({}, {"units": {"force": "-0N"}}, "unit '-0N' has no factor to multiply by"),
-        ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' has no factor"),
+        ({}, {"units": {"force": "-0N"}}, "unit '-0N' cannot be converted"),
+        ({}, {"units": {"force": "1e999N"}}, "unit '1e999N' cannot be converted"),
         ({}, {"units": {"displacement": "furlong"}}, "Valid: "),
         ({}, {"units": {"torque": "Nm"}}, "--unit torque=Nm: no such quantity or column is in use"),
         (
@@ -422,7 +422,11 @@ TEMPERATURES = {"temp (C)": 20 + T, "temp [C]": 25 + T}
         ({"load": 20 + T}, {"context": ("load",)}, "rename the column"),
         (TEMPERATURES, {"context": tuple(TEMPERATURES)}, "rename one"),
         *(
-            ({"run": np.zeros(50, int)}, {"context": (name,)}, f"--context {name}: the channel is made of")
+            (
+                {"run": np.zeros(50, int)},
+                {"context": (name,)},
+                f"--context {name}: this column is already used",
+            )
             for name in ("time_s", "displacement_m", "force_N", "run")
         ),
     ],

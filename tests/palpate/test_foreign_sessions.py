@@ -67,7 +67,7 @@ def test_ticks_in_another_order_than_time_are_told(reader, tmp_path):
 def test_a_clock_that_does_not_go_on_is_told(change, device, tmp_path):
     columns, data = columns_and_data()
     data[f"{device}_at_s"] = change(data[f"{device}_at_s"])
-    with pytest.raises(InputError, match=r"times .*do not go on from sample to sample"):
+    with pytest.raises(InputError, match=r"times .*do not increase from sample to sample"):
         session_channels(session_of(tmp_path / "x.mcap", columns, data))
 
 
