@@ -57,8 +57,16 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
         remarks += [f"or {enumerated(rivals, 'or')}"] if rivals else []
         names.append(f"{entry.effect} ({'; '.join(remarks)})" if remarks else entry.effect)
     verb = "is" if len(diagnosis.accepted) == 1 else "are"
-    missing = f"{diagnosis.channel}: {enumerated(names)} {verb} missing from the model."
-    return f"{missing} {_error(diagnosis)}{_rest(diagnosis)}"
+    missing = f"{diagnosis.channel}: {enumerated(names)} {verb} missing from the model. {_error(diagnosis)}"
+    if diagnosis.complete is not False or diagnosis.remaining is None:
+        return missing
+    signals = diagnosis.remaining.depends_on
+    on = f", depends on {enumerated(signals)}" if signals else ""
+    times = diagnosis.remaining.times_floor
+    size = f": {times:.2g} times the noise" if times >= NOISE else ""
+    kinds = _kinds_without_form(diagnosis)
+    unknown = f" Of {enumerated(kinds)}, the form is not known." if kinds else ""
+    return f"{missing} Something more is left{size}{on}.{unknown}"
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
@@ -86,19 +94,6 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
         return f"With {added}, the error in held-out runs stays at {after.rmse:.3g} {unit}{noise}."
     fall = f"from {before.rmse:.3g} to {after.rmse:.3g} {unit}"
     return f"With {added}, the error in held-out runs falls {fall}{noise}."
-
-
-def _rest(diagnosis: ChannelDiagnosis) -> str:
-    """What is left beside the established effects, and how large it is."""
-    if diagnosis.complete is not False or diagnosis.remaining is None:
-        return ""
-    signals = diagnosis.remaining.depends_on
-    on = f", depends on {enumerated(signals)}" if signals else ""
-    times = diagnosis.remaining.times_floor
-    size = f": {times:.2g} times the noise" if times >= NOISE else ""
-    left = f" Something more is left{size}{on}."
-    kinds = _kinds_without_form(diagnosis)
-    return f"{left} Of {enumerated(kinds)}, the form is not known." if kinds else left
 
 
 def _ended(reason: str) -> str:
@@ -225,28 +220,10 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     is_narrow = width < _NARROW
     heights = [_ROW + _SECOND * (is_narrow and bool(part.form)) for part in budget.parts]
     height = _TOP + sum(heights) + 4
-    drawn = _stack(budget.parts, width)
-    names = 176  # width of the kinds' names
-    track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
-    place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
-    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
-    y = float(_TOP)
-    for part, own in zip(budget.parts, heights, strict=True):
-        drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
-        y += own
-    label = escape(budget.sentence, quote=True)
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
-        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{_FONT}" font-size="13">'
-        f"{''.join(drawn)}</svg>"
-    )
-
-
-def _stack(parts: tuple[BudgetPart, ...], width: int) -> list[str]:
-    """The stacked bar; the shares fill it."""
-    total = sum(max(part.share, 0.0) for part in parts) or 1.0
+    # the stacked bar; the shares fill it
+    total = sum(max(part.share, 0.0) for part in budget.parts) or 1.0
     drawn, left = list[str](), 0.0
-    for part in parts:
+    for part in budget.parts:
         share = max(part.share, 0.0) / total
         low, high = part.interval or (nan, nan)
         interval = f" (95 % interval {100 * low:.0f} to {100 * high:.0f} %)" if part.interval else ""
@@ -261,7 +238,20 @@ def _stack(parts: tuple[BudgetPart, ...], width: int) -> list[str]:
                 _text(middle, 19, f"{100 * part.share:.0f} %", "#fff", size=12, anchor="middle", bold=True)
             )
         left += share * width
-    return drawn
+    names = 176  # width of the kinds' names
+    track = (names + 92, width - 4) if is_narrow else (names + 92, names + 272)
+    place, anchor = (track[1], "end") if is_narrow else (track[0], "start")
+    drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
+    y = float(_TOP)
+    for part, own in zip(budget.parts, heights, strict=True):
+        drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
+        y += own
+    label = escape(budget.sentence, quote=True)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" role="img" '
+        f'viewBox="0 0 {width} {height}" aria-label="{label}" font-family="{_FONT}" font-size="13">'
+        f"{''.join(drawn)}</svg>"
+    )
 
 
 def _row(  # noqa: PLR0917, where it is drawn

@@ -137,8 +137,13 @@ class _Leader:
     ) -> None:
         self._clock, self._process, self._pipe = clock, process, pipe
         self._say, self._show = say, show
-        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=self._forget_follower)
         self._target_states = TargetStates(job.haptics.scene)
+
+        def forget_follower() -> None:
+            self._target_states.on_new_peer()
+            self._note("link", "another follower has begun")
+
+        self._messaging = Messaging(line, clock, take=self._take, on_new_peer=forget_follower)
         self._sender = line.sender
         self._targets: dict[int, Target] = {}
         self._cancelled: list[int] = []
@@ -248,10 +253,6 @@ class _Leader:
             self._note("link", "the follower is heard" if is_heard else "the follower is silent")
         if problem := self._messaging.problem():
             self._note("link", problem)
-
-    def _forget_follower(self) -> None:
-        self._target_states.on_new_peer()
-        self._note("link", "another follower has begun")
 
     def _take(self, message: Message, sent_s: float) -> None:
         if isinstance(message, ObjectEstimate):

@@ -109,7 +109,7 @@ def test_the_demo_finds_what_it_hid_and_tells_a_person(tmp_path):
         assert words in result.stdout
     assert "palpate inspect" in result.stderr
     _, _, second = result.stdout.partition("MISSING  contact")
-    assert second.index("noise floor") < second.index("found  the sealed answer was")
+    assert second.index("noise level") < second.index("found  the sealed answer was")
     assert "not found" not in second
     folder = tmp_path / "d-hidden"
     found = json.loads((folder / "diagnosis.json").read_text())["channels"][0]

@@ -54,7 +54,7 @@ def test_the_page_brings_everything_and_names_no_other_place(page):
     assert text.count("plotly.js v") == 1
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", own(text))
     assert "default-src 'none'" in text
-    for words in ("cubic_stiffness", "noise floor", "F =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
+    for words in ("cubic_stiffness", "noise level", "F =", "k<sub>3</sub>", "palpate add &lt;data&gt;"):
         assert words in own(text)
 
 

@@ -40,10 +40,20 @@ def record_session(scene: Scene, path: Path) -> None:
     Raises:
         InputError: the file cannot be written, or the session's URDF cannot be shown.
     """
-    layers = (log_arm, log_object, _log_signals, _log_estimates, _log_notes)
+    layers = (log_arm, log_object, _log_signals, _log_estimates)
     with recording_file(scene.name, path, _blueprint(scene)) as recording:
         for log in layers:
             log(recording, scene)
+        if scene.summary:
+            summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
+            recording.log(_SUMMARY, summary, static=True)
+        if scene.events:
+            times = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
+            columns = rr.TextLog.columns(
+                text=[f"{event.kind}: {event.text}" for event in scene.events],
+                level=[_LEVELS.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
+            )
+            recording.send_columns(_EVENTS, time_column(times), columns)
 
 
 def log_phases(recording: rr.RecordingStream, entity: str, phases: IntArray, time_s: FloatArray) -> None:
@@ -123,20 +133,6 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
         if name in scene.truth:
             truth = {"truth": (np.full(2, scene.truth[name]), palette.TRUTH, 1.0)}
             send_lines(recording, f"{entity}/truth", ends, truth)
-
-
-def _log_notes(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Each event at its time, and the summary once."""
-    if scene.summary:
-        summary = rr.TextDocument(scene.summary, media_type=rr.MediaType.MARKDOWN)
-        recording.log(_SUMMARY, summary, static=True)
-    if scene.events:
-        times = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
-        columns = rr.TextLog.columns(
-            text=[f"{event.kind}: {event.text}" for event in scene.events],
-            level=[_LEVELS.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
-        )
-        recording.send_columns(_EVENTS, time_column(times), columns)
 
 
 def _blueprint(scene: Scene) -> rrb.Blueprint:

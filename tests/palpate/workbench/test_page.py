@@ -141,7 +141,7 @@ def test_a_small_error_is_not_good_where_a_gain_is_unphysical(opened, tmp_path):
     turned = write_presses(tmp_path / "turned.csv", cubic=0.0, force_of=lambda x, v: 400.0 * x - 6.0 * v)
     tab = opened(turned)
     tab.page.wait_for_selector("text=/damping.c = -.* is below what is physical/")
-    tab.page.wait_for_selector("text=at the noise floor")
+    tab.page.wait_for_selector("text=at the noise level")
     assert tab.page.query_selector(".error .fits") is None
 
 
