@@ -19,7 +19,6 @@ from palpate.common.console import as_shell_word, count, safe, shown, typed
 from palpate.common.console import typed as path_typed
 from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import estimator_names
-from palpate.planning.next_probe import plan_text, same_world
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
@@ -90,6 +89,8 @@ def diagnose_command(
     if folder is not None:
         texts = {RESULT: json_text(content)}
         if following is not None:
+            from palpate.planning.next_probe import plan_text  # noqa: PLC0415, as where it was planned
+
             plan, texts[PLAN] = folder / PLAN, plan_text(following.proposal, following.plan)
         repeated = f"palpate diagnose {data.typed(channel=channel, model=model)}{' --apply' if apply else ''}"
         written = write_outcome(folder, study, results, [repeated], texts)
@@ -141,6 +142,8 @@ def _next(  # noqa: PLR0917, what was typed and found
                 left = f"from a base model that leaves {better[1]:.3g} {one.effort_unit}"
                 yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
+        from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above
+
         world = same_world(study.source.session)
         if world is not None:
             experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()

@@ -1,4 +1,4 @@
-"""`palpate export`: the improved model as a simulated world or a feedforward, or a stream as a table."""
+"""`palpate export` and `report`: models as a world or feedforward, data as a table, all as one page."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -19,8 +19,9 @@ from palpate.common.files import (
     write_text,
 )
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
+from palpate.render.build import REPORT, is_own_page
 from palpate.render.terminal import print_files
-from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, takes_data
+from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
 from robot_io.errors import InputError
 
 if TYPE_CHECKING:
@@ -199,3 +200,34 @@ def _print_lines(used: Sequence[str], left_out: Sequence[str]) -> None:
         console.stdout().print(f"  [green]in[/green]   {safe(line)}")
     for line in left_out:
         console.stdout().print(f"  [yellow]out[/yellow]  {safe(line)}")
+
+
+@takes_data
+def report_command(
+    data: DataArguments,
+    *,
+    model: ModelOption = None,
+    folder: FolderOption = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Page to write.", metavar="FILE.html")] = Path(
+        REPORT
+    ),
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the file even if palpate did not write it.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write measurement, models, what was found missing and what was added as one page that needs no network.
+
+    palpate report press.csv -o press.html
+    """
+    path = output_file(out, force=force or is_own_page(out), keep=[data.file])
+    study = data.study(model, folder_to_read(data.file, folder))
+    with console.stderr().status("fitting and drawing"):
+        study.report(path, [f"palpate report {data.typed(model=model, folder=folder)}"])
+    if as_json:
+        console.print_json({"file": str(data.file), "report": str(path)})
+        return
+    console.stdout().print(f"report  [bold]{shown(path)}[/bold]", soft_wrap=True)
+    console.next_steps(
+        (f"palpate workbench {data.typed()}", "the same on a local page, with effects to tick")
+    )

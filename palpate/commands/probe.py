@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -31,9 +31,11 @@ from palpate.runs.probing import (
 )
 from palpate.runs.robots import wires_in_words
 from palpate.runs.session import raise_for_end
-from palpate.workflows.resolve import DECISIONS, Budget, Decision, resolve
 from robot_io.errors import InputError
 from robot_io.files.file_model import validate
+
+if TYPE_CHECKING:
+    from palpate.workflows.resolve import Decision
 
 MILLI = 1e-3
 NO_ESTIMATOR = "none"
@@ -245,6 +247,8 @@ def resolve_command(
 
       palpate resolve --robot my_arm.yaml --probes 3 --seconds 120
     """
+    from palpate.workflows.resolve import DECISIONS, Budget, resolve  # noqa: PLC0415, the study takes a second
+
     robot_file = options.robot_file
     plan = load_probing_plan(existing_file(experiment, "experiment")) if experiment else ProbingPlan()
     # Refuse a channel that no session of this arm and plan has, before the arm moves.
@@ -269,7 +273,7 @@ def resolve_command(
         with probing_progress(next_plan, live=job.simulated) as watcher:
             yield watcher
 
-    def tell(decision: Decision) -> None:
+    def tell(decision: "Decision") -> None:
         talk = console.stderr() if options.as_json else console.stdout()
         talk.print(safe(decision.sentence[:1].upper() + decision.sentence[1:]))
 

@@ -15,7 +15,7 @@ from estimation.data_quality import checklist
 from estimation.effects import EFFECTS
 from estimation.fit import long_data
 from estimation.study.source import joined, open_source
-from palpate.commands.views import _state
+from palpate.commands.workbench import _state
 from palpate.render.effects import Example, plain, sized
 from palpate.study import Study
 from palpate.workbench import elements

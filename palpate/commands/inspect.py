@@ -1,0 +1,89 @@
+"""`palpate inspect`: see a session in Rerun."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.common import console
+from palpate.common.console import shown, typed
+from palpate.common.files import (
+    different_files,
+    open_session,
+    output_file,
+    output_folder,
+    spare_files,
+)
+from palpate.render.inspection import PLOTS, RECORDING, look_into
+from palpate.render.recording.file import open_window, take_picture
+from palpate.teleop.haptics import STREAM_NAME as HAPTIC
+from palpate.teleop.merged_sessions import merge_sessions
+from palpate.teleop.recording import record_both
+from robot_io.errors import InputError
+
+if TYPE_CHECKING:
+    pass
+
+BOTH = "both.rrd"  # name of a leader's and a follower's recording
+PIXELS = (1600, 1000)  # width and height of a picture
+
+
+def inspect_command(  # noqa: PLR0917, one parameter an option
+    session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
+    other: Annotated[
+        Path | None,
+        typer.Argument(help="The other side's session (palpate teleop): both on one time line."),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the recording here, and open no window.", metavar="FILE.rrd")
+    ] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(help="Save a picture while force is held.", metavar="FILE.png"),
+    ] = None,
+    plots: Annotated[
+        Path | None, typer.Option(help="Save a page of plots in this folder.", metavar="FOLDER")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already.")] = False,
+) -> None:
+    """See a session in Rerun: arm, object, forces, torques, phases, estimates and events over time.
+
+    Two sessions, of a leader and its follower (palpate teleop), are shown on one time line.
+
+    Without a display the recording is written to a file that Rerun opens on any machine: --save, or a file in
+    the session's folder, which is overwritten.
+    """
+    found = open_session(session)
+    merged = None if other is None else merge_sessions(found, open_session(other))
+    if other is None and HAPTIC in found.stream_names:
+        raise InputError(f"{session}: is a leader's session: give that of its follower as well")
+    for output in (save, screenshot):
+        if output is not None:
+            output_file(output, force=force, keep=[session, *filter(None, [other])])
+    different_files(save, screenshot, plots and plots / PLOTS)
+    if plots is not None:
+        spare_files(plots, [PLOTS], force=force, keep=[session])
+        output_folder(plots)
+    recording = save or output_folder(found.derived_dir) / (RECORDING if merged is None else BOTH)
+    out = console.stdout()
+    if merged is None:
+        inspection = look_into(found)
+        moment_s = inspection.record(recording)
+    else:
+        if plots is not None:
+            raise InputError("--plots is for one session; palpate inspect FOLLOWER --plots FOLDER")
+        moment_s = record_both(merged, recording)
+        out.print(merged.clock_summary())
+    out.print(f"recording: [bold]{shown(recording)}[/bold]", soft_wrap=True)
+    if plots is not None:
+        out.print(f"plot: [bold]{shown(inspection.plot(plots))}[/bold]", soft_wrap=True)
+    if screenshot is not None:
+        take_picture(recording, screenshot, moment_s, PIXELS)
+        out.print(f"picture: [bold]{shown(screenshot)}[/bold]", soft_wrap=True)
+    elif save is None and plots is None and console.has_display():
+        open_window(recording)
+        out.print("opened in a window of its own")
+    else:
+        console.next_steps(
+            (f"rerun {typed(recording)}", "open it (on any machine with rerun-sdk of the same version)")
+        )
