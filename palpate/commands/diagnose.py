@@ -22,7 +22,6 @@ from palpate.common.options import estimator_names
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
-from palpate.render.progress import diagnosis_progress
 from palpate.render.terminal import print_diagnosis, print_files
 from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
@@ -64,6 +63,8 @@ def diagnose_command(
     data cannot say). All errors are on runs that the fit has not seen. Overwrites earlier results in the
     session's folder.
     """
+    from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm
+
     study = data.study(model, out)
     data.say_left_out()
     wanted = out is not None or apply or (study.source.session is not None and not as_json)
