@@ -24,7 +24,7 @@ from estimation.contact_estimator import ContactLaw, OnlineContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
 from estimation.estimator import OnlineEstimator
 from estimation.estimators import ESTIMATORS
-from estimation.estimators.sprls import Sprls
+from estimation.estimators.recursive import Sprls
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

@@ -28,7 +28,7 @@ from calibration.standstill import UncertainValue
 from control.arm.rigid_body import RigidBody
 from estimation.data.tick_channels import joint_channels
 from estimation.statistics.least_squares import solve
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.noise import sum_covariance
 from estimation.statistics.uncertainty import sandwich
 from robot_io.calibration.applied import gravity_base_m_s2
 from robot_io.errors import InputError

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.contact import contact_rows
-from estimation.data.numbers import SMALLEST
+from estimation.data.units import SMALLEST
 from estimation.effects.contact_geometry import ContactOffset
 from estimation.estimate import Determined, Estimate, Identifiability
 from estimation.estimator import Estimator

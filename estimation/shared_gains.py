@@ -2,7 +2,7 @@
 
 What the motion does not show stays near the URDF, and is such that bodies can have it.
 The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
-see `estimation.arm.normal_equations`.
+see `estimation.arm.consistent_fit`.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,12 @@ from operator import add
 
 import numpy as np
 
-from estimation.arm.normal_equations import arranged, information_of_others, shared_information
-from estimation.arm.prior import consistent_information
+from estimation.arm.consistent_fit import (
+    arranged,
+    consistent_information,
+    information_of_others,
+    shared_information,
+)
 from estimation.channel import ChannelData, SharedGains
 from estimation.data_quality import reject_reason, usable
 from estimation.effects.gravity_load import RigidBodyFitted

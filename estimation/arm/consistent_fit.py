@@ -1,19 +1,135 @@
-"""Inertial parameters that fit best among those that bodies can have, drawn to given ones.
+"""Physically consistent fit of a whole arm by its normal equations."""
 
-Minimises phi' A phi / 2 - b' phi + precision D(P(phi) | P0), D of `estimation.arm.pseudo_inertia`: the
-log-determinant in D keeps every link a body, its convexity makes the minimum the only one, and its
-curvature is a prior that holds what the data do not determine. T. Lee, P. Wensing, F. Park, Geometric Robot
-Dynamic Identification: A Convex Programming Approach, IEEE T-RO 36(2) (2020). Newton's method along the
-central path: S. Boyd, L. Vandenberghe, Convex Optimization (2004), ch. 11, so that no solver for
-semidefinite programs is needed.
-"""
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from estimation.arm.pseudo_inertia import Divergence
+from estimation.arm.base_parameters import BaseParameters
+from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
 from estimation.information import Information
 from robot_io.types import FloatArray
+
+
+@dataclass(frozen=True)
+class JointMoments:
+    """Cross products of one joint's columns and torque, fold by fold."""
+
+    # Shape (folds, s + k + 1, s + k + 1): first the s shared columns, in the same order for all joints (zero
+    # where the joint does not feel them), then the joint's own k, last the torque.
+    products: FloatArray
+    shared: int  # s
+    sigma: float  # standard deviation of the joint's noise in a sample [N m]
+
+
+def arranged(products: FloatArray, names: Sequence[str], shared: Sequence[str], sigma: float) -> JointMoments:
+    """Moments of one joint from cross products in another order.
+
+    Args:
+        products: shape (folds, q + 1, q + 1), the last of the torque.
+        names: of the q columns.
+        shared: names of the shared columns in their common order; those that are not among `names`, the
+            joint does not feel. All other columns are the joint's own, in the order of `names`.
+        sigma: standard deviation of the joint's noise.
+    """
+    own = [name for name in names if name not in set(shared)]
+    place = {name: index for index, name in enumerate([*shared, *own])}
+    there = np.array([*(place[name] for name in names), len(place)])
+    whole = np.zeros((len(products), len(place) + 1, len(place) + 1))
+    whole[:, there[:, None], there] = products
+    return JointMoments(whole, len(shared), sigma)
+
+
+def training_sums(products: FloatArray) -> FloatArray:
+    """Sum products over all folds, and over all but each.
+
+    Args:
+        products: by fold, shape (folds, q, q).
+
+    Returns:
+        Shape (1 + folds, q, q).
+    """
+    whole = products.sum(axis=0, keepdims=True)
+    return np.concatenate([whole, whole - products])
+
+
+def shared_information(joint: JointMoments) -> Information:
+    """What one joint says of the shared parameters, its own gains profiled out.
+
+    Args:
+        joint: normal equations of one joint.
+
+    Returns:
+        Matrix (1 + folds, s, s): from all folds, then from all but each.
+    """
+    total = training_sums(joint.products) / joint.sigma**2
+    return Information(total[:, :-1, :-1], total[:, :-1, -1]).about(np.arange(joint.shared))
+
+
+def information_of_others(joints: Sequence[JointMoments], prior: Information) -> tuple[Information, ...]:
+    """For each joint, what all others and the prior say of the shared parameters.
+
+    Args:
+        joints: their moments, with the same folds.
+        prior: of the shared parameters, matrix (s, s) or (1 + folds, s, s), such as that of
+            `estimation.arm.consistent_fit`.
+
+    Returns:
+        One a joint, matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] from
+        all but fold f. To be added to the joint's own sums over the same folds, divided by its sigma^2; or
+        `times` its sigma^2 to sums that are not. The fit of the one joint is then the fit of all of them.
+    """
+    each = [shared_information(joint) for joint in joints]
+    return tuple(sum([*each[:j], *each[j + 1 :]], start=prior) for j in range(len(each)))
+
+
+URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by as much as it is
+
+
+def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
+    """The pull of the base parameters to the URDF: `URDF_SPREAD`^-2 D, to second order.
+
+    D is the entropic divergence of `estimation.arm.pseudo_inertia`, whose pull is the same in every unit
+    and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows are
+    profiled out.
+
+    Args:
+        base: the arm's base parameters.
+        urdf: inertial parameters of the URDF, shape (10 links,); raised to bodies by `nearest_bodies`.
+        at: bodies at which D is expanded, shape (10 links,); None for the URDF's.
+
+    Returns:
+        Of the base parameters, matrix (b, b) and vector (b,).
+    """
+    divergence = Divergence(nearest_bodies(urdf))
+    point = divergence.origin if at is None else at
+    inverse_root = np.linalg.pinv(divergence.curvature_root(point))  # C C' is the inverse curvature
+    mean = point - inverse_root @ (inverse_root.T @ divergence.gradient(point))
+    reach = base.grouping @ inverse_root
+    matrix = np.linalg.inv(reach @ reach.T) / URDF_SPREAD**2
+    return Information(matrix, matrix @ (base.grouping @ mean))
+
+
+def consistent_information(base: BaseParameters, urdf: FloatArray, said: Information) -> Information:
+    """The pull to the URDF beside data, such that the linear solution is one that bodies can have.
+
+    Args:
+        base: the arm's base parameters.
+        urdf: see `urdf_information`.
+        said: what all joints say of the base parameters, of f sets of runs: matrix (f, b, b), vector (f, b).
+
+    Returns:
+        Of the base parameters, matrix (f, b, b) and vector (f, b).
+    """
+    divergence, grouping = Divergence(nearest_bodies(urdf)), base.grouping
+    pulls = []
+    for matrix, vector in zip(said.matrix, said.vector, strict=True):
+        onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
+        bodies = fit_bodies(onto, divergence, URDF_SPREAD**-2)
+        pulls.append(urdf_information(base, urdf, bodies))
+    return Information(*(np.stack([getattr(one, part) for one in pulls]) for part in ("matrix", "vector")))
+
 
 _FALL = 0.05  # of the precision from one point of the path to the next
 _STEPS = 50  # Newton's, for one point
@@ -27,7 +143,7 @@ def fit_bodies(information: Information, divergence: Divergence, precision: floa
     Args:
         information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.
         divergence: from the bodies that the parameters are drawn to.
-        precision: weight of D, see `estimation.arm.prior`.
+        precision: weight of D, see `estimation.arm.consistent_fit`.
 
     Returns:
         Shape (10 links,); every link a body.

@@ -1,5 +1,10 @@
-"""Estimators of contact laws, one per file."""
+"""Estimators of contact laws; a new one is one new class here."""
 
-from estimation.contact_estimators.registry import CONTACT_ESTIMATORS
+from estimation.contact_estimator import ContactEstimator
+from robot_io.registry import Registry
 
-__all__ = ["CONTACT_ESTIMATORS"]
+CONTACT_ESTIMATORS: Registry[ContactEstimator] = Registry(
+    "contact estimator",
+    ContactEstimator,  # type: ignore[type-abstract]
+    "estimation.contact_estimators",
+)

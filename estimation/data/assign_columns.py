@@ -1,11 +1,12 @@
 """Decides which column holds which quantity, and in which unit."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pyarrow as pa
 
 from estimation.data.choose_columns import (
     DISPLACEMENT,
@@ -13,32 +14,28 @@ from estimation.data.choose_columns import (
     FORCE,
     POSITION,
     TIME,
-    Key,
-    choose_columns,
-    is_pressed,
-)
-from estimation.data.column_guess import guess_columns
-from estimation.data.column_units import (
     Assigned,
+    Key,
     assign_unit,
     check_all_say_their_units,
     check_units_are_used,
+    choose_columns,
+    is_pressed,
     is_said_scaled,
+    joint_shift,
     unit_of,
 )
-from estimation.data.import_options import ImportOptions
-from estimation.data.joint_numbers import joint_shift
-from estimation.data.mixed_rates import with_one_rate
-from estimation.data.press_runs import FEWEST_ROWS
-from estimation.data.press_sides import press_sides
-from estimation.data.quantities import (
+from estimation.data.column_names import (
     PHASE,
     RUN,
     Role,
+    guess_columns,
     parse_role,
     role_of_option,
     unit_in_name,
 )
+from estimation.data.import_options import ImportOptions
+from estimation.data.presses import FEWEST_ROWS, press_sides
 from estimation.data.table import Table
 from estimation.data.units import dimension_of
 from robot_io.errors import InputError
@@ -287,3 +284,53 @@ def _by_option(table: Table, options: ImportOptions, shift: int) -> dict[Key, tu
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:
     return options.columns.get(name, name if name in table.names else None)
+
+
+_SYSTEMATIC = 0.1  # of the cells: fewer that are empty are faults of the file
+_SLOW = 2.0  # times the slowest one's rate, up to which an effort counts as slow
+_SHARED = 0.5  # of the slowest column's values, that must stand beside values of all others
+
+
+def with_one_rate(
+    table: Table, time: str, efforts: Sequence[str], motions: Sequence[str], run: str | None
+) -> tuple[Table, str]:
+    """The rows in which all columns in use have a value, and a word on it; as it is where none is empty.
+
+    Where hardly any row has them all, since each sensor wrote rows of its own, the others are read between
+    their own samples at the times of an effort, whose noise must stay as it is, or of the slowest.
+
+    Args:
+        table: the rows.
+        time: column of the times, which every row has.
+        efforts: columns in use of forces and torques.
+        motions: the other columns in use.
+        run: column of the runs, or None.
+
+    Raises:
+        InputError: that cannot be, since runs or times are not in order.
+    """
+    names = (*efforts, *motions)
+    there = {name: table.is_there(name) for name in names}
+    some = {name: float(np.mean(mask)) for name, mask in there.items() if np.mean(mask) < 1.0 - _SYSTEMATIC}
+    if not some:
+        return table, ""
+    slowest = min(some, key=lambda name: some[name])
+    every = np.logical_and.reduce([there[name] for name in some])
+    said = f"'{slowest}' has a value in {100.0 * some[slowest]:.2g} % of the rows"
+    if np.sum(every) >= max(_SHARED * np.sum(there[slowest]), 1.0):
+        return table.select(every), f"{said}: the rows that have them all are taken"
+    if run is not None or not there[slowest].any() or (np.diff(times := table.numbers(time)) < 0.0).any():
+        listed = ", ".join(map(repr, names))
+        raise InputError(
+            f"{table.path}: no row has all of {listed}; give each run a file of its own, in order of time"
+        )
+    base = next((name for name in efforts if some.get(name, 1.0) <= _SLOW * some[slowest]), slowest)
+    columns, inside = table.columns, there[base].copy()
+    for name in names:
+        met = np.flatnonzero(there[name])
+        inside[: met[0]] = inside[met[-1] + 1 :] = False
+        if name != base:
+            values = np.interp(times, times[met], table.select(there[name]).numbers(name))
+            columns = columns.set_column(columns.column_names.index(name), name, pa.array(values))
+    way = f"all others are read between their samples at the times of '{base}'"
+    return replace(table, columns=columns).select(inside), f"{said}: {way}"

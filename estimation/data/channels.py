@@ -1,13 +1,147 @@
-"""The channels of sessions."""
+"""The channels of sessions, probed or imported."""
+
+import json
+import re
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from control.loop.tick_record import STREAM_NAME
-from estimation.channel import ChannelData
-from estimation.data.session_streams import imported_channels
-from estimation.data.tick_channels import contact_channels, joined, joint_channels
-from estimation.data.tick_check import checked_ticks
+from estimation.channel import ChannelData, ChannelKind
+from estimation.data.import_file import Imported, with_arm
+from estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
+from estimation.data.units import FINEST_S, fault_of, more_like_it, useless_rows
 from estimation.signals.runwise import sample_time
-from robot_io.errors import InputError
-from robot_io.session import Session
+from robot_io.errors import InputError, SessionError
+from robot_io.session import Column, Samples, Session, Stream
+
+RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
+_NUMBER = re.compile("[0-9]{1,18}$")
+_HELD = "touching"  # column of samples that press or pull, however deep they seem
+_CONTEXT = "context_"  # begins the name of a further signal
+
+_COLUMNS = {
+    ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
+    ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_nm"),
+    ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
+}
+_DOCS = {
+    "displacement_m": "into the object",
+    "force_n": "positive in compression, or along the joint",
+    "torque_nm": "positive along the joint axis",
+}
+
+
+def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
+    """One stream for each channel, called as the channel, with its columns; for `write_session`."""
+    return [(_stream(channel), _arrays(channel)) for channel in imported.channels]
+
+
+def import_extra(imported: Imported) -> dict[str, str]:
+    """What the session's metadata must keep beside the streams."""
+    return {RUN_LABELS: json.dumps(imported.run_labels)}
+
+
+def run_labels(session: Session) -> dict[str, int]:
+    """Number of each run by what the data file called it; none where the session does not say so in order."""
+    try:
+        labels = json.loads(session.metadata.extra.get(RUN_LABELS, "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    pairs = labels.items() if isinstance(labels, dict) else ()
+    return {label: int(run) for run, label in pairs if isinstance(label, str) and _NUMBER.match(run)}
+
+
+def imported_channels(session: Session) -> tuple[ChannelData, ...]:
+    """The channels of an imported session, as they were imported; none if it was not imported.
+
+    Raises:
+        InputError: a column is missing, or holds what cannot be worked with.
+    """
+    names = [name for name in session.stream_names if name == "contact" or name.startswith("joint_")]
+    try:
+        return with_arm(
+            [_channel(name, session.samples(name)) for name in names if len(session.samples(name))]
+        )
+    except InputError as error:
+        raise InputError(f"{session.path}, {error}") from error
+
+
+def _stream(channel: ChannelData) -> Stream:
+    names = _COLUMNS[channel.kind]
+    position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
+    units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
+    columns = [
+        Column("time_s", "s", 1, "increasing within a run"),
+        Column("run", "1", 1, "number of the run", "int64"),
+        Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
+    ]
+    columns += [Column(n, u, 1, _DOCS.get(n, "")) for n, u in zip(names, units, strict=True)]
+    if channel.touching is not None:
+        columns.append(Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32"))
+    columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in sorted(channel.recorded)]
+    return Stream(channel.name, tuple(columns))
+
+
+def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
+    motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
+    arrays: dict[str, ArrayLike] = {
+        "time_s": channel.time_s,
+        "run": channel.run,
+        "phase": channel.phase.astype(np.int32),
+    }
+    arrays.update(zip(_COLUMNS[channel.kind], motion, strict=True))
+    if channel.touching is not None:
+        arrays[_HELD] = channel.touching.astype(np.int32)
+    arrays.update({_CONTEXT + name: channel.context[name] for name in sorted(channel.recorded)})
+    return arrays
+
+
+def _channel(name: str, samples: Samples) -> ChannelData:
+    kinds = [kind for kind, columns in _COLUMNS.items() if all(column in samples for column in columns)]
+    if not kinds:
+        raise SessionError(f"stream '{name}' is no channel: it has columns {', '.join(samples)}")
+    _check(name, samples, ("time_s", "run", "phase", *_COLUMNS[kinds[0]]))
+    if (
+        (np.diff(samples["time_s"]) < FINEST_S) & (np.diff(samples["run"]) == 0)
+    ).any():  # as the import has it
+        raise InputError(f"stream '{name}', column 'time_s': times must increase within a run")
+    position, velocity, acceleration, effort = (samples[column] for column in _COLUMNS[kinds[0]])
+    context = {
+        column.removeprefix(_CONTEXT): samples[column] for column in samples if column.startswith(_CONTEXT)
+    }
+    if _HELD in samples:
+        _check(name, samples, (_HELD,))
+    return ChannelData(
+        name,
+        kinds[0],
+        samples["time_s"],
+        position,
+        velocity,
+        acceleration,
+        effort,
+        samples["run"],
+        samples["phase"].astype(np.int64),
+        context,
+        recorded=frozenset(context),
+        touching=samples[_HELD] != 0 if _HELD in samples else None,
+    )
+
+
+def _check(name: str, samples: Samples, columns: tuple[str, ...]) -> None:
+    """Refuse columns that are missing, of another shape, or hold what cannot be worked with."""
+    for column in columns:
+        if column not in samples:
+            raise SessionError(f"stream '{name}': no column '{column}'")
+        values = samples[column]
+        if values.ndim != 1 or values.dtype.kind not in "iuf":
+            raise SessionError(f"stream '{name}', column '{column}': expected one number a row")
+        bad = useless_rows(values)
+        if len(bad):
+            number = float(values[bad[0]])
+            fault = fault_of(number) + more_like_it(len(bad))
+            raise InputError(f"stream '{name}', row {bad[0] + 1}, column '{column}': {number:g} is {fault}")
 
 
 def session_channels(session: Session, *more: Session, tared: bool = False) -> tuple[ChannelData, ...]:

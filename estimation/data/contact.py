@@ -1,10 +1,4 @@
-"""Which samples of a probing run are in contact, found from the force alone.
-
-The rows are chosen by time, not by force: from the first lasting rise above the free-air noise to the last.
-A sensor that was loaded may read more in free air than before, so the noise of the retract counts as well.
-Taking every sample with F > 0 instead would keep the positive half of the noise near the surface and bias the
-stiffness. The samples at either end, which were chosen for their noise, are left out.
-"""
+"""Where a run touches the object, and where the surface lies."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +7,11 @@ import numpy as np
 from control.laws.touch import touch_force_n
 from control.loop.task import Phase
 from estimation.signals.blocks import block_index
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.least_squares import solve
+from estimation.statistics.noise import sum_covariance
+from estimation.statistics.uncertainty import common_error_covariance, sandwich
+from estimation.surface import FEWEST_STEPS, Surface
+from estimation.tare import Tare
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 _LASTING = 3  # samples in a row
@@ -103,3 +101,84 @@ def _lasting(mask: BoolArray) -> BoolArray:
     """Only those true samples that stand in a row of at least `_LASTING`."""
     _, row = block_index(mask)
     return np.asarray(mask & (np.bincount(row)[row] >= _LASTING))
+
+
+_SOFTEST_START = 3.0  # power of the depth with which the force of an object may begin
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Where samples around the touches of one place allow the surface to be, along the press direction."""
+
+    highest_m: float  # no object begins above [m]; -inf where no free air was recorded
+    # The shallowest of the last samples before, and the first after a
+    # contact; or as `first_m`, if that is shallower [m].
+    air_m: float
+    first_m: float  # the shallowest sample in contact [m]
+    step_m: float  # of the grid that these coordinates were read on; 0 if there is none [m]
+
+    @property
+    def deepest_m(self) -> float:
+        """The surface is not deeper: below the reading of the shallowest sample by half a step [m]."""
+        return self.first_m + self.step_m / 2
+
+    def alone(self) -> Surface:
+        """The surface, if nothing but the touch tells it: anywhere between free air and contact."""
+        width_m = self.first_m - self.air_m + self.step_m
+        return Surface((self.air_m + self.first_m) / 2, width_m / np.sqrt(12), self.highest_m, self.deepest_m)
+
+
+def find_surface(  # noqa: PLR0917
+    along_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, run: IntArray, tare: Tare, touch: Touch
+) -> Surface:
+    """The surface that the runs at one place share: where a spring and damper through them would begin.
+
+    It does not lie deeper than the shallowest sample in contact, which is what counts for an object that does
+    not begin like a spring, nor above what the touch allows. Where the press spans a few steps of an encoder,
+    the touch alone says where it is.
+
+    Args:
+        along_m: tip along the press direction, shape (n,), samples in contact only [m].
+        speed_m_s: its derivative, shape (n,) [m/s].
+        force_n: force above that in free air, shape (n,) [N].
+        run: shape (n,).
+        tare: what was taken off the force.
+        touch: from `touch_of`.
+    """
+    if np.ptp(along_m) < FEWEST_STEPS * touch.step_m:
+        return touch.alone()
+    columns = np.column_stack([along_m - touch.first_m, speed_m_s, np.ones(len(along_m))])
+    stiffness, _, offset_n = gains = solve(columns, force_n).gains
+    if stiffness <= 0.0:
+        return Surface(touch.first_m, float("nan"), touch.highest_m, touch.deepest_m)
+    residuals = force_n - columns @ gains
+    covariance = sandwich(columns, residuals, np.ones(len(residuals)), run)
+    deeper_m = -float(offset_n / stiffness)
+    slope = np.array([-deeper_m, 0.0, -1.0]) / stiffness  # of deeper_m with the gains
+    matrix = covariance.matrix + common_error_covariance(columns, tare.errors(run))
+    std_err_m = float(np.sqrt(slope @ matrix @ slope))
+    position_m = max(touch.first_m + min(deeper_m, 0.0), touch.highest_m)
+    return Surface(position_m, std_err_m, touch.highest_m, touch.deepest_m)
+
+
+def touch_of(along_m: FloatArray, force_n: FloatArray, contacts: list[Contact], step_m: float) -> Touch:
+    """What the samples around the touches of one place say of its surface.
+
+    Where the force of an object grows with a power p of the depth, the last sample of what counts as free
+    air has the share (x_air / x_max)^p of the greatest force, and that is less than a touch.
+
+    Args:
+        along_m: tip along the press direction, shape (n,), all samples [m].
+        force_n: force above that in free air, shape (n,) [N].
+        contacts: those at one place.
+        step_m: of the grid that the coordinates were read on; 0 if there is none [m].
+    """
+    rows = np.concatenate([contact.rows for contact in contacts])
+    free = np.concatenate([contact.free for contact in contacts])
+    first_m, last_m = float(along_m[rows].min()), float(along_m[rows].max())
+    if not len(free):
+        return Touch(float("-inf"), first_m, first_m, step_m)
+    air_m = min(float(along_m[free].min()), first_m)
+    touch_n = touch_force_n(max(contact.noise_n for contact in contacts))
+    share = min(touch_n / float(force_n[rows].max()), 0.5) ** (1 / _SOFTEST_START)
+    return Touch(air_m - share / (1 - share) * (last_m - air_m) - step_m / 2, air_m, first_m, step_m)

@@ -16,9 +16,8 @@ import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
 from estimation.data.file_columns import FileColumns, check_size
-from estimation.data.header_rows import find_layout, preamble_words
-from estimation.data.side_by_side import with_run
-from estimation.data.text_dialect import commas_decide
+from estimation.data.table_layout import with_run
+from estimation.data.text_dialect import commas_decide, find_layout, preamble_words
 from robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins

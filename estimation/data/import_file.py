@@ -2,28 +2,30 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.arm_context import DERIVED, OF_THE_ARM, with_arm
 from estimation.data.assign_columns import Columns, assign_columns
 from estimation.data.choose_columns import TIME, Key, units_meant
+from estimation.data.column_names import Role
 from estimation.data.derivatives import differentiate
-from estimation.data.given_derivatives import is_difference, mistaken_scale
 from estimation.data.import_options import ImportOptions
 from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
-from estimation.data.press_phases import press_phases
-from estimation.data.quantities import Role
+from estimation.data.presses import press_phases
 from estimation.data.table import Table, read_table
 from estimation.data.units import SLOWEST_S, likely_time_unit
-from estimation.signals.blocks import number_pieces
+from estimation.signals.blocks import block_index, blocks, number_pieces
 from estimation.signals.runwise import sample_time
+from estimation.statistics.correlation import correlation_coefficient
 from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from robot_io.types import FloatArray, IntArray
 
+OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
+# Derived signals of a joint: a column of that name, perhaps a mass, would pass for what a model needs.
+DERIVED = ("load", "rigid_body_torque", "rigid_body_regressor", "payload_effort_per_kg")
 _LONGEST_SIGNAL = 50  # letters; a session allows 64, some of which say what it is
 _TAKEN = frozenset({*OF_THE_ARM, *DERIVED})
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is asked about, as above `SLOWEST_S`
@@ -298,3 +300,92 @@ def _given(  # noqa: PLR0917
             "over more samples"
         )
     return given, ""
+
+
+_SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
+_OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
+_WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
+_LEAST_WAYS = 0.5  # of the samples, at which a way must begin
+_HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
+_REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
+_SAME = 0.5  # of the energy of a difference's noise, that the given velocity may differ from it by
+
+
+def mistaken_scale(
+    time_s: FloatArray, position: FloatArray, velocity: FloatArray, run: IntArray
+) -> float | None:
+    """How many times the slope of the position a given velocity is, where that is not one; else None.
+
+    Compared are ways, as two positions have them and as the velocity leads in between, over the time that
+    makes them most alike: long enough for steps and noise of a position to count little, and short enough for
+    what integration adds up of a velocity's error. A joint at rest says nothing.
+
+    Args:
+        time_s: shape (n,) [s].
+        position: shape (n,).
+        velocity: as it is given, shape (n,).
+        run: of each sample, shape (n,).
+    """
+    steps_s, piece = np.diff(time_s), block_index(run)[1]
+    mean = 0.5 * (velocity[1:] + velocity[:-1])
+    led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
+    best, ratio = 0.0, 1.0
+    for samples in _WAYS:
+        same = piece[samples:] == piece[:-samples]
+        if np.sum(same) < _LEAST_WAYS * len(position):
+            break
+        moved, by_velocity = ((x[samples:] - x[:-samples])[same] for x in (position, led))
+        alike = correlation_coefficient(moved, by_velocity)
+        if abs(alike) > best:
+            best, ratio = abs(alike), float(by_velocity @ by_velocity) / float(moved @ by_velocity)
+    is_mistaken = best > _SAME_SHAPE and not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE
+    return ratio if is_mistaken else None
+
+
+def is_difference(
+    time_s: FloatArray, position: FloatArray, given: FloatArray, calm: FloatArray, run: IntArray
+) -> bool:
+    """Whether a derivative has the very noise that a difference of the positions has.
+
+    Such a column measures nothing that the positions do not say, and is noisier than need be: a central
+    difference (`numpy.gradient` and kin) passes on the errors of two readings.
+
+    Args:
+        time_s: shape (n,) [s].
+        position: shape (n,), or another signal.
+        given: its derivative as the file has it, shape (n,).
+        calm: its derivative by windows as wide as the motion allows, shape (n,).
+        run: of each sample, shape (n,).
+    """
+    return bool(np.ptp(given) > 0.0) and any(  # a joint that rests has no difference
+        float(np.mean((difference - given) ** 2)) < _SAME * float(np.mean((difference - calm) ** 2))
+        for difference in _differences(time_s, position, run)
+    )
+
+
+def _differences(time_s: FloatArray, position: FloatArray, run: IntArray) -> Iterator[FloatArray]:
+    """Differences of each run as many derive a velocity, shorter at its ends, shape (n,) each."""
+    at = np.arange(len(position))
+    first, last = np.empty_like(at), np.empty_like(at)
+    for rows in blocks(run):
+        first[rows], last[rows] = rows.start, rows.stop - 1
+    for back, ahead in _REACHES:
+        before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
+        apart_s = time_s[after] - time_s[before]
+        moved = position[after] - position[before]
+        yield np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
+
+
+def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
+    """The channels, each joint's with the motion of all joints in its context, (n, joints) each."""
+    joints = [channel for channel in channels if channel.kind is not ChannelKind.CONTACT]
+    if not joints:
+        return tuple(channels)
+    motions = ((joint.position, joint.velocity, joint.acceleration) for joint in joints)
+    arm = dict(zip(OF_THE_ARM, map(np.column_stack, zip(*motions, strict=True)), strict=True))
+    return tuple(
+        channel
+        if channel.kind is ChannelKind.CONTACT
+        else replace(channel, context={**channel.context, **arm})
+        for channel in channels
+    )

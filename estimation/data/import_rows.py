@@ -7,9 +7,9 @@ import numpy as np
 from control.loop.task import Phase
 from estimation.data.assign_columns import Columns
 from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
-from estimation.data.numbers import FINEST_S
-from estimation.data.press_runs import cut_into, cut_presses, restarts
+from estimation.data.presses import cut_into, cut_presses, restarts
 from estimation.data.table import Table
+from estimation.data.units import FINEST_S
 from estimation.signals.blocks import time_in_run
 from robot_io.errors import InputError
 from robot_io.types import FloatArray, IntArray

@@ -14,11 +14,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from estimation.data.array_files import read_npz, read_parquet
-from estimation.data.clock_times import with_seconds
 from estimation.data.file_columns import BAGS, FileColumns, is_bag
-from estimation.data.numbers import fault_of, more_like_it, useless_rows
-from estimation.data.side_by_side import find_tests, is_filled, is_text, one_below_the_other
+from estimation.data.table_layout import find_tests, is_filled, is_text, one_below_the_other, with_seconds
 from estimation.data.text_table import number_of, read_text_table
+from estimation.data.units import fault_of, more_like_it, useless_rows
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -266,7 +265,7 @@ def _read_excel(path: Path) -> FileColumns:
 
 
 def _read_ros(path: Path) -> FileColumns:
-    from estimation.data.ros_table import read_ros_table  # noqa: PLC0415, seldom needed
+    from estimation.data.ros_bag import read_ros_table  # noqa: PLC0415, seldom needed
 
     return read_ros_table(path)
 

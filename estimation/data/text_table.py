@@ -1,7 +1,10 @@
 """A text file of measurements: whatever delimiter, decimal mark, encoding and preamble, packed or not."""
 
+import codecs
 import gzip
 import math
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +12,15 @@ import pyarrow as pa
 import pyarrow.csv
 
 from estimation.data.file_columns import FileColumns, check_size, most_bytes
-from estimation.data.side_by_side import with_run
-from estimation.data.text_blocks import find_blocks
-from estimation.data.text_decoding import as_utf8
-from estimation.data.text_dialect import BLANKS, DELIMITERS, Dialect, blanks_as_tabs, find_dialect
+from estimation.data.table_layout import with_run
+from estimation.data.text_dialect import (
+    BLANKS,
+    DELIMITERS,
+    TextDialect,
+    blanks_as_tabs,
+    find_dialect,
+    is_footer,
+)
 from robot_io.errors import InputError
 from robot_io.types import IntArray
 
@@ -44,7 +52,7 @@ def read_text_table(path: Path) -> FileColumns:
     return FileColumns(columns, dialect.decimal, words, (), np.concatenate(lines), "line")
 
 
-def _block(content: bytes, begin: int, end: int, dialect: Dialect, place: str) -> pa.Table:
+def _block(content: bytes, begin: int, end: int, dialect: TextDialect, place: str) -> pa.Table:
     """The rows from one byte to another; not copied, for they may be many."""
     rows = pa.py_buffer(content).slice(begin, end - begin)
     if dialect.delimiter == BLANKS:
@@ -94,7 +102,7 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _refused(content: bytes, path: Path) -> Dialect:
+def _refused(content: bytes, path: Path) -> TextDialect:
     """Say why no table was found."""
     line, *rest = content.lstrip().splitlines()
     if len(line) > _LONGEST_LINE:
@@ -129,7 +137,7 @@ class _Collector:
         return "skip"
 
 
-def _parse(rows: pa.Buffer, dialect: Dialect, wrong: _Collector | None = None) -> pa.Table:
+def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = None) -> pa.Table:
     names, delimiter = list(dialect.names), "\t" if dialect.delimiter == BLANKS else dialect.delimiter
     return pa.csv.read_csv(
         pa.BufferReader(rows),
@@ -139,7 +147,7 @@ def _parse(rows: pa.Buffer, dialect: Dialect, wrong: _Collector | None = None) -
     )
 
 
-def _first_bad_row(rows: pa.Buffer, dialect: Dialect, lines: IntArray) -> str:
+def _first_bad_row(rows: pa.Buffer, dialect: TextDialect, lines: IntArray) -> str:
     """Which line has a wrong number of cells; empty if none has.
 
     Args:
@@ -157,3 +165,102 @@ def _first_bad_row(rows: pa.Buffer, dialect: Dialect, lines: IntArray) -> str:
     row = wrong.rows[0]
     cells = f"has {row.actual_columns} cells and the header {row.expected_columns}"
     return f"line {lines[row.number - 1]} {cells}: {' '.join(row.text.split())[:_SHOWN]!r}"
+
+
+_BLANKS = b" \t"
+_ENDS = (b"\n", b"\r")
+
+
+def find_blocks(content: bytes, dialect: TextDialect) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
+    """First byte of each table's rows and the one after its last, and a word on lines below the last one."""
+    heads = list(_found(content, content[dialect.head : dialect.start], dialect.head))
+    ends = [*(begin for begin, _ in heads[1:]), len(content)]
+    blocks = [_trimmed(content, head[1], end, dialect) for head, end in zip(heads, ends, strict=True)]
+    filled = [(begin, end) for begin, end in blocks if end > begin]
+    if not filled:  # then a reader can say best what is wrong with these lines
+        return [(heads[0][1], len(content))], ()
+    below = [line for line in content[blocks[-1][1] :].splitlines() if line.strip()]
+    words = (f"a footer of {len(below)} line{'s' if len(below) > 1 else ''}",) if below else ()
+    return filled, words
+
+
+def _found(content: bytes, head: bytes, place: int) -> Iterator[tuple[int, int]]:
+    """Where lines begin and end that are those at a place, which is the first, but for blanks behind them."""
+    lines = [line.rstrip(_BLANKS) for line in head.splitlines()]
+    alike = re.compile(b"".join(re.escape(line) + rb"[ \t]*(?:\r\n|\r|\n|\Z)" for line in lines))
+    while place >= 0:
+        met = alike.match(content, place)
+        if met and (place == 0 or content[place - 1 : place] in _ENDS):
+            yield met.span()
+        place = content.find(lines[0], place + 1)
+
+
+def _trimmed(content: bytes, begin: int, end: int, dialect: TextDialect) -> tuple[int, int]:
+    """A block without the lines at its end that are no rows."""
+    ends = dict.fromkeys(_ENDS, end)  # where each was met last, so that every byte is looked at once
+    while end > begin:
+        line = end - (2 if content.endswith(b"\r\n", begin, end) else 1)
+        ends |= {mark: content.rfind(mark, begin, line) for mark, place in ends.items() if place >= line}
+        last = max(begin, *(place + 1 for place in ends.values()))
+        if not is_footer(content[last:end].decode(errors="replace").strip("\r\n"), dialect):
+            break
+        end = last
+    return begin, end
+
+
+_MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_CONTROLS = bytes(set(range(32)) - set(b"\t\n\r\f\x1a\x1b")) + b"\x7f\x81\x8d\x8f\x90\x9d"  # none in a text
+_LOOKED_AT = 1 << 16  # bytes
+_OTHERS = (  # how files begin that are called text by mistake, and what to do with them
+    (b"\x89PNG", "is a picture; save the measurements themselves"),
+    (b"\xff\xd8\xff", "is a picture; save the measurements themselves"),
+    (b"%PDF", "is a PDF; save the measurements themselves"),
+    (b"PK\x03\x04", "is a packed archive, perhaps a workbook: let its name end in .xlsx or .npz"),
+    (b"\x1f\x8b", "is packed: let its name end in .gz"),
+    (b"PAR1", "is a Parquet file: let its name end in .parquet"),
+)
+
+
+def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
+    """The text as UTF-8 without a mark, and the name of the encoding if it was another.
+
+    UTF-16 is known by its mark or by the zeros between Latin letters; what is no UTF-8 and has no control
+    characters is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
+
+    Raises:
+        InputError: it is no text.
+    """
+    if content.startswith(codecs.BOM_UTF8):
+        content = content[len(codecs.BOM_UTF8) :]
+    encoding = _encoding(content)
+    try:
+        if encoding:
+            return content.decode(encoding).encode(), encoding
+        if not content.isascii():
+            content.decode()
+    except UnicodeDecodeError:
+        if encoding or any(byte in _CONTROLS for byte in content[:_LOOKED_AT]):
+            raise _no_text(content, path) from None
+        return content.decode("cp1252", errors="replace").encode(), "cp1252"
+    if b"\0" in content:
+        raise _no_text(content, path)
+    return content, ""
+
+
+def _no_text(content: bytes, path: Path) -> InputError:
+    other = (words for begins, words in _OTHERS if content.startswith(begins))
+    return InputError(f"{path}: {next(other, 'is no text; save it as CSV in UTF-8')}")
+
+
+def _encoding(content: bytes) -> str:
+    """UTF-16 of either order, or empty."""
+    for mark, encoding in _MARKS:
+        if content.startswith(mark):
+            return encoding
+    head = content[:_LOOKED_AT]
+    even, odd = head[::2], head[1::2]
+    if len(head) < 4:
+        return ""
+    if odd.count(0) > 0.9 * len(odd) and even.count(0) == 0:
+        return "utf-16-le"
+    return "utf-16-be" if even.count(0) > 0.9 * len(even) and odd.count(0) == 0 else ""

@@ -1,11 +1,15 @@
-"""Units of data files, and what turns them into SI."""
+"""Units of measured quantities, and the numbers that can be worked with."""
 
 import math
 import re
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robot_io.errors import InputError
+from robot_io.types import FloatArray
 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 _STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it stands for a force
@@ -232,3 +236,24 @@ def scaled_unit(unit: str, own: str) -> tuple[float, str]:
         if dimension_of(read) == dimension:
             return scale * factor_to_si(read, dimension, read) / factor, normalise(whole)
     return scale, of
+
+
+LARGEST = 1e30  # in any unit; squares of what is larger overflow
+SMALLEST = 1.0 / LARGEST  # of a signal's largest number; squares of what is smaller are 0
+FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is finer does not increase
+
+
+def useless_rows(values: FloatArray) -> NDArray[np.int64]:
+    """Indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large."""
+    usable = np.abs(values) <= LARGEST
+    return np.flatnonzero(~(usable if usable.ndim == 1 else usable.all(axis=1)))
+
+
+def fault_of(number: float) -> str:
+    """What is wrong with such a value."""
+    return "too large a number" if np.isfinite(number) else "no finite number"
+
+
+def more_like_it(count: int) -> str:
+    """How many faults there are beside the one that is named."""
+    return f" ({count - 1} more like it)" if count > 1 else ""

@@ -23,12 +23,14 @@ from estimation.data_quality.readings import (
     at_lower_end,
     copied,
     copied_runs,
+    folded,
+    folded_in_contact,
+    rectified,
     saturated,
     stuck_in_air,
     too_coarse,
     unchanging,
 )
-from estimation.data_quality.rectified import folded, folded_in_contact, rectified
 from estimation.data_quality.timing import lost_rows, time_offset
 from estimation.fit.ar_noise import ORDER, ArNoise
 from estimation.fit.blocks import PIECES, block_average, block_length

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.given_derivatives import mistaken_scale
+from estimation.data.import_file import mistaken_scale
 from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
 from estimation.signals.runwise import sample_time

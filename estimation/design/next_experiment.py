@@ -4,16 +4,16 @@ A probing arm can do more than repeat a motion in another way: its plan comes fr
 `palpate.planning.next_probe`.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data_quality import SINGLE_RUN
 from estimation.design import Experiment, Rivals, choose
-from estimation.design.own_motion import changed_motions, extent
 from estimation.effect import Effect
 from estimation.fit.fit_result import FitResult
 
@@ -21,6 +21,66 @@ if TYPE_CHECKING:
     from control.probing.plan import ProbingPlan
 
 LONGEST_S = 120.0  # time that an experiment of a probing arm may take [s]
+_OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position
+_CHANGES = (  # how fast, how far, and words
+    (3.0, 1.0, "repeat the motion three times as fast"),
+    (1.0 / 3.0, 1.0, "repeat the motion at a third of its speed"),
+    (1.0, 1.5, "go half as far again"),
+    (1.0, 0.5, "go half as far"),
+)
+
+
+def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData]]:
+    """Yield changed motions: the change in words, its duration [s], and the channel as it would move.
+
+    Its effort means nothing. None is offered where signals of the context come from a whole arm's motion.
+
+    Args:
+        data: the channel.
+    """
+    if set(data.context) - set(_OF_THE_ARM) - data.recorded:
+        return
+    lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
+    for speed, reach, words in _CHANGES:
+        moved = _changed(data, speed, reach)
+        yield f"{words} ({extent(moved)})", lasted_s / speed, moved
+
+
+def extent(data: ChannelData) -> str:
+    """Describe how far and fast a channel moves.
+
+    Args:
+        data: the channel.
+    """
+    if data.kind is ChannelKind.REVOLUTE:
+        far, fast = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
+    else:
+        position = np.maximum(data.position, 0.0) if data.kind is ChannelKind.CONTACT else data.position
+        far, fast = f"{1e3 * np.ptp(position):.3g} mm", f"{1e3 * np.abs(data.velocity).max():.3g} mm/s"
+    deep = "to a depth of" if data.kind is ChannelKind.CONTACT else "over"
+    return f"{deep} {far}, at up to {fast}"
+
+
+def _changed(data: ChannelData, speed: float, reach: float) -> ChannelData:
+    start_s = data.time_s[0]
+    scales = (reach, reach * speed, reach * speed**2)
+    middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))
+    context = dict(data.context)
+    for name, order in _OF_THE_ARM.items():
+        if name in context:
+            centre = np.mean(context[name], axis=0) if order == 0 else 0.0
+            context[name] = centre + scales[order] * (context[name] - centre)
+    return replace(
+        data,
+        time_s=start_s + (data.time_s - start_s) / speed,
+        position=middle + scales[0] * (data.position - middle),
+        velocity=scales[1] * data.velocity,
+        acceleration=scales[2] * data.acceleration,
+        context=context,
+        shared=None,
+    )
+
+
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse
 _RUNS = (
     "repeat the motion at least three times, slowly and fast, each as a run of its own; in a data file, a "

@@ -23,7 +23,7 @@ from estimation.fit.inner_optimization import optimize_inner
 from estimation.fit.inner_search import search_inner
 from estimation.fit.measurement_model import MeasurementModel, shuffle_noise
 from estimation.model import Model
-from estimation.signals.shifted_motion import shifted_motion
+from estimation.signals.runwise import shifted_motion
 from robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.reading_error import reading_error
+from estimation.data.derivatives import reading_error
 from estimation.effect import Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains

@@ -12,7 +12,7 @@ from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Param
 from estimation.kinds import Kind
 from estimation.signals.blocks import number_stretches
 from estimation.signals.cache_by_array import cache_by_channel_arrays
-from estimation.signals.shifted_motion import shifted_motion
+from estimation.signals.runwise import shifted_motion
 from robot_io.types import FloatArray
 
 

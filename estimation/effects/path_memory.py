@@ -10,9 +10,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
 from estimation.kinds import Kind
 from estimation.signals.blocks import number_stretches
-from estimation.signals.bouc_wen import bouc_wen
-from estimation.signals.runwise import direction, play, smooth_jitter
-from estimation.signals.shifted_motion import shifted_motion
+from estimation.signals.runwise import bouc_wen, direction, play, shifted_motion, smooth_jitter
 from robot_io.types import FloatArray
 
 _PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen

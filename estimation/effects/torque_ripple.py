@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import AdditiveEffect, Inner, Parameter
 from estimation.kinds import Kind
-from estimation.signals.harmonics import harmonics
+from estimation.signals.periodicity import harmonics
 from robot_io.types import FloatArray
 
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.channel import ChannelData
 from estimation.signals.blocks import blocks
-from estimation.signals.shifted_motion import shifted_motion
+from estimation.signals.runwise import shifted_motion
 from robot_io.types import FloatArray
 
 _REACH_S = 0.03  # to either side, that positions are compared over: noise of an encoder counts little there

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.reading_error import reading_error
+from estimation.data.derivatives import reading_error
 from estimation.effect import AdditiveEffect, Inner
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.joint_load import LOAD

@@ -14,7 +14,7 @@ from estimation.fit.acceleration_noise import inflate_acceleration_noise
 from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import FitProblem, Solution
 from estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.noise import sum_covariance
 from robot_io.types import FloatArray, IntArray
 
 SIGMAS_95 = 1.96

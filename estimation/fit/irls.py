@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from estimation.statistics.least_squares import solve
-from estimation.statistics.noise_level import NoiseLevel, fit_noise_level, robust_sigma
+from estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
 from robot_io.types import BoolArray, FloatArray
 
 CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise

@@ -17,15 +17,15 @@ from estimation.channel import ChannelData
 from estimation.data.derivatives import (
     HALF_WINDOWS,
     grid_step,
+    local_derivative,
     position_error,
     rounding_variance,
+    uneven_derivative_operator,
     wider_window,
 )
-from estimation.data.local_fit import local_derivative, uneven_derivative_operator
 from estimation.signals.blocks import blocks, equal_length_blocks
 from estimation.signals.cache_by_array import IdentityKey, cache_by_channel_arrays
-from estimation.signals.runwise import is_even
-from estimation.signals.shifted_motion import shifted_motion
+from estimation.signals.runwise import is_even, shifted_motion
 from robot_io.types import FloatArray, IntArray
 
 _MOST_WEIGHTS = 4_000_000  # of an operator that is kept

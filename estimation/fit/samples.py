@@ -17,7 +17,7 @@ from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.inner_optimization import optimize_inner
 from estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
 from estimation.model import Model
-from estimation.statistics.noise_level import robust_sigma
+from estimation.statistics.noise import robust_sigma
 from estimation.statistics.uncertainty import Covariance, sandwich
 from robot_io.types import BoolArray, FloatArray
 

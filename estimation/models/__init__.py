@@ -1,5 +1,6 @@
-"""Base models, one per file."""
+"""Base models by family; a new one is one new class here."""
 
-from estimation.models.registry import MODELS
+from estimation.base_model import BaseModel
+from robot_io.registry import Registry
 
-__all__ = ["MODELS"]
+MODELS: Registry[BaseModel] = Registry("model", BaseModel, "estimation.models")  # type: ignore[type-abstract]

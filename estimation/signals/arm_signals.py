@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.signals.runwise import smooth_jitter
-from estimation.signals.shifted_motion import BY_ACCELERATION, BY_POSITION
+from estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
 from robot_io.errors import InputError
 from robot_io.types import FloatArray
 

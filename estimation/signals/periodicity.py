@@ -1,8 +1,12 @@
-"""Find the strongest frequency of a signal that was sampled evenly in pieces."""
+"""Periodic parts of a signal: harmonics over position, and waves over time."""
+
+from math import gcd
 
 import numpy as np
 
-from estimation.signals.blocks import blocks, number_pieces
+from estimation.channel import ChannelData, ChannelKind
+from estimation.signals.blocks import block_index, blocks, number_pieces
+from estimation.signals.cache_by_array import cache_by_channel_arrays
 from robot_io.types import FloatArray, IntArray
 
 _SLOWEST = 3.0  # least periods within the longest piece
@@ -79,3 +83,125 @@ def _explained(piece: _Piece, number: IntArray, size: int) -> FloatArray:
     own = count * np.abs(swing) ** 2 - (swing**2 * twice.conj()).real
     free = np.maximum(count**2 - np.abs(twice) ** 2, 1e-9 * count**2)
     return np.asarray(2.0 * own / free)
+
+
+_MOST_WAVES = 12  # tried
+_LEAST_WAVES = 1.5  # within the range of motion; a longer wave could be any curve
+_LEAST_SHARE = 0.02  # of the remaining energy, that one more wave must explain
+_APART_IN_HALVES = 0.8  # of its amplitude, by which a wave may differ between two halves of the data
+_MOST_SAMPLES = 30_000  # more are thinned out evenly
+_BINS = 16384
+_PER_BIN = 4  # bins of the shortest wave
+_APART = 1.3  # least difference of two waves, in periods within the range
+_FINER = 8  # of the spacing of independent waves
+_NEARLY_ALL = 0.98  # of the energy of all waves, that the multiples of one wave number have
+_WHOLE_TURN = 0.75  # of a turn; an axis that covers more shows waves that repeat each turn
+_LEAST_PERIODS = 2.0  # of the pattern within the range; fewer may be any smooth law
+
+
+@cache_by_channel_arrays("run", "position", "velocity", "acceleration", "effort")
+def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
+    """Find the wave number n [1/position] and its multiples that make up the ripple of an effort.
+
+    Orthogonal matching pursuit (Pati et al. 1993): take the strongest wave in the residual of simple motion,
+    fit all waves so far together with the motion, and repeat while a wave explains 2 % of the rest. They are
+    fitted together since ripple also accelerates the joint. A wave that differs between two halves of the
+    data is passed over. The waves are chosen on all runs; their amplitudes are left to the fit.
+
+    On an axis that covers about a turn, any whole number of waves a turn is valid: magnets, teeth and
+    bearings each have their own number.
+
+    Args:
+        data: the channel.
+
+    Returns:
+        n, and multiples in ascending order; no multiples without ripple.
+    """
+    span = float(np.ptp(data.position))
+    if span == 0.0:
+        return 0.0, ()
+    whole_turn = data.kind is ChannelKind.REVOLUTE and span > _WHOLE_TURN * 2.0 * np.pi
+    data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
+    motion = _motion_columns(data)
+    waves, tried, sizes = list[float](), list[float](), np.empty(0)
+    left, _ = _fitted(data, motion, waves)
+    for _ in range(_MOST_WAVES):
+        tried.append(_strongest(data.position, left, span, tried))
+        after, energy = _fitted(data, motion, [*waves, tried[-1]])
+        if np.sum(after**2) > (1.0 - _LEAST_SHARE) * np.sum(left**2):
+            break
+        if _is_in_both_halves(data, left, tried[-1]):
+            waves.append(tried[-1])
+            left, sizes = after, energy
+    if whole_turn:
+        whole = sorted({round(wave) for wave in waves if _is_whole(wave, span)})
+        shared = gcd(*whole) or 1
+        return float(shared), tuple(wave // shared for wave in whole)
+    return _common(np.array(waves), sizes, 2.0 * np.pi / span)
+
+
+def _is_whole(wave: float, span: float) -> bool:
+    """Whether a wave [1/rad] is a whole number a turn, within the resolution of a range of motion [rad]."""
+    return round(wave) > 0 and abs(wave - round(wave)) * span < np.pi
+
+
+def _motion_columns(data: ChannelData) -> FloatArray:
+    """Columns (n, k) of simple motion and direction, each of length 1."""
+    q, v = data.position, data.velocity
+    parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
+    columns = np.column_stack(parts)
+    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+
+def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:
+    """Wave number of the largest peak of the spectrum over position, other than known peaks."""
+    place = ((position - position.min()) / span * (_BINS - 1)).astype(np.int64)
+    count = np.bincount(place, minlength=_BINS)
+    total = np.bincount(place, weights=left, minlength=_BINS)
+    mean = np.where(count > 0, total / np.maximum(count, 1), 0.0)
+    height = np.abs(np.fft.rfft(mean, _FINER * _BINS))
+    waves = np.arange(len(height)) / _FINER * (_BINS - 1) / _BINS  # within the span
+    height[(waves < _LEAST_WAVES) | (waves > np.count_nonzero(count) / _PER_BIN)] = 0.0
+    for wave in known:
+        height[np.abs(waves - wave * span / (2.0 * np.pi)) < _APART] = 0.0
+    top = int(np.argmax(height))
+    low, here, high = height[[max(top - 1, 0), top, min(top + 1, len(height) - 1)]]
+    bend = 2.0 * here - low - high  # of the parabola through the three
+    between = 0.5 * (high - low) / bend if low > 0.0 and high > 0.0 and bend > 0.0 else 0.0
+    return float((waves[top] + between * waves[1]) * 2.0 * np.pi / span)
+
+
+def _fitted(data: ChannelData, motion: FloatArray, waves: list[float]) -> tuple[FloatArray, FloatArray]:
+    """Residual (n,) of the effort beside motion and waves, and the energy of each wave."""
+    angle = np.multiply.outer(data.position, np.array(waves))
+    columns = np.hstack([motion, np.sin(angle), np.cos(angle)])
+    gains = np.linalg.lstsq(columns, data.effort, rcond=1e-9)[0]
+    energy = np.sum(gains[motion.shape[1] :].reshape(2, len(waves)) ** 2, axis=0)
+    return data.effort - columns @ gains, energy
+
+
+def _is_in_both_halves(data: ChannelData, left: FloatArray, wave: float) -> bool:
+    """Whether odd and even runs, or the halves of a single run, have the same wave."""
+    starts, piece = block_index(data.run)
+    half = piece % 2 if len(starts) > 1 else np.arange(len(left)) * 2 // len(left)
+    columns = np.column_stack([np.sin(wave * data.position), np.cos(wave * data.position)])
+    first, second = (
+        np.linalg.lstsq(columns[half == side], left[half == side], rcond=None)[0] for side in (0, 1)
+    )
+    difference, mean = np.linalg.norm(first - second), 0.5 * np.linalg.norm(first + second)
+    return bool(difference <= _APART_IN_HALVES * mean)
+
+
+def _common(waves: FloatArray, energy: FloatArray, apart: float) -> tuple[float, tuple[int, ...]]:
+    """Largest wave number of which nearly all waves are multiples, and the multiples; others are left out.
+
+    Multiples are exact within a fifth of the resolution. Waves outside the pattern stem from slow changes
+    along the way.
+    """
+    most = int(waves[0] / (_LEAST_PERIODS * apart)) if len(waves) else 0
+    for parts in range(1, most + 1):
+        multiples = np.round(waves * parts / waves[0])
+        fits = (np.abs(waves - multiples * waves[0] / parts) < apart / 5.0) & (multiples > 0)
+        if np.sum(energy[fits]) >= _NEARLY_ALL * np.sum(energy):
+            return float(waves[0] / parts), tuple(sorted({int(m) for m in multiples[fits]}))
+    return 0.0, ()

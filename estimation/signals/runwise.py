@@ -1,12 +1,15 @@
-"""Operators with memory that restart in every run."""
+"""Operators that act run by run: filters, delay, play, hysteresis, shifted motion."""
 
+from bisect import bisect_right
 from collections.abc import Callable
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import permutations
 from math import perm
 
 import numpy as np
 
+from estimation.channel import ChannelData
 from estimation.signals.blocks import block_index, blocks, split_columns
 from estimation.signals.cache_by_array import cache_by_array
 from robot_io.types import FloatArray, IntArray
@@ -288,3 +291,117 @@ def _slopes(order: int) -> FloatArray:
     falling = np.array([float(perm(int(k), order)) for k in power])
     derived: FloatArray = falling * place[:, None] ** np.maximum(power - order, 0.0)
     return derived @ fitted
+
+
+_DEEPEST = 36.0  # -log(1 - w) at which w is 1 to the last digit
+_GRID = 3000
+
+
+def bouc_wen(
+    position: FloatArray, run: IntArray, path: float, sharpness: float, unloading: float
+) -> FloatArray:
+    """Compute the Bouc-Wen state w, from 0 at the start of each run.
+
+    Along the direction of motion dw/dx = (1 - w^n) / path while w grows away from zero, and
+    (1 + unloading |w|^n) / path while it goes back. With n = 1 and unloading = 1 it is Dahl's friction.
+
+    Args:
+        position: shape (n,).
+        run: run of each sample.
+        path: over which w builds up, in the unit of position.
+        sharpness: n.
+        unloading: 0 for a straight return, 1 for one that begins twice as steep.
+
+    Returns:
+        State in [-1, 1], shape (n,).
+    """
+    first, number = block_index(run)
+    steps = np.diff(position, prepend=position[:1]) / path
+    steps[first] = 0.0
+    if not len(steps):
+        return steps
+    sign = np.where(steps >= 0.0, 1.0, -1.0)
+    starts, piece = block_index(2 * number + (sign > 0.0))
+    way = np.cumsum(np.abs(steps))
+    way -= np.concatenate([[0.0], way[starts[1:] - 1]])[piece]
+    flow = _flow(sharpness, unloading)
+    initial = np.empty(len(starts))
+    ends = np.append(starts[1:], len(steps)) - 1
+    is_new_run = np.append(True, np.diff(run[starts]) != 0)
+    state = 0.0
+    for i, (side, length, is_new) in enumerate(
+        zip(sign[starts].tolist(), way[ends].tolist(), is_new_run.tolist(), strict=True)
+    ):
+        initial[i] = _interpolate_one(0.0 if is_new else side * state, flow.states_listed, flow.ways_listed)
+        state = side * _interpolate_one(initial[i] + length, flow.ways_listed, flow.states_listed)
+    return np.asarray(sign * np.interp(initial[piece] + way, flow.ways, flow.states))
+
+
+def _interpolate_one(at: float, points: list[float], values: list[float]) -> float:
+    """Do the work of `np.interp` for a single number, without the cost of calling NumPy."""
+    right = bisect_right(points, at)
+    if right == 0 or right == len(points):
+        return values[min(right, len(points) - 1)]
+    left = right - 1
+    share = (at - points[left]) / (points[right] - points[left])
+    return values[left] + share * (values[right] - values[left])
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """States w from -1 to 1 and the path from -1 to each, as arrays and as lists."""
+
+    states: FloatArray
+    ways: FloatArray
+    states_listed: list[float]
+    ways_listed: list[float]
+
+
+@lru_cache(maxsize=64)
+def _flow(sharpness: float, unloading: float) -> _Flow:
+    back = np.linspace(-1.0, 0.0, _GRID // 4)
+    towards = -np.expm1(-np.linspace(0.0, _DEEPEST, _GRID))[1:]
+    states = np.unique(np.concatenate([back, towards]))
+    middle = 0.5 * (states[1:] + states[:-1])
+    slope = np.where(
+        middle < 0.0,
+        1.0 + unloading * np.abs(middle) ** sharpness,
+        -np.expm1(sharpness * np.log(np.maximum(middle, 1e-300))),
+    )
+    ways = np.concatenate([[0.0], np.cumsum(np.diff(states) / np.maximum(slope, 1e-16))])
+    return _Flow(states, ways, states.tolist(), ways.tolist())
+
+
+BY_POSITION, BY_ACCELERATION = "_by_position", "_by_acceleration"  # suffixes of a signal's derivatives
+
+
+def shifted_motion(
+    data: ChannelData, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> ChannelData:
+    """Add changes to the motion of a channel.
+
+    Signals of the context that depend on the motion, such as a rigid body's torque, change to first order
+    where the context has their derivatives by the channel's own position and acceleration.
+
+    Args:
+        data: the channel.
+        position: change of position, shape (n,), in the unit of position.
+        velocity: change of velocity, shape (n,).
+        acceleration: change of acceleration, shape (n,).
+    """
+    context = dict(data.context)
+    for name, values in data.context.items():
+        if name + BY_POSITION in data.context and name + BY_ACCELERATION in data.context:
+            columns = [-1] + [1] * (values.ndim - 1)
+            context[name] = (
+                values
+                + data.context[name + BY_POSITION] * position.reshape(columns)
+                + data.context[name + BY_ACCELERATION] * acceleration.reshape(columns)
+            )
+    return replace(
+        data,
+        position=data.position + position,
+        velocity=data.velocity + velocity,
+        acceleration=data.acceleration + acceleration,
+        context=context,
+    )

@@ -7,7 +7,7 @@ import scipy
 
 from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
 from estimation.statistics.least_squares import condition_of_gram, solve
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.noise import sum_covariance
 from robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from estimation.base_model import ModelContext
-from estimation.data.numbers import LARGEST
+from estimation.data.units import LARGEST
 from estimation.diagnosis.result import ParameterValue
 from estimation.effects import EFFECTS
 from estimation.models import MODELS

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from estimation.channel import ChannelData
-from estimation.data.channels import session_channels
+from estimation.data.channels import run_labels, session_channels
+from estimation.data.column_names import RUN
 from estimation.data.import_file import chosen_texts
-from estimation.data.quantities import RUN
-from estimation.data.session_streams import run_labels
 from estimation.study.arm import Arm
 from robot_io.calibration import parse_calibrations
 from robot_io.errors import InputError

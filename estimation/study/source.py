@@ -11,12 +11,11 @@ import pyarrow as pa
 
 from estimation.channel import ChannelData
 from estimation.data.array_files import arrow_of
-from estimation.data.file_kind import is_session
+from estimation.data.column_names import RUN
+from estimation.data.file_columns import is_session
 from estimation.data.import_file import Imported, import_file, import_table
-from estimation.data.import_files import data_files, import_files
+from estimation.data.import_files import data_files, import_files, joined_channels
 from estimation.data.import_options import ImportOptions
-from estimation.data.joining import joined_channels
-from estimation.data.quantities import RUN
 from estimation.data.table import table_of
 from estimation.fit.long_data import shortened
 from estimation.study.arm import NO_ARM, Arm

@@ -12,11 +12,11 @@ import typer
 from rich.table import Table as Printed
 
 from control.loop.task import Phase
-from estimation.data.file_kind import is_session
+from estimation.data.channels import import_extra, import_streams
+from estimation.data.file_columns import is_session
 from estimation.data.import_file import Imported, import_table
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
-from estimation.data.session_streams import import_extra, import_streams
 from estimation.data.table import Table, read_table
 from estimation.data_quality import quality_warnings
 from estimation.signals.runwise import sample_time

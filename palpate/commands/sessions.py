@@ -13,8 +13,7 @@ import typer
 from numpy.typing import NDArray
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.channels import session_channels
-from estimation.data.session_streams import RUN_LABELS
+from estimation.data.channels import RUN_LABELS, session_channels
 from estimation.data.tick_channels import joined
 from estimation.effects import EFFECTS
 from palpate.common import console

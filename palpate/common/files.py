@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from estimation.data.file_kind import is_session
+from estimation.data.file_columns import is_session
 from palpate.common.console import typed
 from palpate.common.failures import make_folder
 from robot_io.errors import InputError, SessionError

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.numbers import LARGEST
+from estimation.data.units import LARGEST
 from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
 from estimation.effects import EFFECTS
 from palpate.common.files import existing_file

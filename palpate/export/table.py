@@ -15,7 +15,7 @@ import pyarrow.parquet
 
 from control.loop.task import Phase
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.file_kind import is_session
+from estimation.data.file_columns import is_session
 from estimation.data.import_options import ImportOptions
 from estimation.study.source import open_source
 from palpate.common.files import whole_file

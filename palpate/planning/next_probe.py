@@ -14,8 +14,7 @@ from control.probing.plan import ProbingPlan
 from estimation.channel import ChannelData, ChannelKind
 from estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
 from estimation.design import Experiment, Rivals, choose
-from estimation.design.choice import NEARLY
-from estimation.design.discrimination import SMALL
+from estimation.design.discrimination import NEARLY, SMALL
 from estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
 from estimation.diagnosis import ChannelDiagnosis, Verdict
 from estimation.study import ModelStudy, StudyChannel

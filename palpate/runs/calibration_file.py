@@ -15,7 +15,7 @@ from calibration.encoder import EncoderFit, fit_pose, fit_stops
 from calibration.force import ForceFit
 from calibration.standstill import UncertainValue
 from control.loop.tick_record import STREAM_NAME
-from estimation.data.tick_check import checked_ticks
+from estimation.data.tick_channels import checked_ticks
 from palpate.common import console
 from palpate.common.console import FIRST_PROBE, as_shell_word, safe, shown, typed
 from palpate.common.files import open_session

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from estimation.data.file_kind import is_session
+from estimation.data.file_columns import is_session
 from estimation.data.import_options import ImportOptions
 from palpate.common import console
 from palpate.common.console import safe

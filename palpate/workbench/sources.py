@@ -15,12 +15,11 @@ import numpy as np
 from nicegui import events, ui
 
 from control.loop.tick_record import STREAM_NAME
-from estimation.data.clock_times import clocks_of
-from estimation.data.column_guess import Guess, guess_columns
-from estimation.data.file_kind import is_session
+from estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns, si_unit
+from estimation.data.file_columns import is_session
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import QUANTITIES, RUN, si_unit
 from estimation.data.table import Table, read_table
+from estimation.data.table_layout import clocks_of
 from estimation.data.units import SI
 from palpate.common.files import output_folder, whole_file
 from palpate.render import palette

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.presses import Noise, Press
 from estimation.contact_estimator import ContactLaw
 from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.estimators.lsq import Lsq
+from estimation.estimators.batch import Lsq
 from tests.estimation.contact_data import channel, estimated
 
 KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0), count=1500)

@@ -4,8 +4,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from estimation.data.derivatives import _pilot, _Trial, centre_slope, differentiate, grid_step
-from estimation.data.local_fit import local_derivative, local_fit, local_fits, uneven_derivative_operator
+from estimation.data.derivatives import (
+    _pilot,
+    _Trial,
+    centre_slope,
+    differentiate,
+    grid_step,
+    local_derivative,
+    local_fit,
+    local_fits,
+    uneven_derivative_operator,
+)
 from estimation.signals.blocks import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from control.loop.task import Phase
 from estimation.channel import ChannelKind
 from estimation.data import file_columns
+from estimation.data.channels import import_streams
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions, parse_pairs
-from estimation.data.session_streams import import_streams
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.files import whole_file

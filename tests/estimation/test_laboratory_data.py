@@ -13,9 +13,9 @@ from estimation.data import file_columns
 from estimation.data.import_file import import_file
 from estimation.data.import_files import data_files, import_files
 from estimation.data.import_options import ImportOptions
-from estimation.data.press_runs import cut_presses
+from estimation.data.presses import cut_presses
 from estimation.data.table import read_table
-from estimation.data.text_decoding import as_utf8
+from estimation.data.text_table import as_utf8
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick

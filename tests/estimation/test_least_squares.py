@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from estimation.estimate import Determined, Identifiability
 from estimation.statistics.least_squares import solve, solve_within_bounds
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.noise import sum_covariance
 from estimation.statistics.uncertainty import assess_parameters, sandwich
 from tests.estimation.problems import motion
 

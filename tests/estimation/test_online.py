@@ -4,10 +4,8 @@ import pytest
 from control.laws.gains import TouchGains
 from control.loop.task import Phase, TaskOutput
 from estimation.estimators import ESTIMATORS
-from estimation.estimators.cusum_rls import CusumRls
-from estimation.estimators.preemptive_ransac import PreemptiveRansac
-from estimation.estimators.rls import Rls
-from estimation.estimators.sprls import Sprls
+from estimation.estimators.ransac import PreemptiveRansac
+from estimation.estimators.recursive import CusumRls, Rls, Sprls
 from estimation.online import OnlineContactEstimator
 from robot_io.types import Command, Measurement, Status
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe

@@ -7,10 +7,10 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelKind
+from estimation.data.channels import import_streams
 from estimation.data.import_file import import_table
 from estimation.data.import_options import ImportOptions
-from estimation.data.press_sides import press_sides
-from estimation.data.session_streams import import_streams
+from estimation.data.presses import press_sides
 from estimation.data.table import table_of
 from estimation.data_quality import quality_warnings, reject_reason
 from estimation.estimate_channel import estimate_channel

@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators import ESTIMATORS
-from estimation.estimators.ewrls import Ewrls
-from estimation.estimators.rls import Rls
-from estimation.estimators.sprls import Sprls
+from estimation.estimators.recursive import Ewrls, Rls, Sprls
 from robot_io.errors import InputError
 from tests.estimation.problems import TRUTH, motion, problem, values
 

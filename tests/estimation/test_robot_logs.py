@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
-from estimation.data.file_kind import is_session
+from estimation.data.file_columns import is_session
 from estimation.data.import_file import import_file, import_table
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import table_of

@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from estimation.estimators import ESTIMATORS
-from estimation.estimators.lsq import Lsq
-from estimation.estimators.robust import Robust
-from estimation.estimators.weighted import Weighted
+from estimation.estimators.batch import Lsq, Robust, Weighted
 from estimation.regression import Regression
-from estimation.statistics.noise_level import fit_noise_level
+from estimation.statistics.noise import fit_noise_level
 from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, values
 
 

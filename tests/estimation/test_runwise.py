@@ -6,9 +6,16 @@ from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
 from estimation.signals.blocks import blocks, runs_by_time
-from estimation.signals.bouc_wen import bouc_wen
 from estimation.signals.exponential_memory import low_pass, relax, springpot
-from estimation.signals.runwise import derivative, direction, play, running_max, shift, smooth_jitter
+from estimation.signals.runwise import (
+    bouc_wen,
+    derivative,
+    direction,
+    play,
+    running_max,
+    shift,
+    smooth_jitter,
+)
 
 TIME = np.arange(1000) * 0.01
 ONE_RUN = np.zeros(1000, dtype=np.int64)

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from estimation.data.channels import session_channels
-from estimation.data.file_kind import is_session
+from estimation.data.channels import import_extra, import_streams, run_labels, session_channels
+from estimation.data.file_columns import is_session
 from estimation.data.import_file import import_file
 from estimation.data.import_options import ImportOptions
-from estimation.data.session_streams import import_extra, import_streams, run_labels
 from estimation.study.source import open_source
 from robot_io.errors import InputError
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from estimation.data.column_names import split_unit
 from estimation.data.import_file import import_table
 from estimation.data.import_options import ImportOptions
-from estimation.data.quantities import split_unit
 from estimation.data.table import table_of
 from estimation.data.units import SI, dimension_of, normalise
 from robot_io.errors import InputError

@@ -5,7 +5,7 @@ import pytest
 
 from control.loop.tick_record import tick_stream
 from estimation.data.channels import session_channels
-from estimation.data.tick_check import checked_ticks
+from estimation.data.tick_channels import checked_ticks
 from palpate.render.recording.scene import tick_columns
 from robot_io.errors import InputError
 from robot_io.session import Column, Session, SessionMetadata, Stream, write_session

@@ -16,7 +16,7 @@ from rerun.urdf import UrdfJoint, UrdfTree
 
 from control.loop.task import Phase
 from control.loop.tick_record import STREAM_NAME
-from estimation.data.tick_check import checked_ticks
+from estimation.data.tick_channels import checked_ticks
 from estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
 from robot_io.errors import InputError

@@ -8,8 +8,7 @@ import pytest
 import sim_backend
 from control.arm.rigid_body import RigidBody
 from estimation.arm.base_parameters import base_parameters
-from estimation.arm.consistent_fit import fit_bodies
-from estimation.arm.prior import consistent_information, urdf_information
+from estimation.arm.consistent_fit import consistent_information, fit_bodies, urdf_information
 from estimation.arm.pseudo_inertia import Divergence, inertial_of, nearest_bodies, pseudo_inertias
 from estimation.information import Information
 from tests.estimation.arm.panda import is_body, minimum, other_bodies, panda

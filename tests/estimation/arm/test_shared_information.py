@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from estimation.arm.base_parameters import base_parameters
-from estimation.arm.normal_equations import (
+from estimation.arm.consistent_fit import (
     JointMoments,
     arranged,
     information_of_others,
     shared_information,
     training_sums,
+    urdf_information,
 )
-from estimation.arm.prior import urdf_information
 from estimation.information import Information
 from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
 

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.channel import ChannelData, ChannelKind
-from estimation.data.joining import joined_channels
+from estimation.data.import_files import joined_channels
 from estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
 from estimation.data_quality.motion_and_effort import late_touch
 from estimation.models import MODELS

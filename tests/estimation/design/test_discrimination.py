@@ -5,7 +5,7 @@ import pytest
 
 from estimation.base_model import ModelContext
 from estimation.design import Experiment, Rivals, choose
-from estimation.design.own_motion import changed_motions
+from estimation.design.next_experiment import changed_motions
 from estimation.effects import EFFECTS
 from estimation.fit.fit_result import fit_model
 from estimation.models import MODELS

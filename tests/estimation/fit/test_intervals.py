@@ -12,7 +12,7 @@ from estimation.fit.fit_problem import solve_gains
 from estimation.fit.fit_result import final_solution, fit_model
 from estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
 from estimation.model import Model
-from estimation.statistics.serial_covariance import sum_covariance
+from estimation.statistics.noise import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from estimation.fit.irls import CUT, IrlsResult, absolute_share, cauchy_influence, irls
-from estimation.statistics.noise_level import NoiseLevel
+from estimation.statistics.noise import NoiseLevel
 
 U = np.linspace(-8.0, 8.0, 3201)  # residuals in standard deviations
 GAUSS = norm.pdf(U) * (U[1] - U[0])

@@ -1,4 +1,4 @@
-"""MM estimation: takes up to half of the samples being wrong, and loses little where none is."""
+"""Least squares over all samples at once: plain, weighted and robust."""
 
 import numpy as np
 
@@ -7,10 +7,54 @@ from estimation.estimator import Estimator
 from estimation.fit.irls import IrlsResult, Loss, absolute_share, irls
 from estimation.regression import Regression
 from estimation.statistics.least_squares import solve
-from estimation.statistics.noise_level import NoiseLevel, robust_sigma
+from estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
 from estimation.statistics.subsets import solve_subsets
 from estimation.statistics.uncertainty import sandwich
 from robot_io.types import FloatArray
+
+
+class Lsq(Estimator):
+    """Minimise the sum of squared residuals.
+
+    Source: the paper, eq. (2), solved by the pseudo-inverse.
+    """
+
+    name = "lsq"
+
+    def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
+        gains = solve(regression.columns, regression.effort).gains
+        residuals = regression.effort - regression.columns @ gains
+        covariance = sandwich(regression.columns, residuals, np.ones(len(residuals)), regression.run)
+        return self._estimate(regression, gains, covariance)
+
+
+_ROUNDS = 5  # the weights depend on the gains only weakly: they have settled by then
+
+
+class Weighted(Estimator):
+    """Least squares, repeated with weights 1/sigma from a noise that grows with the predicted effort.
+
+    Weights come from the prediction and not from the measured effort, since the latter would favour samples
+    whose noise happens to be negative.
+
+    Source: R. J. Carroll, D. Ruppert, Transformation and Weighting in Regression (1988), ch. 2.
+    """
+
+    name = "weighted"
+
+    def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
+        weights = np.ones(len(regression.effort))
+        for _ in range(_ROUNDS):
+            gains = solve(regression.columns, regression.effort, weights).gains
+            predicted = regression.columns @ gains
+            residuals = regression.effort - predicted
+            noise = fit_noise_level(residuals, predicted)
+            weights = 1.0 / noise.sigma(predicted)
+        squared = weights**2
+        covariance = sandwich(regression.columns, squared * residuals, squared, regression.run)
+        details = {"noise_floor": noise.floor, "noise_share": noise.share}
+        return self._estimate(regression, gains, covariance, details=details)
+
 
 _STARTS = 150  # subsets of the start: of p = 4, at 40 % outliers, none is clean with probability 1e-9
 _START_SAMPLES = 400  # samples on which the starts are compared

@@ -1,4 +1,4 @@
-"""A mass on a spring and a damper."""
+"""Base models of contacts and masses."""
 
 from dataclasses import replace
 
@@ -9,9 +9,32 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effects.contact_geometry import ContactOffset
 from estimation.effects.elastic_shape import Stiffness
 from estimation.effects.inertia import Inertia
-from estimation.effects.rate_dependence import Damping
+from estimation.effects.rate_dependence import Damping, HuntCrossley
 from estimation.model import Model
 from estimation.statistics.correlation import correlation_coefficient
+
+
+class KelvinVoigt(BaseModel):
+    """F = k x + c v while x > 0."""
+
+    name = "kelvin_voigt"
+    channels = frozenset({ChannelKind.CONTACT})
+
+    def build(self, context: ModelContext) -> Model:
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (Stiffness(), Damping(), *surface))
+
+
+class HuntCrossleyModel(BaseModel):
+    """F = k x^n + b x^n v while x > 0."""
+
+    name = "hunt_crossley"
+    channels = frozenset({ChannelKind.CONTACT})
+
+    def build(self, context: ModelContext) -> Model:
+        surface = (ContactOffset(),) if context.surface_found else ()
+        return Model(self.name, (HuntCrossley(), *surface))
+
 
 _SPRINGY = 0.5  # correlation of force and displacement on the other side, where free air has none
 

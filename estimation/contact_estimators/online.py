@@ -1,0 +1,360 @@
+"""Online estimators of a contact's stiffness and damping, each with a law of its own."""
+
+import math
+
+import numpy as np
+
+from estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw, check_samples
+from estimation.estimator import OnlineEstimator
+from estimation.estimators.recursive import Ewrls, Sprls
+from estimation.fit.irls import IrlsResult, irls
+from robot_io.errors import InputError
+from robot_io.types import FloatArray
+
+_FIRST_EXPONENT = 1.3
+_EXPONENT_RANGE = (0.5, 4.0)
+
+
+class DoubleStageRls(OnlineContactLaw):
+    """One stage finds k and b for the exponent of the other, which finds n for those gains.
+
+        F = k d^n + b d^n v,        ln(F / (k + b v)) = n ln d
+
+    It converges if n begins near enough, and slowly: an error of n is made up for by k and b for as long as
+    depths are alike.
+
+    Source: N. Diolaiti, C. Melchiorri, S. Stramigioli, Contact Impedance Estimation for Robotic Systems, IEEE
+    Trans. Robotics 21 (2005).
+
+    Args:
+        forgetting: weight kept by each sample per step, in (0, 1], in both stages.
+        exponent: n to begin with.
+    """
+
+    name = "double_stage_rls"
+
+    def __init__(self, forgetting: float = 0.995, exponent: float = _FIRST_EXPONENT) -> None:
+        if not _EXPONENT_RANGE[0] <= exponent <= _EXPONENT_RANGE[1]:
+            raise InputError(f"double_stage_rls: exponent {exponent} must be within {_EXPONENT_RANGE}")
+        self._gains = Ewrls(forgetting)
+        self._forgetting, self._first_exponent = forgetting, exponent
+        self.start()
+
+    def start(self) -> None:
+        self._gains.start(2)
+        self._exponent = self._first_exponent
+        self._information = 1.0  # of n, in sums of squared logarithms
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        if depth_m <= 0.0:
+            return None
+        power = depth_m**self._exponent
+        k, b = self._gains.update(np.array([power, power * speed_m_s]), force_n).tolist()
+        push = k + b * speed_m_s
+        if force_n > LEAST_LOAD_N and push > 0.0:
+            log_depth = math.log(depth_m)
+            self._information = self._forgetting * self._information + log_depth**2
+            error = math.log(force_n / push) - self._exponent * log_depth
+            moved = self._exponent + error * log_depth / self._information
+            self._exponent = min(max(moved, _EXPONENT_RANGE[0]), _EXPONENT_RANGE[1])
+        return ContactLaw(k, b, self._exponent, self._exponent)
+
+
+_HYSTERESIS = 1.1
+
+
+class HybridSprls(OnlineContactLaw):
+    """Two self-perturbing recursive least squares, one a law; a stiff object is given the linear one.
+
+    Source: A. Pappalardo, A. Albakri, C. Liu, L. Bascetta, E. De Momi, P. Poignet, Hunt-Crossley Model Based
+    Force Control for Minimally Invasive Robotic Surgery, Biomed. Signal Proc. Control 29 (2016).
+
+    Args:
+        switch_n_m: stiffness that Kelvin-Voigt finds, above which its law is the answer [N/m].
+        beta: as for `Sprls`.
+        gamma: as for `Sprls`, per squared newton for Kelvin-Voigt; the logarithm of a force has no unit and
+            is perturbed by a change of the force by more than a factor of two alone.
+    """
+
+    name = "hybrid_sprls"
+
+    def __init__(self, switch_n_m: float = 1000.0, beta: float = 20.0, gamma: float = 1.0) -> None:
+        self._switch_n_m = switch_n_m
+        self._linear = Sprls(beta, gamma)
+        self._power = LogLinear(Sprls(beta, gamma))
+        self.start()
+
+    def start(self) -> None:
+        self._linear.start(2)
+        self._power.start()
+        self._is_stiff = False
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        stiffness, damping = self._linear.update(np.array([depth_m, speed_m_s]), force_n).tolist()
+        power = self._power.update(depth_m, speed_m_s, force_n)
+        self._is_stiff = stiffness > (self._switch_n_m / _HYSTERESIS if self._is_stiff else self._switch_n_m)
+        return ContactLaw(stiffness, damping) if self._is_stiff else power
+
+
+_LIKELY = (1000.0, 100.0)  # N/m, N s/m: relative size of the gains' steps
+
+
+class IndirectAdaptive(OnlineContactLaw):
+    """F = k x + c v by the normalised gradient of the squared force error.
+
+        e = F - k x - c v,     theta' = theta + rate G phi e / (noise + phi' G phi)
+
+    with phi = (x, v) and G diagonal, x from where the surface was felt. The gradient needs no matrix and is
+    stable by Lyapunov; it forgets within about 1 / rate samples, and what the motion does not
+    excite stays where it was: add an excitation to the plan (A. Misra, A. M. Okamura, Environment Parameter
+    Estimation during Bilateral Telemanipulation, Haptics Symposium 2006).
+
+    Source: H. Seraji, R. Colbaugh, Force Tracking in Impedance Control, Int. J. Robotics Research 16 (1997).
+
+    Args:
+        rate: of the adaptation, in (0, 2).
+        noise_n: force at which a step is halved [N].
+    """
+
+    name = "indirect_adaptive"
+    model = "kelvin_voigt"
+
+    def __init__(self, rate: float = 0.02, noise_n: float = 0.5) -> None:
+        if not (0.0 < rate < 2.0 and noise_n >= 0.0):
+            raise InputError(
+                f"indirect_adaptive: rate {rate} must be within 0 and 2, noise {noise_n} positive"
+            )
+        self.rate, self.noise_n = rate, noise_n
+        self.start()
+
+    def start(self) -> None:
+        self._k = self._c = 0.0
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        by_k, by_c = (likely**2 for likely in _LIKELY)
+        size = by_k * depth_m**2 + by_c * speed_m_s**2 + self.noise_n**2
+        error_n = force_n - self._k * depth_m - self._c * speed_m_s
+        step = self.rate * error_n / size
+        self._k += by_k * depth_m * step
+        self._c += by_c * speed_m_s * step
+        return ContactLaw(self._k, self._c)
+
+
+LEAST_LOAD_N = 0.05  # below this the logarithm is mostly noise
+_MOST_LOG = 50.0  # of a gain: a number still
+
+
+class LogLinear(OnlineContactLaw):
+    """ln F = ln k + n ln d + (b / k) v, by any linear estimator.
+
+    Right for b v / k and a noise over the force that are both far below 1: the logarithm of 1 + b v / k is
+    taken for b v / k, and that of a noisy force has a mean of its own.
+
+    Args:
+        linear: finds ln k, n and b / k.
+    """
+
+    def __init__(self, linear: OnlineEstimator) -> None:
+        self._linear = linear
+        self.start()
+
+    def start(self) -> None:
+        self._linear.start(3)
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        if depth_m <= 0.0 or force_n < LEAST_LOAD_N:
+            return None
+        row = np.array([1.0, math.log(depth_m), speed_m_s])
+        log_k, n, ratio = self._linear.update(row, math.log(force_n)).tolist()
+        k = math.exp(min(log_k, _MOST_LOG))
+        return ContactLaw(k, ratio * k, n, n)
+
+
+class LogLinearEwrls(LogLinear):
+    """The same by exponentially weighted recursive least squares; `forgetting` as for `Ewrls`.
+
+    Source: A. Haddadi, K. Hashtrudi-Zaad, Real-Time Identification of Hunt-Crossley Dynamic Models of Contact
+    Environments, IEEE Trans. Robotics 28 (2012).
+    """
+
+    name = "log_linear_ewrls"
+
+    def __init__(self, forgetting: float = 0.9995) -> None:
+        super().__init__(Ewrls(forgetting))
+
+
+_SCALE_M = 1e-4  # move from sample to sample that counts as much as the rest of the normalisation
+
+
+class ModelReference(OnlineContactLaw):
+    """Pure stiffness: a reference model follows the force, driven by the motion and the present estimate.
+
+        f_m' = f_m + pull (F - f_m) + k dx,     e = F - f_m,     k' = k + rate dx e / (dx^2 + scale^2)
+
+    The error dies out with the model's pole and drives the stiffness (series-parallel identifier, stable by
+    Lyapunov). It works on moves alone: no surface has to be known, a constant force error does not count, and
+    while nothing moves nothing is learnt. What damping adds to the force passes for stiffness.
+
+    Source: K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control see
+    `control.laws.force_laws`.
+
+    Args:
+        rate: of the adaptation, in (0, 1).
+        pull: share of its error that the model makes up for per sample, in (0, 1).
+    """
+
+    name = "model_reference"
+    model = "kelvin_voigt"
+
+    def __init__(self, rate: float = 0.02, pull: float = 0.2) -> None:
+        if not (0.0 < rate < 1.0 and 0.0 < pull < 1.0):
+            raise InputError(f"model_reference: rate {rate} and pull {pull} must be between 0 and 1")
+        self.rate, self.pull = rate, pull
+        self.start()
+
+    def start(self) -> None:
+        self._stiffness = 0.0
+        self._last: tuple[float, float] | None = None  # depth [m] and the model's force [N]
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        if self._last is None:
+            self._last = depth_m, force_n
+            return None
+        before_m, model_n = self._last
+        move_m = depth_m - before_m
+        error_n = force_n - model_n - self._stiffness * move_m
+        self._stiffness += self.rate * move_m * error_n / (move_m**2 + _SCALE_M**2)
+        self._last = depth_m, force_n - (1.0 - self.pull) * error_n
+        surface_m = depth_m - force_n / self._stiffness if self._stiffness > 0.0 else 0.0
+        return ContactLaw(self._stiffness, 0.0, surface_m=surface_m)
+
+
+_SPREAD = (1e5, 1e5, 3e-4)  # of k, b and the surface before anything is known
+_FIRST_NOISE_N = 0.1
+_NOISE_MEMORY = 0.99  # of the noise, per sample
+_LEAST_NOISE_N = 1e-4
+_LEAST_DEPTH_M = 1e-5
+
+
+class ReducedKalman(OnlineContactLaw):
+    """F = (k + b v) (x - s)^n with n from the tool's shape; state k, b and the surface s.
+
+    The reduction of the contact to one dimension gives n = 1 for a flat punch, 1.5 for a ball and 2 for a
+    cone, so that only the material is left to find. The variance of the measured force follows the errors,
+    less what the state's own spread explains, and that of the state grows by a share each sample.
+
+    Source: L. Beber et al., Towards Robotised Palpation for Cancer Detection through Online Tissue
+    Viscoelastic Characterisation with a Collaborative Robotic Arm (2024), arXiv 2404.09542; noise: R. K.
+    Mehra, Approaches to Adaptive Filtering, IEEE Trans. Automatic Control 17 (1972).
+
+    Args:
+        exponent: n.
+        drift: by which share the standard deviation of k and b may change from sample to sample.
+    """
+
+    name = "reduced_kalman"
+
+    def __init__(self, exponent: float = 1.5, drift: float = 1e-5) -> None:
+        if not exponent > 0.0 or drift < 0.0:
+            raise InputError(
+                f"reduced_kalman: exponent {exponent} must be positive, drift {drift} not negative"
+            )
+        self.exponent, self.drift = exponent, drift
+        self.start()
+
+    def start(self) -> None:
+        self._state = np.zeros(3)
+        self._covariance = np.diag(np.square(_SPREAD))
+        self._noise2 = _FIRST_NOISE_N**2
+
+    def update(self, depth_m: float, speed_m_s: float, force_n: float) -> ContactLaw | None:
+        k, b, surface_m = self._state.tolist()
+        deep = max(depth_m - surface_m, _LEAST_DEPTH_M)
+        power = deep**self.exponent
+        push = k + b * speed_m_s
+        row = np.array([power, power * speed_m_s, -push * self.exponent * power / deep])
+        spread = self._covariance.dot(row)
+        known = float(row.dot(spread))
+        error = force_n - push * power
+        gain = spread / (known + self._noise2)
+        self._state = self._state + gain * error
+        self._covariance -= gain[:, None] * spread
+        self._covariance[0, 0] += (self.drift * k) ** 2
+        self._covariance[1, 1] += (self.drift * b) ** 2
+        if known < self._noise2:
+            fresh = max(error * error - known, _LEAST_NOISE_N**2)
+            self._noise2 += (1.0 - _NOISE_MEMORY) * (fresh - self._noise2)
+        k, b, surface_m = self._state.tolist()
+        return ContactLaw(k, b, self.exponent, self.exponent, surface_m)
+
+
+_EXPONENTS = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.45, 1.6, 1.8, 2.0, 2.25, 2.5, 3.0])
+_PAIRS = 60  # a start; none of them clean at 40 % outliers with probability 1e-12
+_START_SAMPLES = 200
+_FEWEST = 10  # samples
+
+
+class RobustHuntCrossley(ContactEstimator):
+    """MM estimate of ln k, b / k and n together, with weights that follow the noise.
+
+    The start is the least median of squares over pairs of samples, each solved for k and b at a dozen
+    exponents at once; a few biweight steps lead from there to the efficient estimate, see `m_steps`. It is
+    what `robust` is for a linear model; the surface must be known.
+
+    Source: V. J. Yohai, High Breakdown-Point and High Efficiency Robust Estimates for Regression, Ann. Stat.
+    15 (1987).
+    """
+
+    name = "robust_hunt_crossley"
+
+    def fit(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, *, rng: np.random.Generator
+    ) -> ContactLaw:
+        settled, unit_m = self.settle(depth_m, speed_m_s, force_n, rng)
+        log_push, ratio, n = settled.values.tolist()
+        k = float(np.exp(log_push)) / unit_m**n
+        return ContactLaw(k, ratio * k, n, n)
+
+    def settle(
+        self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
+    ) -> tuple[IrlsResult, float]:
+        """The estimate of ln(k u^n), b / k and n with its residuals, and the unit of depth u [m]."""
+        check_samples(self.name, depth_m, speed_m_s, force_n)
+        touching = depth_m > 0.0
+        if np.count_nonzero(touching) < _FEWEST:
+            raise InputError(f"{self.name}: {np.count_nonzero(touching)} samples in contact are too few")
+        speed, force = speed_m_s[touching], force_n[touching]
+        unit_m = float(np.median(depth_m[touching]))
+        log_depth = np.log(depth_m[touching] / unit_m)
+
+        def evaluate(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+            spring = np.exp(values[0] + values[2] * log_depth)
+            predicted = spring * (1.0 + values[1] * speed)
+            return predicted, np.column_stack([predicted, spring * speed, predicted * log_depth])
+
+        start = _least_median(log_depth, speed, force, rng)
+        return irls(evaluate, force, start), unit_m
+
+
+def _least_median(
+    log_depth: FloatArray, speed: FloatArray, force: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Ln k, b / k and n of the pair and exponent that leave the smallest median of residuals, shape (3,)."""
+    one, two = rng.integers(len(force), size=(2, _PAIRS))
+    some = rng.permutation(len(force))[:_START_SAMPLES]
+    springs = np.exp(_EXPONENTS[:, None] * log_depth)
+    # At a given exponent F / d^n = k + b v: a line through two points.
+    push = force / springs
+    apart = speed[two] - speed[one]
+    slopes = (push[:, two] - push[:, one]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
+    levels = push[:, one] - slopes * speed[one]
+    left = np.abs(
+        force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])
+    )
+    middle = left.shape[-1] // 2
+    medians = np.partition(left, middle, axis=-1)[..., middle]
+    medians[levels <= 0.0] = np.inf
+    if not np.isfinite(medians).any():
+        raise InputError("robust_hunt_crossley: no two samples agree with a positive stiffness")
+    at = np.unravel_index(int(np.argmin(medians)), medians.shape)
+    return np.array([np.log(levels[at]), slopes[at] / levels[at], _EXPONENTS[at[0]]])

@@ -1,0 +1,303 @@
+"""Presses in a recording: where each begins, its phases, and the side that it is pressed from."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy
+
+from control.loop.task import Phase
+from estimation.signals.blocks import blocks
+from estimation.statistics.correlation import correlation_coefficient
+from robot_io.errors import InputError
+from robot_io.types import BoolArray, FloatArray, IntArray
+
+FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
+_MOST_RUNS = 500  # that presses are cut into: of more, several are one run
+# of the usual range of the force: a press goes from below the one above the other
+_PRESSED, _RELEASED = 0.1, 0.05
+_SIGMAS = (8.0, 4.0)  # the same in deviations of the noise, whichever is more
+_TO_SIGMA = 1.4826 / np.sqrt(2.0)  # from the median step between neighbours, for normal noise
+_FEW = 0.02  # of the samples: fewer in free air tell no baseline
+_AIR = 0.1  # of the lower of two presses, that the force between them may be above its lowest
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Forces [N] that tell a press from free air."""
+
+    pressed: float  # above it something is pressed
+    released: float  # below it nothing is
+    free: float  # in free air
+
+
+def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
+    """The levels of a contact's force, shape (n,), beside its displacement, shape (n,)."""
+    outside = displacement <= 0.0
+    free = force[outside] if np.mean(outside) > _FEW else force
+    base = float(np.median(free) if free is not force else np.quantile(force, _FEW))
+    span = float(np.quantile(force, 0.98)) - base
+    noise = _TO_SIGMA * float(np.median(np.abs(np.diff(force)))) if len(force) > 1 else 0.0
+    return Levels(
+        base + max(_PRESSED * span, min(_SIGMAS[0] * noise, 0.5 * span)),
+        base + max(_RELEASED * span, min(_SIGMAS[1] * noise, 0.25 * span)),
+        base,
+    )
+
+
+def restarts(time_s: FloatArray) -> IntArray:
+    """Number of each row's recording, shape (n,), where a clock begins anew; else all 0.
+
+    Args:
+        time_s: shape (n,), in the order of the file [s].
+    """
+    back = np.flatnonzero(np.diff(time_s) < 0.0) + 1
+    if not len(back):
+        return np.zeros(len(time_s), dtype=np.int64)
+    step_s = float(np.median(np.diff(time_s)))
+    anew = np.abs(time_s[back] - time_s[0]) <= 2.0 * max(step_s, 0.0)
+    number = np.zeros(len(time_s), dtype=np.int64)
+    number[back] = 1
+    return np.cumsum(number) if anew.all() else np.zeros(len(time_s), dtype=np.int64)
+
+
+def cut_presses(force: FloatArray, displacement: FloatArray, piece: IntArray) -> tuple[IntArray, int]:
+    """Number of each row's run, shape (n,), from the middle of one free air to another, and presses in each.
+
+    Args:
+        force: shape (n,), positive in compression.
+        displacement: shape (n,), positive into the object.
+        piece: recordings that are apart already, shape (n,).
+    """
+    levels = force_levels(force, displacement)
+    tops = np.concatenate([_tops(force[rows], levels) + rows.start for rows in blocks(piece)])
+    presses = max(1, -(-len(tops) // _MOST_RUNS))
+    return _cut(force, piece, tops.astype(np.int64), FEWEST_ROWS, presses), presses
+
+
+def cut_into(
+    force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
+) -> IntArray:
+    """Number of each row's run, shape (n,), if there are so many: the presses that come from furthest out.
+
+    Raises:
+        InputError: there are fewer presses.
+    """
+    from scipy.signal import find_peaks, peak_prominences  # noqa: PLC0415, slow to import
+
+    depth = np.asarray(scipy.ndimage.median_filter(displacement, 5))
+    padded = np.pad(depth, 1, constant_values=depth.min())
+    peaks = find_peaks(padded)[0]
+    way = peak_prominences(padded, peaks)[0]
+    pressed = (
+        np.asarray(scipy.ndimage.median_filter(force, 5))[peaks - 1]
+        > force_levels(force, displacement).released
+    )
+    is_press = pressed & (way > _RELEASED * np.ptp(depth))
+    tops = np.sort(peaks[is_press][np.argsort(way[is_press])[::-1][:count]]) - 1
+    run = _cut(force, piece, tops, 1) if len(tops) else piece
+    if run[-1] + 1 != count:
+        presses = f"{run[-1] + 1} press{'es' if run[-1] else ''}"
+        raise InputError(f"{where}: {presses} can be told apart at most")
+    return run
+
+
+def _tops(force: FloatArray, levels: Levels) -> IntArray:
+    """Row of the largest force of each press."""
+    sides = np.where(force > levels.pressed, 1, np.where(force < levels.released, -1, 0))
+    met = np.flatnonzero(sides)
+    if not len(met):
+        return np.zeros(0, dtype=np.int64)
+    begins = met[np.flatnonzero((sides[met] > 0) & np.append(True, sides[met][:-1] < 0))]
+    ends = np.append(begins, len(force))[1:]
+    return np.array(
+        [a + int(np.argmax(force[a:b])) for a, b in zip(begins, ends, strict=True)], dtype=np.int64
+    )
+
+
+def _cut(force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1) -> IntArray:
+    border = np.zeros(len(force), dtype=np.int64)
+    border[1:] = np.diff(piece) != 0
+    for one, two in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
+        if piece[one] == piece[two]:
+            border[_between(force, one, two)] = 1
+    run = np.cumsum(border)
+    counts = np.bincount(run)
+    return run if counts.min() >= fewest else piece
+
+
+def _between(force: FloatArray, one: int, two: int) -> int:
+    """The middle of the free air between two presses."""
+    stretch = force[one:two]
+    low = float(stretch.min())
+    free = np.flatnonzero(stretch <= low + _AIR * max(min(force[one], force[two]) - low, 0.0))
+    return one + int(free[0] + free[-1] + 1) // 2
+
+
+_SLOW = 0.05  # of the usual speed, below which something is held
+_EDGE = 0.5  # of the usual speed, which a smoothed velocity has where the motion begins
+_SPRINGY = 0.5  # correlation of position and force: above, the force follows it; in free air it does not
+_LASTING = 9  # samples that decide together, so that noise makes no phases
+_PHASES = np.array(  # of what is free and what is pressed, by the way it moves
+    [
+        [Phase.RETRACT, Phase.FREE_AIR, Phase.APPROACH],
+        [Phase.UNLOADING, Phase.HOLD, Phase.LOADING],
+    ],
+    dtype=np.int64,
+)
+
+
+def press_phases(
+    position: FloatArray,
+    velocity: FloatArray,
+    force: FloatArray,
+    run: IntArray,
+    pressed: BoolArray | None = None,
+) -> IntArray:
+    """Numbers of `control.loop.task.Phase`, shape (n,).
+
+    What is pressed is below the surface, if the displacement says where that is, or else has a force.
+
+    Args:
+        position: displacement, shape (n,), positive into the object.
+        velocity: shape (n,).
+        force: shape (n,), positive in compression.
+        run: shape (n,), one block of samples for each run.
+        pressed: where something is pressed or pulled, shape (n,); None to find out.
+    """
+    if pressed is None:
+        pressed = _pressed(position, force)
+    usual = _usual(velocity)
+    moves = np.abs(velocity) > _SLOW * usual
+    # A velocity that was derived over many samples begins before the motion, and ends after it.
+    change = np.concatenate([_change(position[rows]) for rows in blocks(run)])
+    moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _usual(change))
+    way = np.sign(velocity).astype(np.int8) * moves
+    phase = np.empty(len(position), dtype=np.int64)
+    for rows in blocks(run):
+        of_run = np.asarray(
+            scipy.ndimage.median_filter(way[rows], min(_LASTING, rows.stop - rows.start), mode="nearest")
+        )
+        touching = np.asarray(scipy.ndimage.median_filter(pressed[rows].astype(np.int8), 3, mode="nearest"))
+        phase[rows] = _PHASES[touching, of_run + 1]
+    return phase
+
+
+def _usual(signal: FloatArray) -> float:
+    """Size of a signal (n,) where there is one."""
+    there = np.abs(signal[signal != 0.0])
+    return float(np.quantile(there, 0.9)) if len(there) else 0.0
+
+
+def _change(position: FloatArray) -> FloatArray:
+    """How far it is from some samples before, and to some after each one of a run, the less; shape (n,)."""
+    half = _LASTING // 2
+    padded = np.pad(position, half, mode="reflect", reflect_type="odd")  # as if the motion went on
+    before, after = position - padded[: -2 * half], padded[2 * half :] - position
+    return np.asarray(np.minimum(np.abs(before), np.abs(after)))
+
+
+def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:
+    if position.min() <= 0.0:
+        return np.asarray(position > 0.0)
+    pressed = np.asarray(force > force_levels(force, position).released)
+    if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
+        return np.ones(len(position), dtype=np.bool_)
+    return pressed
+
+
+_TAILS = (0.005, 0.995)  # quantiles, between which a signal has its range
+_FAR = 3.0  # times as far to the one side as to the other
+_GOES_WITH = 0.3  # correlation of displacement and force of a press, of which most may be free air
+_DRAGGED = -0.3  # correlation of velocity and force, below which the force is counted the other way
+_OTHER_SIDE = 0.2  # of the larger range, that both signals have on the other side too
+_MOVES = 0.3  # of the force's deviation on the one side, that it has far out on the other
+_FARTHER = 0.5  # of the range to the other side
+_FARTHEST = 0.9  # of the same
+_RESTS = 0.2  # of the force's deviation on that side, below which it rests
+_FEWEST = 20  # samples far out, or about a level of the force
+_SHALLOW = 0.02  # of the pressed samples: deeper than these no force begins
+_OF_AIR = 0.1  # of the displacement's range, that free air must span
+
+
+@dataclass(frozen=True)
+class PressSides:
+    """How a displacement and its force count."""
+
+    displacement: float = 1.0  # what turns it positive into the object: 1 or -1
+    force: float = 1.0  # what turns it positive in compression: 1 or -1
+    zero_m: float = 0.0  # where the force begins, if the displacement counts from far away, after turning [m]
+    two_sided: bool = False  # whether the element pulls as well: a spring or damper held at both ends
+    springy: bool = True  # whether the force follows the displacement
+
+
+def press_sides(displacement: FloatArray, force: FloatArray) -> PressSides:
+    """Find how displacement and force of a press, spring or damper count.
+
+    Both may count compression negative, or one of them; of an object that can only push the force has one
+    sign. An element that pulls as well moves to both sides with a force on both sides.
+
+    Args:
+        displacement: shape (n,), in the order of time.
+        force: shape (n,).
+    """
+    alike = correlation_coefficient(displacement, force)
+    if _is_two_sided(displacement, force):
+        if abs(alike) > _SPRINGY:
+            return PressSides(force=float(np.sign(alike)), two_sided=True)
+        against = correlation_coefficient(np.gradient(displacement), force) < _DRAGGED
+        return PressSides(force=-1.0 if against else 1.0, two_sided=True, springy=False)
+    way, push = 1.0, 1.0
+    if alike > _GOES_WITH and _is_negative(displacement) and _is_negative(force):
+        way = push = -1.0
+    elif alike < -_GOES_WITH:
+        way, push = (1.0, -1.0) if _is_negative(force) else (-1.0, 1.0)
+    return PressSides(way, push, _zero(way * displacement, push * force))
+
+
+def _is_negative(signal: FloatArray) -> bool:
+    """Whether a signal (n,) lies mostly below zero."""
+    low, high = np.quantile(signal, _TAILS)
+    return bool(-low > _FAR * max(high, 0.0) and low < high)
+
+
+def _zero(displacement: FloatArray, force: FloatArray) -> float:
+    """Where the force of a press begins [m], if the displacement counts from elsewhere; else 0.
+
+    It does where it is never positive, or so far from zero that no press is as deep, and there is free air.
+    The force begins where a spring and damper through what is pressed would.
+    """
+    if correlation_coefficient(displacement, force) < _GOES_WITH:
+        return 0.0  # nothing says that it presses
+    low, high = np.quantile(displacement, _TAILS)
+    levels = force_levels(force, displacement if low < 0.0 < high else np.ones_like(displacement))
+    free = displacement[force <= levels.released]
+    in_air = len(free) >= _FEWEST and np.ptp(free) > _OF_AIR * (high - low)
+    if high > 0.0 and not (low > high - low and in_air):
+        return 0.0
+    pressed = force > levels.pressed
+    if not in_air or np.sum(pressed) < _FEWEST:
+        return float(low)
+    columns = np.column_stack([displacement, np.gradient(displacement), np.ones(len(force))])
+    stiffness, _, offset = np.linalg.lstsq(columns[pressed], force[pressed] - levels.free, rcond=None)[0]
+    begins = -offset / stiffness if stiffness > 0.0 else high
+    return float(np.clip(begins, np.min(free), np.quantile(displacement[pressed], _SHALLOW)))
+
+
+def _is_two_sided(displacement: FloatArray, force: FloatArray) -> bool:
+    """Whether both signals (n,) go to both sides, the force also where the displacement is far out there.
+
+    In free air the force rests, but where an object sticks for a little while. An object that sticks longer
+    pulls until it tears off: then the force rests farthest out, which that of an element held at both ends
+    does not.
+    """
+    ends = [np.quantile(signal, _TAILS) for signal in (displacement, force)]
+    if any(min(-low, high) <= _OTHER_SIDE * max(-low, high) for low, high in ends):
+        return False
+    far, pushing = displacement < _FARTHER * ends[0][0], displacement > _FARTHER * ends[0][1]
+    enough = min(np.sum(far), np.sum(pushing)) >= _FEWEST
+    if not enough or np.std(force[far]) <= _MOVES * np.std(force[pushing]):
+        return False
+    farthest = force[displacement < _FARTHEST * ends[0][0]]
+    rests = np.sqrt(np.mean(farthest**2)) < _RESTS * np.std(force[far])
+    return not (len(farthest) >= _FEWEST and rests)

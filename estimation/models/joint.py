@@ -1,0 +1,88 @@
+"""Base models of joints: by itself, or in an arm whose URDF is known."""
+
+from typing import TYPE_CHECKING
+
+from estimation.arm.base_parameters import base_parameters
+from estimation.base_model import BaseModel, ModelContext
+from estimation.channel import ChannelData, ChannelKind
+from estimation.effects.gravity_load import KnownRigidBody, Pendulum, RigidBodyFitted
+from estimation.effects.inertia import Inertia
+from estimation.effects.rate_dependence import ViscousFriction
+from estimation.model import Model
+from estimation.signals.arm_signals import with_rigid_body
+from robot_io.errors import InputError
+
+if TYPE_CHECKING:
+    from control.arm.rigid_body import RigidBody
+
+
+class InertiaModel(BaseModel):
+    """effort = m a + d v."""
+
+    name = "inertia"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+
+    def build(self, context: ModelContext) -> Model:
+        return Model(self.name, (Inertia(), ViscousFriction()))
+
+
+class PendulumModel(BaseModel):
+    """torque = J a + g1 sin(q) + d v, q = 0 hanging straight down."""
+
+    name = "pendulum"
+    channels = frozenset({ChannelKind.REVOLUTE})
+
+    def build(self, context: ModelContext) -> Model:
+        return Model(self.name, (Pendulum(), ViscousFriction()))
+
+
+def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
+    """The arm, and the number of the joint from 0.
+
+    Raises:
+        InputError: the context names no URDF or no joint, or a joint that the arm does not have.
+    """
+    if not context.urdf or context.joint is None:
+        raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
+    from control.arm.rigid_body import RigidBody  # noqa: PLC0415, needs Pinocchio
+
+    body = RigidBody.from_urdf(
+        context.urdf,
+        context.tip_frame,
+        context.gravity_m_s2,
+        context.rotor_inertia_kg_m2,
+        origin=context.urdf_origin,
+    )
+    if not 0 <= context.joint < body.joint_count:
+        raise InputError(f"model '{model}': joint {context.joint + 1}, but the arm has {body.joint_count}")
+    return body, context.joint
+
+
+class RigidBodyModel(BaseModel):
+    """tau = M(q) a + C(q, v) v + g(q), nothing free: a payload or a wrong mass shows."""
+
+    name = "rigid_body"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+
+    def build(self, context: ModelContext) -> Model:
+        arm_of(context, self.name)
+        return Model(self.name, (KnownRigidBody(),))
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        return with_rigid_body(data, *arm_of(context, self.name))
+
+
+class RigidBodyFittedModel(BaseModel):
+    """tau = Y(q, v, a) pi + d v, with the arm's base parameters pi, as far as the joint feels them."""
+
+    name = "rigid_body_fitted"
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+
+    def build(self, context: ModelContext) -> Model:
+        body, joint = arm_of(context, self.name)
+        arm = base_parameters(body)
+        felt = tuple(arm.felt_columns(joint).tolist())
+        return Model(self.name, (RigidBodyFitted(felt, arm, body.parameters), ViscousFriction()))
+
+    def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
+        return with_rigid_body(data, *arm_of(context, self.name), regressor=True)
