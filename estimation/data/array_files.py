@@ -22,6 +22,9 @@ _BATCH_ROWS = 256
 def read_parquet(path: Path) -> FileColumns:
     """The columns of a Parquet file; arrays of a LeRobot data set element by element.
 
+    Args:
+        path: of the file.
+
     Raises:
         InputError: it holds too much.
     """
@@ -44,6 +47,9 @@ def read_parquet(path: Path) -> FileColumns:
 def read_npz(path: Path) -> FileColumns:
     """The arrays of an NPZ file that are columns; objects are not unpickled.
 
+    Args:
+        path: of the file.
+
     Raises:
         InputError: it holds too much, or arrays of objects or of different lengths.
     """
@@ -64,6 +70,10 @@ def read_npz(path: Path) -> FileColumns:
 
 def arrow_of(arrays: Mapping[str, NDArray[Any]], place: Path) -> pa.Table:
     """Arrays of numbers or text, by the names of their columns, as Arrow holds them.
+
+    Args:
+        arrays: one a column, shape (n,) each.
+        place: where they come from, for errors.
 
     Raises:
         InputError: they are not all of one length, not one value a row, or not of real numbers or text.
@@ -104,7 +114,11 @@ _MOST_INFO_BYTES = 1 << 20
 
 
 def is_lerobot(table: pa.Table) -> bool:
-    """Whether a Parquet file is an episode of a LeRobot data set."""
+    """Whether a Parquet file is an episode of a LeRobot data set.
+
+    Args:
+        table: of the file.
+    """
     return {_TIME, _STATE} <= set(table.column_names)
 
 
@@ -126,7 +140,8 @@ def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
         columns["run"] = table.column(_EPISODE)
     for name in table.column_names:
         column = table.column(name)
-        if not _is_list(column.type):
+        checks = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
+        if not any(is_list(column.type) for is_list in checks):
             continue
         rows = column.combine_chunks()
         widths = pc.unique(pc.list_value_length(rows)).to_pylist()
@@ -140,26 +155,17 @@ def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     return pa.table(columns), words
 
 
-def _is_list(kind: pa.DataType) -> bool:
-    of = pa.types
-    return bool(of.is_list(kind) or of.is_large_list(kind) or of.is_fixed_size_list(kind))
-
-
 def _joint_names(path: Path) -> list[str]:
     """What the data set calls its joints; empty where its description is not there or says nothing."""
     for folder in path.absolute().parents[:4]:
         info = folder / "meta" / "info.json"
         if info.is_file() and info.stat().st_size < _MOST_INFO_BYTES:
-            return _names_in(info)
+            try:
+                said = json.loads(info.read_text(encoding="utf-8"))
+                names = said["features"][_STATE]["names"]
+            except (OSError, ValueError, KeyError, TypeError, RecursionError):
+                return []
+            if isinstance(names, Mapping):
+                names = next(iter(names.values()), [])
+            return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []
     return []
-
-
-def _names_in(info: Path) -> list[str]:
-    try:
-        said = json.loads(info.read_text(encoding="utf-8"))
-        names = said["features"][_STATE]["names"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return []
-    if isinstance(names, Mapping):
-        names = next(iter(names.values()), [])
-    return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []

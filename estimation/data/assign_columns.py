@@ -1,7 +1,7 @@
 """Decides which column holds which quantity, and in which unit."""
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -58,12 +58,20 @@ class Columns:
         return key in self.assigned
 
     def values(self, key: Key) -> FloatArray:
-        """A quantity in SI, shape (n,)."""
+        """A quantity in SI, shape (n,).
+
+        Args:
+            key: of the quantity, which must be among the columns.
+        """
         found = self.assigned[key]
         return found.factor * self.table.numbers(found.column) - found.zero
 
     def name(self, key: Key) -> str:
-        """A quantity's column in the file."""
+        """A quantity's column in the file.
+
+        Args:
+            key: of the quantity, which must be among the columns.
+        """
         return self.assigned[key].column
 
     @property
@@ -107,19 +115,19 @@ class Columns:
         if all(_own_name(found.column) for found in self.assigned.values()):
             return ""
         words = [
-            f"{Role(*key, '', self.shift).numbered} '{found.column}'" + _in(found)
+            f"{Role(*key, '', self.shift).numbered} '{found.column}'"
+            + ("" if unit_in_name(found.column) == found.unit else f" in {found.unit.replace('_', '/')}")
             for key, found in self.assigned.items()
         ]
         return ", ".join(words + [f"{RUN} '{self.run}'"] * bool(self.run))
 
 
-def _in(found: Assigned) -> str:
-    """The unit, where the column's name does not say it."""
-    return "" if unit_in_name(found.column) == found.unit else f" in {found.unit.replace('_', '/')}"
-
-
 def in_blocks(values: FloatArray) -> bool:
-    """Whether whole numbers (n,) are each in one block of rows, as those of runs are."""
+    """Whether whole numbers (n,) are each in one block of rows, as those of runs are.
+
+    Args:
+        values: shape (n,), in the order of the rows.
+    """
     if np.any(values != np.round(values)):
         return False
     blocks = 1 + np.count_nonzero(np.diff(values))
@@ -129,16 +137,34 @@ def in_blocks(values: FloatArray) -> bool:
 def assign_columns(table: Table, options: ImportOptions) -> Columns:
     """Match columns to quantities: by the user's word first, by palpate's own names, then by common ones.
 
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+
     Raises:
         InputError: a column is missing or ambiguous, or a unit is unknown or does not fit.
     """
     shift = joint_shift(table, options.columns)
-    chosen = _by_own_name(table, options, _by_option(table, options, shift), shift)
+    chosen: dict[Key, tuple[Role, str]] = {}
+    for name, column in options.columns.items():
+        if column not in table.names:
+            raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
+        if name not in (RUN, PHASE):
+            role = role_of_option(name, shift)
+            chosen[role.key] = (role, column)
+    chosen = _by_own_name(table, options, chosen, shift)
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(table, chosen, taken, options, shift)
-    run = _special(table, options, RUN) or _run_by_name(table)
-    table, note = _with_one_rate(table, chosen, run)
-    notes = [note] if note else []
+    run = _special(table, options, RUN)
+    if run is None:  # a column such as `trial` or `Cycle` whose numbers each fill one block of rows
+        names = (guess.column for guess in guess_columns(table.names) if guess.quantity == RUN)
+        run = next((n for n in names if table.is_numeric(n) and in_blocks(table.numbers(n))), None)
+    notes = list[str]()
+    if TIME in chosen:
+        efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
+        motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
+        table, note = with_one_rate(table, chosen[TIME][1], efforts, motions, run)
+        notes += [note] if note else []
     notes += _press_or_axis(table, options, chosen)
     chosen = dict(sorted(chosen.items(), key=lambda item: table.names.index(item[1][1])))
     check_all_say_their_units(table, options, chosen)
@@ -147,14 +173,6 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
     assigned, two_sided, note = _with_sides(table, options, assigned, shift)
     notes += [note] if note else []
     return Columns(table, assigned, run, _special(table, options, PHASE), tuple(notes), two_sided, shift)
-
-
-def _with_one_rate(table: Table, chosen: dict[Key, tuple[Role, str]], run: str | None) -> tuple[Table, str]:
-    if TIME not in chosen:
-        return table, ""
-    efforts = [column for (quantity, _), (_, column) in chosen.items() if quantity in EFFORTS]
-    motions = [column for key, (_, column) in chosen.items() if key != TIME and column not in efforts]
-    return with_one_rate(table, chosen[TIME][1], efforts, motions, run)
 
 
 def _by_own_name(
@@ -231,7 +249,12 @@ def _with_sides(
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in kept}
     result = assigned | {key: replace(assigned[key], factor=-assigned[key].factor) for key in turned}
-    notes = [_turned(turned, assigned)] if turned else []
+    notes = []
+    if turned:
+        keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
+        count, which, them = ("count", "both are", "them") if len(turned) > 1 else ("counts", "it is", "it")
+        names = " and ".join(map(repr, turned.values()))
+        notes = [f"{names} {count} compression negative: {which} turned; {keep} keeps {them}"]
     if sides.zero_m and not kept:
         result[DISPLACEMENT] = replace(result[DISPLACEMENT], zero=sides.zero_m)
         notes.append(
@@ -251,35 +274,9 @@ def _with_sides(
     return result, False, "; ".join(notes)
 
 
-def _turned(turned: Mapping[Key, str], assigned: Mapping[Key, Assigned]) -> str:
-    """Say which columns were turned, and how to keep them as they are."""
-    keep = " ".join(f"--unit {key[0]}=1{assigned[key].unit}" for key in turned)
-    names = " and ".join(map(repr, turned.values()))
-    if len(turned) > 1:
-        return f"{names} count compression negative: both are turned; {keep} keeps them"
-    return f"{names} counts compression negative: it is turned; {keep} keeps it"
-
-
 def _own_name(column: str) -> bool:
     role = parse_role(column)
     return role is not None and bool(role.unit)
-
-
-def _run_by_name(table: Table) -> str | None:
-    """A column such as `trial` or `Cycle` that says the same for one block of rows after the other."""
-    names = (one.column for one in guess_columns(table.names) if one.quantity == RUN and one.column != RUN)
-    return next((name for name in names if table.is_numeric(name) and in_blocks(table.numbers(name))), None)
-
-
-def _by_option(table: Table, options: ImportOptions, shift: int) -> dict[Key, tuple[Role, str]]:
-    chosen = {}
-    for name, column in options.columns.items():
-        if column not in table.names:
-            raise InputError(f"--column {name}={column}: {table.path} has only {table.listed_names}")
-        if name not in (RUN, PHASE):
-            role = role_of_option(name, shift)
-            chosen[role.key] = (role, column)
-    return chosen
 
 
 def _special(table: Table, options: ImportOptions, name: str) -> str | None:

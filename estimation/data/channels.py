@@ -34,17 +34,29 @@ _DOCS = {
 
 
 def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayLike]]]:
-    """One stream for each channel, called as the channel, with its columns; for `write_session`."""
+    """One stream for each channel, called as the channel, with its columns; for `write_session`.
+
+    Args:
+        imported: what `import_file` made of a data file.
+    """
     return [(_stream(channel), _arrays(channel)) for channel in imported.channels]
 
 
 def import_extra(imported: Imported) -> dict[str, str]:
-    """What the session's metadata must keep beside the streams."""
+    """What the session's metadata must keep beside the streams.
+
+    Args:
+        imported: what `import_file` made of a data file.
+    """
     return {RUN_LABELS: json.dumps(imported.run_labels)}
 
 
 def run_labels(session: Session) -> dict[str, int]:
-    """Number of each run by what the data file called it; none where the session does not say so in order."""
+    """Number of each run by what the data file called it; none where the session does not say so in order.
+
+    Args:
+        session: of an import.
+    """
     try:
         labels = json.loads(session.metadata.extra.get(RUN_LABELS, "{}"))
     except (ValueError, RecursionError):
@@ -55,6 +67,9 @@ def run_labels(session: Session) -> dict[str, int]:
 
 def imported_channels(session: Session) -> tuple[ChannelData, ...]:
     """The channels of an imported session, as they were imported; none if it was not imported.
+
+    Args:
+        session: of an import or a probing.
 
     Raises:
         InputError: a column is missing, or holds what cannot be worked with.
@@ -159,7 +174,13 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
     """
     channels = imported_channels(session)
     if more or STREAM_NAME in session.stream_names:
-        ticks = joined([checked_ticks(one) for one in _of_one_arm(session, *more)])
+        for probing in (session, *more):
+            if STREAM_NAME not in probing.stream_names:
+                raise InputError(f"{probing.path}: is no probing, and cannot be joined with others")
+            if probing.metadata.urdf != session.metadata.urdf:
+                by = f"was made by another arm than {session.path} (their URDFs differ)"
+                raise InputError(f"{probing.path}: {by}")
+        ticks = joined([checked_ticks(probing) for probing in (session, *more)])
         channels = (*contact_channels(ticks, tared=tared), *joint_channels(ticks))
     if not channels:
         raise InputError(
@@ -172,14 +193,3 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
                 f"{session.path}: the times of '{one.name}' do not increase from sample to sample"
             )
     return channels
-
-
-def _of_one_arm(*sessions: Session) -> tuple[Session, ...]:
-    """The sessions, if one arm made them. InputError: one is no probing, or another arm's."""
-    first = sessions[0]
-    for one in sessions:
-        if STREAM_NAME not in one.stream_names:
-            raise InputError(f"{one.path}: is no probing, and cannot be joined with others")
-        if one.metadata.urdf != first.metadata.urdf:
-            raise InputError(f"{one.path}: was made by another arm than {first.path} (their URDFs differ)")
-    return sessions

@@ -62,12 +62,19 @@ def choose_columns(
     Raises:
         InputError: two columns that a channel needs match equally well, or one of them is spoilt by a cell.
     """
-    named = [_shifted(one, shift) for one in guess_columns(table.names, clocks_of(table.columns))]
+    guessed = guess_columns(table.names, clocks_of(table.columns))
+    named = [
+        one if one.joint is None or one.quantity not in OF_JOINTS else replace(one, joint=one.joint + shift)
+        for one in guessed
+    ]
     named = [one for one in named if one.quantity and one.column not in taken and one.key not in known]
     free = [one for one in named if table.is_mostly_numeric(one.column)]
     there = {*known, *(one.key for one in free)}
     if not (_wanted(there) and TIME in there):
-        _refuse_spoilt(table, known, named)
+        wanted = _wanted({*known, *(one.key for one in named)})
+        for one in named:  # name the cell that is no number, where a channel could be made but for such cells
+            if one.key in wanted:
+                table.numbers(one.column)
     clear = [
         one
         for one in free
@@ -88,38 +95,29 @@ def units_meant(table: Table, options: ImportOptions, role: Role, column: str) -
     """The names in --unit that mean a column: its own, its quantity, or its quantity and joint.
 
     A name that a column has means that one alone, unless the user calls another one so.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        role: what the column is for.
+        column: its name in the file.
     """
     exact = {name for name in table.names if name not in options.columns or name in options.columns.values()}
-    return [name for name in options.units if name == column or (name not in exact and _is_of(name, role))]
-
-
-def _is_of(named: str, role: Role) -> bool:
-    said = parse_role(named, role.shift)
-    return named == role.quantity or (said is not None and said.key == role.key)
-
-
-def _shifted(one: Guess, shift: int) -> Guess:
-    return (
-        one if one.joint is None or one.quantity not in OF_JOINTS else replace(one, joint=one.joint + shift)
-    )
-
-
-def _refuse_spoilt(table: Table, known: Collection[Key], named: Collection[Guess]) -> None:
-    """Name the cell that is no number, where a channel could be made but for such cells.
-
-    Raises:
-        InputError: there is one.
-    """
-    wanted = _wanted({*known, *(one.key for one in named)})
-    for one in named:
-        if one.key in wanted:
-            table.numbers(one.column)
+    said = {name: parse_role(name, role.shift) for name in options.units if name not in exact}
+    of_role = {name for name, parsed in said.items() if parsed is not None and parsed.key == role.key}
+    if role.quantity in said:
+        of_role.add(role.quantity)
+    return [name for name in options.units if name == column or name in of_role]
 
 
 def is_pressed(position: FloatArray, force: FloatArray) -> bool:
     """Whether a position (n,) and a force (n,) are rather those of a press than of an axis.
 
     A press's force has one sign and grows with the position; what moves an axis has both.
+
+    Args:
+        position: shape (n,), in any unit.
+        force: shape (n,), of either sign.
     """
     low, high = np.quantile(force, [0.005, 0.995])
     one_sided = min(abs(low), abs(high)) < _OTHER_SIGN * max(abs(low), abs(high))
@@ -195,6 +193,12 @@ class Assigned:
 def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -> Assigned:
     """Find the unit: the user's word, the column's own name, the user's name for it, in this order.
 
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        role: what the column is for.
+        column: its name in the file.
+
     Raises:
         InputError: the unit does not measure the quantity, or the column holds the times of a clock.
     """
@@ -246,7 +250,14 @@ def _own_unit(table: Table, column: str) -> str:
 
 
 def unit_of(table: Table, options: ImportOptions, role: Role, column: str) -> str:
-    """A column's unit; empty where nothing says it."""
+    """A column's unit; empty where nothing says it.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        role: what the column is for.
+        column: its name in the file.
+    """
     own = read_as(_own_unit(table, column), QUANTITIES[role.quantity])
     fits = dimension_of(own) in QUANTITIES[role.quantity]
     return _said_unit(table, options, role, column) or (own if fits else "") or role.unit
@@ -255,7 +266,13 @@ def unit_of(table: Table, options: ImportOptions, role: Role, column: str) -> st
 def check_all_say_their_units(
     table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]
 ) -> None:
-    """Ask for the units that nothing says, with those that are likely. InputError: one is not said."""
+    """Ask for the units that nothing says, with those that are likely. InputError: one is not said.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        chosen: role and column of each quantity.
+    """
     silent = [
         (role, column)
         for role, column in chosen.values()
@@ -264,7 +281,13 @@ def check_all_say_their_units(
     if silent:
         columns = ", ".join(f"'{column}'" for _, column in silent)
         units = dict.fromkeys(
-            f"--unit {role.quantity}={_likely_unit(table, role, column, _moves_by_force(role, chosen))}"
+            f"--unit {role.quantity}="
+            + _likely_unit(
+                table,
+                role,
+                column,
+                linear=("force", role.joint) in chosen and ("torque", role.joint) not in chosen,
+            )
             for role, column in silent
         )
         unknown = next(filter(None, (unknown_unit(column) for _, column in silent)), "")
@@ -277,13 +300,11 @@ def check_all_say_their_units(
         )
 
 
-def _moves_by_force(role: Role, chosen: dict[Key, tuple[Role, str]]) -> bool:
-    """Whether a position is that of a linear axis: its effort is a force, and no torque."""
-    return ("force", role.joint) in chosen and ("torque", role.joint) not in chosen
+def _likely_unit(table: Table, role: Role, column: str, *, linear: bool = False) -> str:
+    """The SI unit, or where the numbers are large for that, the one that laboratories take.
 
-
-def _likely_unit(table: Table, role: Role, column: str, linear: bool = False) -> str:
-    """The SI unit, or where the numbers are large for that, the one that laboratories take."""
+    `linear`: a position is that of a linear axis, whose effort is a force.
+    """
     values = table.numbers(column) if table.is_numeric(column) else np.zeros(1)
     if role.quantity == "time":
         return likely_time_unit(float(np.median(np.diff(values))) if len(values) > 1 else 0.0)
@@ -296,7 +317,14 @@ def _likely_unit(table: Table, role: Role, column: str, linear: bool = False) ->
 
 
 def is_said_scaled(table: Table, options: ImportOptions, role: Role, column: str) -> bool:
-    """Whether the user says a unit with a number before it, which decides the sign."""
+    """Whether the user says a unit with a number before it, which decides the sign.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        role: what the column is for.
+        column: its name in the file.
+    """
     return any(is_scaled(options.units[name]) for name in units_meant(table, options, role, column))
 
 
@@ -306,6 +334,11 @@ def _said_unit(table: Table, options: ImportOptions, role: Role, column: str) ->
 
 def check_units_are_used(table: Table, options: ImportOptions, chosen: dict[Key, tuple[Role, str]]) -> None:
     """Refuse a unit for something that is not there: it would be lost without a word.
+
+    Args:
+        table: the rows of the file, with the names of their columns.
+        options: what the user says of columns, units and rows.
+        chosen: role and column of each quantity.
 
     Raises:
         InputError: the user named one.

@@ -236,14 +236,14 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         names: of the columns.
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
-    return _with_joints([_clock(name) if name in clocks else guess_column(name) for name in names])
-
-
-def _with_joints(found: Sequence[Guess]) -> list[Guess]:
-    """With the numbers of joints that have names, "/elbow/position", where they have a position and a torque.
-
-    A word alone, without a unit, says something only in such a pair.
-    """
+    found = [
+        replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
+        if name in clocks
+        else guess_column(name)
+        for name in names
+    ]
+    # Joints that have names, "/elbow/position", get numbers where they have a position and a torque. A word
+    # alone, without a unit, says something only in such a pair.
     loose = [one for one in found if one.quantity in _JOINTLY and one.joint is None and one.rank < OWN_NAME]
     has = {
         of: {one.quantity for one in loose if one.of == of} for of in dict.fromkeys(one.of for one in loose)
@@ -258,12 +258,12 @@ def _with_joints(found: Sequence[Guess]) -> list[Guess]:
     ]
 
 
-def _clock(name: str) -> Guess:
-    return replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
-
-
 def guess_column(name: str) -> Guess:
-    """What a column seems to hold by its own name alone."""
+    """What a column seems to hold by its own name alone.
+
+    Args:
+        name: of the column, as in the file.
+    """
     role = parse_role(name)
     if role is not None:
         rank = OWN_NAME if role.unit else _BY_NAME
@@ -288,12 +288,8 @@ def guess_column(name: str) -> Guess:
     said = WORDS.get(quantity, frozenset()) | _SAYS_NOTHING  # an acceleration has no words of its own
     of = tuple(word.lower() for word in words if word.lower() not in said)
     why = ("by its name and others'", "by its unit", "by a word in its name", "by its name")[rank]
-    return Guess(name, quantity, joint, unit or _specified(name, quantity), rank, why, of)
-
-
-def _specified(name: str, quantity: str) -> str:
-    """The unit that an interface specifies for what it calls so; empty for all other names."""
-    return next((units.get(quantity, "") for called, units in _INTERFACES if called.search(name)), "")
+    specified = next((units.get(quantity, "") for called, units in _INTERFACES if called.search(name)), "")
+    return Guess(name, quantity, joint, unit or specified, rank, why, of)
 
 
 def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:

@@ -32,7 +32,11 @@ class Contact:
     noise_n: float  # standard deviation of the force in free air [N]
 
     def among(self, kept: BoolArray) -> "Contact":
-        """The same contact where only some samples are kept, its own among them; mask of shape (n,)."""
+        """The same contact where only some samples are kept, its own among them; mask of shape (n,).
+
+        Args:
+            kept: mask of all samples, shape (n,).
+        """
         number = np.cumsum(kept) - 1
         return replace(self, rows=number[self.rows], free=number[self.free])
 
@@ -51,7 +55,13 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
 
 
 def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArray:
-    """Mask of all samples that are surely in contact, shape (n,)."""
+    """Mask of all samples that are surely in contact, shape (n,).
+
+    Args:
+        force_n: shape (n,), positive in compression [N].
+        run: shape (n,).
+        phase: shape (n,), numbers of `control.loop.task.Phase`.
+    """
     mask = np.zeros(len(force_n), dtype=np.bool_)
     for contact in find_contacts(force_n, run, phase):
         mask[contact.rows] = True
@@ -61,7 +71,9 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
     free = _free_air(force_n[rows], phase[rows])
     baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
-    highest_n = max(baseline_n, _after(force_n[rows], phase[rows], baseline_n))
+    highest_n, retracted = baseline_n, force_n[rows][phase[rows] == Phase.RETRACT]
+    if len(retracted) > 2 * _LASTING:  # the end of the retract is free air too
+        highest_n = max(baseline_n, float(np.mean(retracted[len(retracted) // 2 :])))
     touching = _lasting(force_n[rows] > highest_n + touch_force_n(noise_n))
     inside = np.flatnonzero(touching)[1:-1]
     beside = np.zeros(0, dtype=np.int64)
@@ -71,7 +83,9 @@ def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArra
         )
         lifted = _lasting(~touching[inside[0] : inside[-1] + 1])
         inside = inside[0] + np.flatnonzero(~lifted)
-    return Contact(number, rows[inside], rows[beside], baseline_n, _mean_std_err(free), noise_n)
+    away = free - np.mean(free)
+    baseline_std_err_n = float(np.sqrt(sum_covariance(away[:, None]).matrix[0, 0])) / len(free)
+    return Contact(number, rows[inside], rows[beside], baseline_n, baseline_std_err_n, noise_n)
 
 
 def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
@@ -81,20 +95,6 @@ def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
         if len(samples) > 2 * _LASTING:
             return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
     return force_n[:_LASTING]
-
-
-def _after(force_n: FloatArray, phase: IntArray, before_n: float) -> float:
-    """Mean force at the end of the retract; `before_n` if the run has none."""
-    retracted: FloatArray = force_n[phase == Phase.RETRACT]
-    if len(retracted) <= 2 * _LASTING:
-        return before_n
-    return float(np.mean(retracted[len(retracted) // 2 :]))
-
-
-def _mean_std_err(samples: FloatArray) -> float:
-    """Standard error of the mean."""
-    away = samples - np.mean(samples)
-    return float(np.sqrt(sum_covariance(away[:, None]).matrix[0, 0])) / len(samples)
 
 
 def _lasting(mask: BoolArray) -> BoolArray:

@@ -86,7 +86,15 @@ def differentiate(
         halves = wider_window(halves[0], wider), wider_window(halves[1], wider)
     else:
         halves = half_window, half_window
-    fitted = {half: _fit_all(time_s, position, pieces, half) for half in set(halves)}
+    fitted = {half: np.zeros((len(position), 3)) for half in set(halves)}
+    for half, values in fitted.items():
+        for rows in pieces:
+            for first in range(rows.start, rows.stop, _BLOCK):
+                last = min(first + _BLOCK, rows.stop)
+                start = max(min(first - half, rows.stop - 2 * half - 1), rows.start)
+                around = slice(start, min(max(last + half, start + 2 * half + 1), rows.stop))
+                centres = np.arange(first, last) - around.start
+                values[first:last] = local_fit(time_s[around], position[around], centres, half).fitted
     smooth = whole - position + fitted[halves[0]][:, 0]
     return Motion(smooth, fitted[halves[0]][:, 1], fitted[halves[1]][:, 2], halves)
 
@@ -96,6 +104,9 @@ def grid_step(position: FloatArray) -> float:
 
     At a speed of about one step a sample, rounding errors change so slowly that any narrow window follows
     them.
+
+    Args:
+        position: shape (n,), as it was read.
     """
     moves = np.abs(np.diff(position))
     moves = moves[moves > _ARITHMETIC * np.spacing(np.abs(position).max(initial=0.0))]
@@ -119,7 +130,13 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
     """
     same = (np.diff(position) == 0.0) & (np.diff(piece) == 0)
     waits = np.append(False, same) | np.append(same, False)
-    slow = _slowest(position)
+    # The samples around which least way is made, but some, (n,): a reader in steps waits there.
+    ahead = np.append(position[_REACH:], np.full(_REACH, position[-1]))[: len(position)]
+    behind = np.append(np.full(_REACH, position[0]), position[:-_REACH])[: len(position)]
+    way = np.abs(ahead - behind)
+    moves = way > 0.0
+    limit = float(np.quantile(way[moves], _SLOWEST)) if moves.any() else 0.0
+    slow = np.asarray(moves & (way <= limit))
     if step > 0.0 or not slow.any() or np.mean(waits[slow]) < _STAIRCASE:
         return step**2 / 12.0
     error = np.zeros(len(position))
@@ -129,16 +146,6 @@ def rounding_variance(time_s: FloatArray, position: FloatArray, piece: IntArray,
         if len(before):
             error[rows] = x - np.interp(t, _middles(t, before), _middles(x, before))
     return float(np.mean(error[waits] ** 2))
-
-
-def _slowest(position: FloatArray) -> BoolArray:
-    """The samples around which least way is made, but some, (n,): a reader in steps waits there."""
-    ahead = np.append(position[_REACH:], np.full(_REACH, position[-1]))[: len(position)]
-    behind = np.append(np.full(_REACH, position[0]), position[:-_REACH])[: len(position)]
-    way = np.abs(ahead - behind)
-    moves = way > 0.0
-    limit = float(np.quantile(way[moves], _SLOWEST)) if moves.any() else 0.0
-    return np.asarray(moves & (way <= limit))
 
 
 def _middles(signal: FloatArray, before: IntArray) -> FloatArray:
@@ -182,26 +189,12 @@ def _from_its_start(position: FloatArray, pieces: list[slice]) -> FloatArray:
     return moved
 
 
-def _fit_all(time_s: FloatArray, position: FloatArray, pieces: list[slice], half: int) -> FloatArray:
-    """Position, velocity and acceleration of every sample, shape (n, 3)."""
-    fitted = np.zeros((len(position), 3))
-    for rows in pieces:
-        for first in range(rows.start, rows.stop, _BLOCK):
-            last = min(first + _BLOCK, rows.stop)
-            around = _around(first, last, half, rows)
-            centres = np.arange(first, last) - around.start
-            fitted[first:last] = local_fit(time_s[around], position[around], centres, half).fitted
-    return fitted
-
-
-def _around(first: int, last: int, half: int, piece: slice) -> slice:
-    """The rows of a piece that the windows of its samples from `first` to before `last` reach."""
-    start = max(min(first - half, piece.stop - 2 * half - 1), piece.start)
-    return slice(start, min(max(last + half, start + 2 * half + 1), piece.stop))
-
-
 def centre_slope(half_window: int) -> FloatArray:
-    """What turns 2 h + 1 evenly spaced samples into the slope per step in their middle, shape (2 h + 1,)."""
+    """What turns 2 h + 1 evenly spaced samples into the slope per step in their middle, shape (2 h + 1,).
+
+    Args:
+        half_window: h, samples on either side.
+    """
     slope: FloatArray = even_coefficients(2 * half_window + 1, half_window)[1]
     return slope
 
@@ -228,6 +221,10 @@ class _Trial:
         A fit is the best linear one in its window, so its covariance with that of a narrower window within
         is its own variance, and that of the difference is what lies between the two variances (C. L. Mallows,
         Some Comments on C_p, Technometrics 15 (1973), for a derivative).
+
+        Args:
+            pilot: the window that follows the motion.
+            order: of the derivative, 1 or 2.
         """
         apart = np.mean((self.fitted[:, order] - pilot.fitted[:, order]) ** 2)
         return float(apart + pilot.noise * np.mean(2 * self.variance[:, order] - pilot.variance[:, order]))
@@ -244,14 +241,22 @@ def _best_half_windows(
     trials = _trials(time_s, position, long_enough, rounding)
     pilot = _pilot(trials)
     wider = [trial for trial in trials if trial.half >= pilot.half]
-    velocity, acceleration = (
-        _about_best(wider, [trial.risk(pilot, order) for trial in wider]) for order in (1, 2)
-    )
+    best = []
+    for order in (1, 2):
+        risks = [trial.risk(pilot, order) for trial in wider]
+        limit = _TOLERANCE**2 * max(0.0, min(risks))
+        best.append([trial.half for trial, risk in zip(wider, risks, strict=True) if risk <= limit])
+    velocity, acceleration = best
     return max(velocity), max(acceleration) if calm else min(acceleration)
 
 
 def wider_window(half: int, by: int) -> int:
-    """The window that is so many of `HALF_WINDOWS` wider, at most the widest."""
+    """The window that is so many of `HALF_WINDOWS` wider, at most the widest.
+
+    Args:
+        half: samples on either side, one of `HALF_WINDOWS`.
+        by: how many of `HALF_WINDOWS` wider.
+    """
     return HALF_WINDOWS[min(HALF_WINDOWS.index(half) + by, len(HALF_WINDOWS) - 1)]
 
 
@@ -259,8 +264,14 @@ def _trials(time_s: FloatArray, position: FloatArray, pieces: list[slice], round
     """All windows that are shorter than the longest piece, the narrowest first."""
     longest = max(rows.stop - rows.start for rows in pieces)
     halves = [half for half in HALF_WINDOWS if 2 * half + 1 < longest or half == HALF_WINDOWS[0]]
-    centres = _trial_centres(pieces)
-    return [_try_window(time_s, position, pieces, centres, half, rounding) for half in halves]
+    stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
+    centres = [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
+    measured = np.concatenate([position[rows][some] for rows, some in zip(pieces, centres, strict=True)])
+    trials = []
+    for half in halves:
+        fit = local_fits(time_s, position, pieces, centres, half)
+        trials.append(_Trial(half, rounding, measured - fit.fitted[:, 0], fit.fitted, fit.variance))
+    return trials
 
 
 def _pilot(trials: list[_Trial]) -> _Trial:
@@ -280,31 +291,6 @@ def _pilot(trials: list[_Trial]) -> _Trial:
     return trials[max(least - 1, 0)]
 
 
-def _about_best(trials: list[_Trial], risks: list[float]) -> list[int]:
-    limit = _TOLERANCE**2 * max(0.0, min(risks))
-    return [trial.half for trial, risk in zip(trials, risks, strict=True) if risk <= limit]
-
-
-def _trial_centres(pieces: list[slice]) -> list[IntArray]:
-    """Samples of each piece, counted from its start, on which windows are tried."""
-    stride = max(1, sum(rows.stop - rows.start for rows in pieces) // _TRIALS)
-    return [np.arange(0, rows.stop - rows.start, stride) for rows in pieces]
-
-
-def _try_window(  # noqa: PLR0917
-    time_s: FloatArray,
-    position: FloatArray,
-    pieces: list[slice],
-    centres: list[IntArray],
-    half: int,
-    rounding: float,
-) -> _Trial:
-    """Fit around some samples of each piece."""
-    found = local_fits(time_s, position, pieces, centres, half)
-    measured = [position[rows][chosen] for rows, chosen in zip(pieces, centres, strict=True)]
-    return _Trial(half, rounding, np.concatenate(measured) - found.fitted[:, 0], found.fitted, found.variance)
-
-
 DEGREE = 3
 _EVEN = 1e-4  # steps that differ by less, as a share of a step, count as even
 
@@ -320,7 +306,14 @@ class LocalFit:
 
 
 def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half: int) -> LocalFit:
-    """Fit a polynomial around each of the samples `centres` of one piece."""
+    """Fit a polynomial around each of the samples `centres` of one piece.
+
+    Args:
+        time_s: shape (n,), strictly increasing [s].
+        position: shape (n,).
+        centres: indices of the samples, shape (m,).
+        half: samples on either side of each.
+    """
     width = min(2 * half + 1, len(position))
     starts = np.clip(centres - half, 0, len(position) - width)
     steps = np.diff(time_s)
@@ -333,7 +326,15 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
 def local_fits(
     time_s: FloatArray, position: FloatArray, pieces: Sequence[slice], centres: Sequence[IntArray], half: int
 ) -> LocalFit:
-    """The same for several pieces, one after the other; centres are counted from the start of each."""
+    """The same for several pieces, one after the other; centres are counted from the start of each.
+
+    Args:
+        time_s: shape (n,), strictly increasing within a piece [s].
+        position: shape (n,).
+        pieces: rows of each smooth motion.
+        centres: of each piece, from its start.
+        half: samples on either side of each.
+    """
     width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
     steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
     if np.ptp(steps) <= _EVEN * steps.max() and min(rows.stop - rows.start for rows in pieces) >= width:
@@ -346,7 +347,14 @@ def local_fits(
 
 
 def local_derivative(time_s: FloatArray, signal: FloatArray, half: int, order: int) -> FloatArray:
-    """Derivative (n,) of a signal (n,) of one piece from such fits around all samples; see `local_fit`."""
+    """Derivative (n,) of a signal (n,) of one piece from such fits around all samples; see `local_fit`.
+
+    Args:
+        time_s: shape (n,), strictly increasing [s].
+        signal: shape (n,).
+        half: samples on either side.
+        order: 1 or 2.
+    """
     width, steps = 2 * half + 1, np.diff(time_s)
     if len(signal) < width or np.ptp(steps) > _EVEN * steps.max():
         return local_fit(time_s, signal, np.arange(len(signal)), half).fitted[:, order]
@@ -395,7 +403,12 @@ def _even_fit(
 
 @lru_cache(maxsize=4096)
 def even_coefficients(width: int, place: int) -> FloatArray:
-    """What turns a window into its polynomial's value, slope and half curvature at `place`, (3, width)."""
+    """What turns a window into its polynomial's value, slope and half curvature at `place`, (3, width).
+
+    Args:
+        width: number of evenly spaced samples.
+        place: index of the sample in the window.
+    """
     basis = (np.arange(width) - place)[:, None] ** np.arange(min(DEGREE, width - 1) + 1.0)
     coefficients = np.zeros((3, width))
     fitted = np.linalg.pinv(basis)[:3]
@@ -446,7 +459,11 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 @cache_by_channel_arrays("time_s", "position", "run", "position_step")
 def reading_error(data: ChannelData) -> FloatArray:
-    """What each position differs by from the smooth motion, shape (n,); see `position_error`."""
+    """What each position differs by from the smooth motion, shape (n,); see `position_error`.
+
+    Args:
+        data: the channel, with the positions as they were read.
+    """
     step = data.position_step or grid_step(data.position)
     rounding = rounding_variance(data.time_s, data.position, data.run, step)
     return position_error(data.time_s, data.position, data.run, rounding)[0]

@@ -43,12 +43,23 @@ class _Sheet:
 def read_excel_table(path: Path) -> FileColumns:
     """The table of a workbook (.xlsx, .xlsm, .xls); sheets with the same columns are runs of it.
 
+    Args:
+        path: of the workbook.
+
     Raises:
         InputError: it is too large, or no sheet holds names of columns above rows of numbers.
     """
-    _check_is_workbook(path)
-    if zipfile.is_zipfile(path):
-        _check_sizes(path)
+    # Refuse what only has a workbook's name: machines write text that is called .xls.
+    with path.open("rb") as file:
+        if not file.read(8).startswith(_BEGINNINGS):
+            raise InputError(f"{path}: is no Excel workbook; if it is text, let its name end in .csv")
+    if zipfile.is_zipfile(path):  # long sheets take much memory, and so do few cells that are far apart
+        with zipfile.ZipFile(path) as archive:
+            check_size(path, sum(entry.file_size for entry in archive.infolist()))
+            for entry in archive.infolist():  # any of them may be a sheet
+                height, width = _extent(archive.read(entry))
+                if height * width > _MOST_CELLS:
+                    raise InputError(f"{path}: a sheet of {height} rows, {width} columns; cut it into pieces")
     book = CalamineWorkbook.from_path(path)
     sheets = [_sheet_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
     found = [sheet for sheet in sheets if sheet is not None]
@@ -58,10 +69,20 @@ def read_excel_table(path: Path) -> FileColumns:
     alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
     columns = [_column(rows, place, first.decimal) for place in range(len(first.names))]
+    table = pa.table(columns, names=list(first.names))
+    if len(alike) > 1:  # the sheet is the run
+        ends = accumulate(len(sheet.rows) for sheet in alike)
+        table = pa.concat_tables(
+            with_run(table.slice(end - len(sheet.rows), len(sheet.rows)), sheet.title)
+            for sheet, end in zip(alike, ends, strict=True)
+        )
+    words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(book.sheet_names)}"]
+    if others := [sheet for sheet in found if sheet not in alike]:
+        words.append(f"not read, since their columns differ: {_titles(others)}")
     return FileColumns(
-        _with_runs(pa.table(columns, names=list(first.names)), alike),
+        table,
         first.decimal,
-        _words(first, found, alike, book.sheet_names),
+        (*words, *preamble_words(first.skipped)),
         first.titles,
         np.array([number for sheet in alike for number in sheet.numbers], dtype=np.int64),
     )
@@ -76,45 +97,8 @@ def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
     return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
 
 
-def _with_runs(columns: pa.Table, sheets: Sequence[_Sheet]) -> pa.Table:
-    """The columns of these sheets, one below the other, with the sheet as run if there are several."""
-    if len(sheets) == 1:
-        return columns
-    ends = accumulate(len(sheet.rows) for sheet in sheets)
-    return pa.concat_tables(
-        with_run(columns.slice(end - len(sheet.rows), len(sheet.rows)), sheet.title)
-        for sheet, end in zip(sheets, ends, strict=True)
-    )
-
-
-def _words(
-    first: _Sheet, found: Sequence[_Sheet], alike: Sequence[_Sheet], names: Sequence[str]
-) -> tuple[str, ...]:
-    words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(names)}"]
-    if others := [sheet for sheet in found if sheet not in alike]:
-        words.append(f"not read, since their columns differ: {_titles(others)}")
-    return (*words, *preamble_words(first.skipped))
-
-
 def _titles(sheets: Sequence[_Sheet]) -> str:
     return ", ".join(f"'{sheet.title}'" for sheet in sheets[:5]) + (" ..." if len(sheets) > 5 else "")
-
-
-def _check_is_workbook(path: Path) -> None:
-    """Refuse what only has a workbook's name: machines write text that is called .xls."""
-    with path.open("rb") as file:
-        if not file.read(8).startswith(_BEGINNINGS):
-            raise InputError(f"{path}: is no Excel workbook; if it is text, let its name end in .csv")
-
-
-def _check_sizes(path: Path) -> None:
-    """Refuse what takes much memory: long sheets, and few cells that are far apart."""
-    with zipfile.ZipFile(path) as archive:
-        check_size(path, sum(entry.file_size for entry in archive.infolist()))
-        for entry in archive.infolist():  # any of them may be a sheet
-            rows, columns = _extent(archive.read(entry))
-            if rows * columns > _MOST_CELLS:
-                raise InputError(f"{path}: a sheet of {rows} rows, {columns} columns; cut it into pieces")
 
 
 def _extent(sheet: bytes) -> tuple[int, int]:

@@ -29,24 +29,41 @@ class FileColumns:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder is a recording of ROS 2, whose files are one."""
+    """Whether a folder is a recording of ROS 2, whose files are one.
+
+    Args:
+        path: of the folder.
+    """
     return (path / "metadata.yaml").is_file() and any(part.suffix in BAGS for part in path.iterdir())
 
 
 def most_bytes(path: Path) -> int:
-    """What a file may hold."""
+    """What a file may hold.
+
+    Args:
+        path: of the file; a packed one may hold less.
+    """
     return min(MOST_BYTES, most_unpacked(path.stat().st_size))
 
 
 def check_size(path: Path, size: int) -> None:
-    """Refuse a file that holds more. InputError: `size` bytes are too many."""
+    """Refuse a file that holds more. InputError: `size` bytes are too many.
+
+    Args:
+        path: of the file, for the error.
+        size: bytes that it holds.
+    """
     most = most_bytes(path)
     if size > most:
         raise InputError(f"{path}: holds more than {most // 2**20} MiB; cut it into pieces")
 
 
 def counted(path: Path) -> list[tuple[int, str]]:
-    """A key by which numbers within names are sorted as numbers."""
+    """A key by which numbers within names are sorted as numbers.
+
+    Args:
+        path: whose name is sorted.
+    """
     words = "".join(char if char.isdecimal() else f" {char} " for char in path.name.lower()).split()
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
@@ -60,6 +77,9 @@ def is_session(path: str | os.PathLike[str]) -> bool:
     """Whether a file is or should be a session: by its ending, or by its first bytes.
 
     A recording of ROS 2 is an MCAP file too, but a data file like others.
+
+    Args:
+        path: of the file, which need not exist.
     """
     place = Path(path)
     if not place.is_file():

@@ -67,15 +67,34 @@ def import_file(path: str | os.PathLike[str], options: ImportOptions = _DEFAULT)
 def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     """Make channels of a table that is in memory; see `import_file`.
 
+    Args:
+        table: rows and columns.
+        options: what its columns are called, their units, which rows.
+
     Raises:
         InputError: the table cannot be used; one line with row, column and remedy.
     """
-    columns = assign_columns(_filter(table, options), options)
+    for name, given in options.where.items():
+        texts, index = table.labels(name)
+        chosen = chosen_texts(name, given, texts, str(table.path))
+        table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
+    columns = assign_columns(table, options)
     sources = _sources(columns)
     _check_options_are_used(columns, sources, options)
     rows = arrange_rows(columns, fresh=options.fresh, count=options.runs)
-    _check_context(columns, options.context)
-    notes = [*columns.notes, *([rows.note] if rows.note else []), *_clock(columns, rows)]
+    # Refuse what the channels are made of: an error depends on its own effort, and that says nothing.
+    for column in options.context:
+        if column in columns.used:
+            there = ", ".join(columns.unused) or "none"
+            raise InputError(f"--context {column}: this column is already used. Unused columns: {there}")
+    notes = [*columns.notes, *([rows.note] if rows.note else [])]
+    step_s = sample_time(rows.time_s, rows.run)
+    if not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
+        time = columns.assigned["time", 0]
+        notes.append(
+            f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
+            f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
+        )
     channels = [_channel(source, columns, rows, notes) for source in sources]
     signals = _signals(options.context)
     context = {signal: columns.table.numbers(name)[rows.order] for signal, name in signals.items()}
@@ -83,25 +102,6 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     unused = tuple(n for n in columns.unused if n not in options.context and _name(n) not in _TAKEN)
     read = "; ".join(filter(None, [columns.matched, *columns.table.words]))
     return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles)
-
-
-def _clock(columns: Columns, rows: Rows) -> Iterator[str]:
-    """A word on steps of time that hardly any recording has, and that a mistaken unit makes."""
-    step_s = sample_time(rows.time_s, rows.run)
-    if not _QUICKEST_S <= step_s <= SLOWEST_S:
-        time = columns.assigned["time", 0]
-        yield (
-            f"column '{time.column}': samples are {step_s:.3g} s apart; where one unit is called another, "
-            f"say the right one, such as --unit time={likely_time_unit(step_s / time.factor)}"
-        )
-
-
-def _check_context(columns: Columns, wanted: Iterable[str]) -> None:
-    """Refuse what the channels are made of: an error depends on its own effort, and that says nothing."""
-    for column in wanted:
-        if column in columns.used:
-            there = ", ".join(columns.unused) or "none"
-            raise InputError(f"--context {column}: this column is already used. Unused columns: {there}")
 
 
 def _signals(wanted: Iterable[str]) -> dict[str, str]:
@@ -122,16 +122,14 @@ def _name(column: str) -> str:
     return re.sub(r"\W+", "_", column, flags=re.ASCII)[:_LONGEST_SIGNAL]
 
 
-def _filter(table: Table, options: ImportOptions) -> Table:
-    for name, given in options.where.items():
-        texts, index = table.labels(name)
-        chosen = chosen_texts(name, given, texts, str(table.path))
-        table = table.select(np.isin(index, [texts.index(text) for text in chosen]))
-    return table
-
-
 def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> list[str]:
     """Which of the texts in a place `--where NAME=GIVEN` means: one, or several with commas between.
+
+    Args:
+        name: of the column.
+        given: the user's text.
+        texts: that the column has.
+        place: where it stands, for errors.
 
     Raises:
         InputError: one is not there.
@@ -200,17 +198,19 @@ def _sources(columns: Columns) -> list[_Source]:
     taken = {source.effort for source in sources}
     for quantity, joint in sorted(columns.assigned):
         if quantity == "position":
-            source = _joint_source(columns, joint)
-            if source and source.effort not in taken:
-                sources.append(source)
+            revolute = columns.assigned["position", joint].dimension == "angle"
+            kind = ChannelKind.REVOLUTE if revolute else ChannelKind.PRISMATIC
+            effort = ("torque" if revolute else "force", joint)
+            if effort in columns and effort not in taken:
+                sources.append(_Source(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
     if not sources:
         for (quantity, joint), position in columns.assigned.items():
             other = "force" if position.dimension == "angle" else "torque"
-            effort = columns.assigned.get((other, joint))
-            if quantity == "position" and effort is not None:
+            pushing = columns.assigned.get((other, joint))
+            if quantity == "position" and pushing is not None:
                 raise InputError(
                     f"{columns.table.path}: column '{position.column}' is in {position.unit} and "
-                    f"'{effort.column}' in {effort.unit}: a torque goes with an angle (rad, deg), a force "
+                    f"'{pushing.column}' in {pushing.unit}: a torque goes with an angle (rad, deg), a force "
                     "with a length (m, mm); correct one with --unit or --column"
                 )
         raise InputError(
@@ -219,15 +219,6 @@ def _sources(columns: Columns) -> list[_Source]:
             "(or position_m, force_N); say which is which, and in which unit, as in --column force_N=COLUMN"
         )
     return sources
-
-
-def _joint_source(columns: Columns, joint: int) -> _Source | None:
-    position = ("position", joint)
-    revolute = columns.assigned[position].dimension == "angle"
-    kind, effort = (ChannelKind.REVOLUTE, "torque") if revolute else (ChannelKind.PRISMATIC, "force")
-    if (effort, joint) not in columns:
-        return None
-    return _Source(f"joint_{max(joint, 1)}", kind, position, (effort, joint))
 
 
 def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) -> ChannelData:
@@ -377,7 +368,11 @@ def _differences(time_s: FloatArray, position: FloatArray, run: IntArray) -> Ite
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:
-    """The channels, each joint's with the motion of all joints in its context, (n, joints) each."""
+    """The channels, each joint's with the motion of all joints in its context, (n, joints) each.
+
+    Args:
+        channels: of one recording, all of equal length.
+    """
     joints = [channel for channel in channels if channel.kind is not ChannelKind.CONTACT]
     if not joints:
         return tuple(channels)

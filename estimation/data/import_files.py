@@ -1,6 +1,6 @@
 """Several data files as one measurement: each is a run, or several."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +20,9 @@ def data_files(folder: Path) -> list[Path]:
     """The data files in a folder, by name as people count: run2 before run10.
 
     A folder that is one recording of ROS 2 is one of them; of a LeRobot data set, those of its episodes.
+
+    Args:
+        folder: with the files.
 
     Raises:
         InputError: there are very many.
@@ -62,9 +65,18 @@ def import_files(
     if len(parts) == 1:
         return parts[0]
     channels = tuple(_joined(first.name, paths, parts) for first in parts[0].channels)
-    labels = [label for path, part in zip(paths, parts, strict=True) for label in _labels(path, part)]
+    labels, noted = list[str](), dict[str, str]()
+    for path, part in zip(paths, parts, strict=True):
+        own = part.run_labels.values()
+        labels += [path.name] if len(own) == 1 else [f"{path.name} {label}" for label in own]
+        for note in part.notes:
+            noted.setdefault(note, path.name)  # the first file that it is of
+    notes = tuple(f"{name}: {note}" for note, name in noted.items())
     unused = tuple(name for name in parts[0].unused if all(name in part.unused for part in parts))
-    return Imported(channels, dict(enumerate(labels)), _notes(paths, parts), unused, _read(parts), {})
+    ways = list(dict.fromkeys(part.read for part in parts if part.read))
+    differ = " (others differ)" if len(ways) > 1 else ""
+    read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
+    return Imported(channels, dict(enumerate(labels)), notes, unused, read, {})
 
 
 def _joined(name: str, paths: Sequence[Path], parts: Sequence[Imported]) -> ChannelData:
@@ -77,30 +89,13 @@ def _joined(name: str, paths: Sequence[Path], parts: Sequence[Imported]) -> Chan
     return joined_channels(found)
 
 
-def _labels(path: Path, part: Imported) -> Iterable[str]:
-    """What a file's runs are called: as the file, and as they are called in it where there are several."""
-    labels = part.run_labels.values()
-    return [path.name] if len(labels) == 1 else [f"{path.name} {label}" for label in labels]
-
-
-def _notes(paths: Sequence[Path], parts: Sequence[Imported]) -> tuple[str, ...]:
-    """Each note once, with the first file that it is of."""
-    said: dict[str, str] = {}
-    for path, part in zip(paths, parts, strict=True):
-        for note in part.notes:
-            said.setdefault(note, path.name)
-    return tuple(f"{name}: {note}" for note, name in said.items())
-
-
-def _read(parts: Sequence[Imported]) -> str:
-    ways = list(dict.fromkeys(part.read for part in parts if part.read))
-    return f"{len(parts)} files; {ways[0]}" + (" (others differ)" if len(ways) > 1 else "") if ways else ""
-
-
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:
     """The same channel from several recordings; the numbers of the runs go on, clocks stay as they are.
 
     Position counts from the same surface in all of them. Signals that one of them lacks are left out.
+
+    Args:
+        parts: at least one, in order of time.
     """
     first = parts[0]
     runs, count = [], 0

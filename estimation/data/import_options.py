@@ -45,6 +45,10 @@ _PAIRS = {
 def parse_pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """Read options of the form NAME=VALUE.
 
+    Args:
+        texts: as the user wrote them.
+        option: that they were given with, such as "--unit".
+
     Raises:
         InputError: one of them has another form, or a name comes twice.
     """

@@ -54,12 +54,24 @@ def arrange_rows(columns: Columns, *, fresh: bool = False, count: int | None = N
     else:
         if count is not None:
             raise InputError(f"--runs {count}: column '{columns.run}' says the runs already")
-        (run, labels), note = _runs(table, columns.run), ""
+        # Number of each row's run: the file's own if they are different whole numbers, else as they appear.
+        names, index = table.labels(columns.run)
+        numbers = list(range(len(names)))
+        if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
+            own = [int(name) for name in names]
+            numbers = own if len(set(own)) == len(own) else numbers  # "1" and "01" are two runs
+        run, note = np.array(numbers, dtype=np.int64)[index], ""
+        labels = dict(sorted(zip(numbers, names, strict=True)))
     order = np.argsort(run, kind="stable")
     time_s = columns.values(TIME)[order]
     rows = Rows(order, time_s, run[order], _phases(table, columns.phase)[order], labels, note)
     _check_times(columns, rows)
-    _check_lengths(table, rows)
+    runs, counts = np.unique(rows.run, return_counts=True)
+    if counts.min() < _FEWEST:
+        raise InputError(
+            f"{table.path}: run '{labels[int(runs[np.argmin(counts)])]}' has {counts.min()} rows, at least "
+            f"{_FEWEST} are needed; leave it out with --where, or check the column that names the runs"
+        )
     return replace(rows, time_s=time_in_run(time_s, rows.run)) if fresh else rows
 
 
@@ -87,16 +99,6 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     return run, f"{anew}cut into {number} runs, {each}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
     )
-
-
-def _runs(table: Table, column: str) -> tuple[IntArray, dict[int, str]]:
-    """Number of each row's run: the file's own if they are different whole numbers, else as they appear."""
-    names, index = table.labels(column)
-    numbers = list(range(len(names)))
-    if all(name.isdecimal() and len(name) <= _LONGEST_NUMBER for name in names):
-        own = [int(name) for name in names]
-        numbers = own if len(set(own)) == len(own) else numbers  # "1" and "01" are two runs
-    return np.array(numbers, dtype=np.int64)[index], dict(sorted(zip(numbers, names, strict=True)))
 
 
 def _phases(table: Table, column: str | None) -> IntArray:
@@ -133,13 +135,3 @@ def _check_times(columns: Columns, rows: Rows) -> None:
         f"come after {rows.time_s[late[0]]:.9g} s in {word} {before}{in_run}; times must increase within a "
         f"run: sort the rows, or say with --column run={columns.like_runs or 'COLUMN'} where a new run begins"
     )
-
-
-def _check_lengths(table: Table, rows: Rows) -> None:
-    runs, counts = np.unique(rows.run, return_counts=True)
-    if counts.min() < _FEWEST:
-        run = int(runs[np.argmin(counts)])
-        raise InputError(
-            f"{table.path}: run '{rows.labels[run]}' has {counts.min()} rows, at least {_FEWEST} are needed; "
-            "leave it out with --where, or check the column that names the runs"
-        )

@@ -32,7 +32,12 @@ class Levels:
 
 
 def force_levels(force: FloatArray, displacement: FloatArray) -> Levels:
-    """The levels of a contact's force, shape (n,), beside its displacement, shape (n,)."""
+    """The levels of a contact's force, shape (n,), beside its displacement, shape (n,).
+
+    Args:
+        force: shape (n,), positive in compression.
+        displacement: shape (n,), positive into the object.
+    """
     outside = displacement <= 0.0
     free = force[outside] if np.mean(outside) > _FEW else force
     base = float(np.median(free) if free is not force else np.quantile(force, _FEW))
@@ -79,6 +84,13 @@ def cut_into(
     force: FloatArray, displacement: FloatArray, piece: IntArray, count: int, where: str
 ) -> IntArray:
     """Number of each row's run, shape (n,), if there are so many: the presses that come from furthest out.
+
+    Args:
+        force: shape (n,), positive in compression.
+        displacement: shape (n,), positive into the object.
+        piece: recordings that are apart already, shape (n,).
+        count: of presses that the user says.
+        where: file and option, for the error.
 
     Raises:
         InputError: there are fewer presses.
@@ -165,12 +177,21 @@ def press_phases(
         run: shape (n,), one block of samples for each run.
         pressed: where something is pressed or pulled, shape (n,); None to find out.
     """
-    if pressed is None:
-        pressed = _pressed(position, force)
+    if pressed is None and position.min() <= 0.0:
+        pressed = np.asarray(position > 0.0)
+    elif pressed is None:
+        pressed = np.asarray(force > force_levels(force, position).released)
+        if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
+            pressed = np.ones(len(position), dtype=np.bool_)
     usual = _usual(velocity)
     moves = np.abs(velocity) > _SLOW * usual
     # A velocity that was derived over many samples begins before the motion, and ends after it.
-    change = np.concatenate([_change(position[rows]) for rows in blocks(run)])
+    change, half = np.empty(len(position)), _LASTING // 2
+    for rows in blocks(run):  # how far it is from some samples before, and to some after each one, the less
+        there = position[rows]
+        padded = np.pad(there, half, mode="reflect", reflect_type="odd")  # as if the motion went on
+        before, after = there - padded[: -2 * half], padded[2 * half :] - there
+        change[rows] = np.minimum(np.abs(before), np.abs(after))
     moves &= (np.abs(velocity) > _EDGE * usual) | (change > _SLOW * _usual(change))
     way = np.sign(velocity).astype(np.int8) * moves
     phase = np.empty(len(position), dtype=np.int64)
@@ -187,23 +208,6 @@ def _usual(signal: FloatArray) -> float:
     """Size of a signal (n,) where there is one."""
     there = np.abs(signal[signal != 0.0])
     return float(np.quantile(there, 0.9)) if len(there) else 0.0
-
-
-def _change(position: FloatArray) -> FloatArray:
-    """How far it is from some samples before, and to some after each one of a run, the less; shape (n,)."""
-    half = _LASTING // 2
-    padded = np.pad(position, half, mode="reflect", reflect_type="odd")  # as if the motion went on
-    before, after = position - padded[: -2 * half], padded[2 * half :] - position
-    return np.asarray(np.minimum(np.abs(before), np.abs(after)))
-
-
-def _pressed(position: FloatArray, force: FloatArray) -> BoolArray:
-    if position.min() <= 0.0:
-        return np.asarray(position > 0.0)
-    pressed = np.asarray(force > force_levels(force, position).released)
-    if correlation_coefficient(position[~pressed], force[~pressed]) > _SPRINGY:
-        return np.ones(len(position), dtype=np.bool_)
-    return pressed
 
 
 _TAILS = (0.005, 0.995)  # quantiles, between which a signal has its range

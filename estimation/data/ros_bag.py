@@ -27,6 +27,10 @@ _MOST_MESSAGE_BYTES = 1 << 20
 def messages_of(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
     """Topic and bytes of each message of a type, from one file or the files of a folder.
 
+    Args:
+        path: of a file, or of the folder of a recording.
+        kind: name of the type, such as "sensor_msgs/msg/JointState".
+
     Raises:
         InputError: it holds too much, or is no such recording.
     """
@@ -38,7 +42,12 @@ def messages_of(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
 def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
     """Those of a database. Only tables are read: a view of a stranger's may never end."""
     check_size(path, path.stat().st_size)
-    _check_is_whole(path)
+    beside = path.with_name(path.name + "-wal")
+    if beside.is_file() and beside.stat().st_size > 0:  # reading the last messages there would write
+        raise InputError(
+            f"{path}: messages are still in {beside.name}; end the recording, or join them with: "
+            f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+        )
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         database.execute("PRAGMA trusted_schema=OFF")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE_BYTES)
@@ -49,16 +58,6 @@ def _of_sqlite(path: Path, kind: str) -> Iterator[tuple[str, bytes]]:
             "SELECT name, data FROM messages JOIN topics ON topic_id = topics.id "
             "WHERE type = ? ORDER BY timestamp",
             (kind,),
-        )
-
-
-def _check_is_whole(path: Path) -> None:
-    """Refuse a database whose last messages are in a file beside it: reading that would write."""
-    beside = path.with_name(path.name + "-wal")
-    if beside.is_file() and beside.stat().st_size > 0:
-        raise InputError(
-            f"{path}: messages are still in {beside.name}; end the recording, or join them with: "
-            f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
         )
 
 
@@ -84,20 +83,16 @@ def _records(path: Path) -> Iterator[Any]:
                 continue
             size += record.uncompressed_size
             check_size(path, size)
-            yield from breakup_chunk(_unpacked(record))
-
-
-def _unpacked(chunk: Chunk) -> Chunk:
-    """The same chunk, whose data take no more than it says."""
-    size, data = chunk.uncompressed_size, chunk.data
-    if chunk.compression == "lz4":
-        data = LZ4FrameDecompressor().decompress(data, max_length=size)
-    elif chunk.compression == "zstd":
-        if zstandard.frame_content_size(data) > size:
-            raise InputError("a chunk holds more than it says")
-        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    chunk.data, chunk.compression = data, ""
-    return chunk
+            # Its data may take no more than it says.
+            most, data = record.uncompressed_size, record.data
+            if record.compression == "lz4":
+                data = LZ4FrameDecompressor().decompress(data, max_length=most)
+            elif record.compression == "zstd":
+                if zstandard.frame_content_size(data) > most:
+                    raise InputError("a chunk holds more than it says")
+                data = zstandard.ZstdDecompressor().decompress(data, max_output_size=most)
+            record.data, record.compression = data, ""
+            yield from breakup_chunk(record)
 
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -121,7 +116,11 @@ class _Alike:
     messages: list[bytes] = field(default_factory=list)
 
     def takes(self, message: bytes) -> bool:
-        """Whether a message is one of these."""
+        """Whether a message is one of these.
+
+        Args:
+            message: as it was recorded.
+        """
         first = _CDR_BYTES + _STAMP_BYTES
         return (
             len(message) == self.size
@@ -130,7 +129,13 @@ class _Alike:
         )
 
     def numbers(self, kind: str, place: int, count: int) -> NDArray[Any]:
-        """Numbers of each message from a byte on, shape (messages, count)."""
+        """Numbers of each message from a byte on, shape (messages, count).
+
+        Args:
+            kind: as NumPy calls it, without the order of bytes.
+            place: first byte.
+            count: numbers in a row.
+        """
         size = np.dtype(kind).itemsize * count
         order = "<" if self.begins[1] & 1 else ">"
         whole = np.frombuffer(b"".join(self.messages), np.uint8).reshape(-1, self.size)
@@ -158,7 +163,12 @@ def read_ros_table(path: Path) -> FileColumns:
             len(one.messages) for one in found if one.topic == name and "torque" in one.places
         ),
     )
-    alike = _of_one_set([one for one in found if one.topic == topic])
+    alike = [one for one in found if one.topic == topic]
+    sets = Counter[frozenset[str]]()
+    for one in alike:  # those with the most usual joints: a gripper may speak on the same topic
+        sets[frozenset(one.joints)] += len(one.messages)
+    usual = sets.most_common(1)[0][0]
+    alike = [one for one in alike if frozenset(one.joints) == usual]
     joints = alike[0].joints
     columns: dict[str, Any] = {"time_s": _times(alike)}
     for what, called in _ARRAYS.items():
@@ -243,15 +253,6 @@ def _parsed(topic: str, message: bytes) -> _Alike:
         place += 8 * size
     head = message[_CDR_BYTES + _STAMP_BYTES : named]
     return _Alike(topic, tuple(joints), message[:_CDR_BYTES], head, len(message), places)
-
-
-def _of_one_set(found: Sequence[_Alike]) -> list[_Alike]:
-    """Those with the most usual joints: a gripper may speak on the same topic."""
-    sets = Counter[frozenset[str]]()
-    for one in found:
-        sets[frozenset(one.joints)] += len(one.messages)
-    usual = sets.most_common(1)[0][0]
-    return [one for one in found if frozenset(one.joints) == usual]
 
 
 def _times(alike: Sequence[_Alike]) -> FloatArray:

@@ -68,27 +68,24 @@ class Table:
             InputError: there is no such column, or a value is missing or no finite number.
         """
         if name not in self._numbers:
-            self._numbers[name] = self._converted(name)
+            column = self._column(name)
+            try:
+                numbers = _as_numbers(column, self.decimal)
+                values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+            except (pa.ArrowException, TypeError, ValueError):
+                column = _with_points(column, self.decimal)
+                values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
+            bad = useless_rows(values)
+            if len(bad):
+                shown = str(column[int(bad[0])].as_py())[:_SHOWN]
+                fault = fault_of(number_of(shown)) + more_like_it(len(bad))
+                place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
+                raise InputError(
+                    f"{place}: {shown!r} is {fault}; {_remedy(shown, whole=len(bad) == len(values))}"
+                )
+            self._numbers[name] = values
             self._numbers[name].setflags(write=False)
         return self._numbers[name]
-
-    def _converted(self, name: str) -> FloatArray:
-        column = self._column(name)
-        try:
-            numbers = _as_numbers(column, self.decimal)
-            values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
-        except (pa.ArrowException, TypeError, ValueError):
-            column = _with_points(column, self.decimal)
-            values = np.array([number_of(text) for text in column.to_pylist()], dtype=np.float64)
-        bad = useless_rows(values)
-        if len(bad):
-            shown = str(column[int(bad[0])].as_py())[:_SHOWN]
-            fault = fault_of(number_of(shown)) + more_like_it(len(bad))
-            place = f"{self.path}: {self.row_word} {self.rows[bad[0]]}, column '{name}'"
-            raise InputError(
-                f"{place}: {shown!r} is {fault}; {_remedy(shown, whole=len(bad) == len(values))}"
-            )
-        return values
 
     def varies(self, name: str) -> bool:
         """Whether a column holds numbers that are not all the same.
@@ -232,7 +229,13 @@ def table_of(
     Raises:
         InputError: it has no rows, or two columns of one name.
     """
-    columns = _without_gaps(found.rename_columns([" ".join(name.split()) for name in found.column_names]))
+    columns = found.rename_columns([" ".join(name.split()) for name in found.column_names])
+    held = [  # without the columns that have neither a name nor a value
+        place
+        for place, name in enumerate(columns.column_names)
+        if name != f"column {place + 1}" or is_filled(columns.column(place)).any()
+    ]
+    columns = columns.select(held)
     names, words = columns.column_names, list[str]()
     rows = np.arange(1, columns.num_rows + 1) if rows is None else rows
     if tests := find_tests(names):
@@ -246,16 +249,6 @@ def table_of(
         raise InputError(f"{place}: no rows of data")
     columns, clocks = with_seconds(columns, decimal)
     return Table(place, columns, rows, decimal, (*words, *clocks))
-
-
-def _without_gaps(columns: pa.Table) -> pa.Table:
-    """The columns without those that have neither a name nor a value."""
-    empty = [
-        place
-        for place, name in enumerate(columns.column_names)
-        if name == f"column {place + 1}" and not is_filled(columns.column(place)).any()
-    ]
-    return columns.select([place for place in range(columns.num_columns) if place not in empty])
 
 
 def _read_excel(path: Path) -> FileColumns:

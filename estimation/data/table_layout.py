@@ -22,10 +22,16 @@ def find_tests(names: Sequence[str]) -> list[dict[str, int]]:
 
     A column that is there once belongs to all. Where names end in the test's number, "Force 2", joints are
     told from tests by what repeats: a press and its clock.
+
+    Args:
+        names: of the columns, in their order.
     """
     if tests := _repeated(names):
         return tests
-    plain = [_without_number(name) for name in names]
+    plain = []
+    for name in names:
+        stem, unit = split_unit(name)
+        plain.append(_NUMBER.sub("", stem).strip() + (f" [{unit}]" if unit else ""))
     repeated = [name for name in dict.fromkeys(plain) if plain.count(name) > 1]
     of_presses = {guess.quantity for guess in guess_columns(repeated)} >= _OF_A_PRESS
     return _repeated(plain) if of_presses else []
@@ -47,15 +53,30 @@ def one_below_the_other(
     labels = named if len(set(named)) == len(tests) == len(named) else range(1, len(tests) + 1)
     parts, rows = [], []
     for test, label in zip(tests, labels, strict=True):
-        part = pa.table({name: _as_text(columns.column(place), decimal) for name, place in test.items()})
-        there = np.logical_or.reduce([_is_held(columns.column(test[name])) for name in own])
+        cells = {name: columns.column(place) for name, place in test.items()}
+        held = [
+            pc.if_else(pc.is_nan(cells[name]), None, cells[name])  # frames fill up what is shorter with NaN
+            if pa.types.is_floating(cells[name].type)
+            else cells[name]
+            for name in own
+        ]
+        there = np.logical_or.reduce([is_filled(column) for column in held])
+        for name, column in cells.items():  # text, since a shorter test may be real where another is integer
+            if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+                cells[name] = pc.replace_substring(column.cast(pa.string()), ".", decimal)
+        part = pa.table(cells)
         parts.append(with_run(part, str(label)).filter(pa.array(there)))
         rows.append(np.flatnonzero(there))
     return pa.concat_tables(parts, promote_options="permissive"), np.concatenate(rows)
 
 
 def with_run(columns: pa.Table, label: str) -> pa.Table:
-    """The columns with one that says the run; what says one already goes before the label."""
+    """The columns with one that says the run; what says one already goes before the label.
+
+    Args:
+        columns: of one test.
+        label: what the test is called.
+    """
     places = [place for place, name in enumerate(columns.column_names) if name == RUN]
     for place in places:  # several where tests are side by side
         both = pc.binary_join_element_wise(columns.column(place).cast(pa.string()), label, " ")
@@ -64,7 +85,11 @@ def with_run(columns: pa.Table, label: str) -> pa.Table:
 
 
 def is_filled(column: pa.ChunkedArray) -> BoolArray:
-    """In which rows a column holds something, shape (n,)."""
+    """In which rows a column holds something, shape (n,).
+
+    Args:
+        column: of n cells.
+    """
     held = pc.is_valid(column)
     if is_text(column.type):
         held = pc.and_kleene(held, pc.not_equal(pc.utf8_trim_whitespace(column), ""))
@@ -72,24 +97,12 @@ def is_filled(column: pa.ChunkedArray) -> BoolArray:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    """Whether a column of this type holds text."""
+    """Whether a column of this type holds text.
+
+    Args:
+        kind: type of the column.
+    """
     return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
-
-
-def _is_held(column: pa.ChunkedArray) -> BoolArray:
-    """The same; frames fill up what is shorter with NaN."""
-    return is_filled(pc.if_else(pc.is_nan(column), None, column) if _is_real(column) else column)
-
-
-def _as_text(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    """A column is text, or real, where one test is shorter than another."""
-    if not (_is_real(column) or pa.types.is_integer(column.type)):
-        return column
-    return pc.replace_substring(column.cast(pa.string()), ".", decimal)
-
-
-def _is_real(column: pa.ChunkedArray) -> bool:
-    return bool(pa.types.is_floating(column.type))
 
 
 def _repeated(names: Sequence[str]) -> list[dict[str, int]]:
@@ -102,11 +115,6 @@ def _repeated(names: Sequence[str]) -> list[dict[str, int]]:
     return [
         {name: found[min(test, len(found) - 1)] for name, found in places.items()} for test in range(*counts)
     ]
-
-
-def _without_number(name: str) -> str:
-    stem, unit = split_unit(name)
-    return _NUMBER.sub("", stem).strip() + (f" [{unit}]" if unit else "")
 
 
 _CLOCK = re.compile(
@@ -129,8 +137,13 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
     """
     done = []
     for place, name in enumerate(columns.column_names):
-        text = _texts_of(columns.column(place))
-        if text is None or not _is_clock(text):
+        column = columns.column(place)
+        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+        text = column.cast(pa.string()) if is_text(kind) or pa.types.is_timestamp(kind) else None
+        if text is None:
+            continue
+        first = np.flatnonzero(is_filled(text.slice(0, 1000)))[:1]
+        if not len(first) or not _CLOCK.match(re.sub(_BLANKS, " ", text[int(first[0])].as_py())):
             continue
         parts = pc.extract_regex(pc.replace_substring_regex(text, _BLANKS, " "), _CLOCK.pattern)
         try:
@@ -146,19 +159,12 @@ def with_seconds(columns: pa.Table, decimal: str) -> tuple[pa.Table, tuple[str, 
 
 
 def clocks_of(columns: pa.Table) -> frozenset[str]:
-    """Names of the columns that held clock times and hold seconds now."""
+    """Names of the columns that held clock times and hold seconds now.
+
+    Args:
+        columns: of a file, after `with_seconds`.
+    """
     return frozenset(one.name for one in columns.schema if (one.metadata or {}).items() >= _MARK.items())
-
-
-def _texts_of(column: pa.ChunkedArray) -> pa.ChunkedArray | None:
-    """A column of text, coded or not, or of dates with times; None for any other."""
-    kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-    return column.cast(pa.string()) if is_text(kind) or pa.types.is_timestamp(kind) else None
-
-
-def _is_clock(column: pa.ChunkedArray) -> bool:
-    first = np.flatnonzero(is_filled(column.slice(0, 1000)))[:1]
-    return len(first) > 0 and _CLOCK.match(re.sub(_BLANKS, " ", column[int(first[0])].as_py())) is not None
 
 
 def _seconds(parts: pa.ChunkedArray) -> tuple[pa.Array, str]:

@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from estimation.data.column_names import parse_role
 from estimation.data.units import dimension_of, normalise
@@ -53,12 +53,18 @@ def find_layout(rows: Sequence[Sequence[str]], decimal: str) -> Layout | None:
             return Layout(_names(rows, header, width), first, header, _titles(rows, header))
         above = _row_above(rows, header, width)
         if above is not None and not any(numeric[above]):
-            return Layout(_with_units(rows[above], units, width), first, above, _titles(rows, above))
+            plain = zip(_clean(rows[above], width), units, strict=True)
+            names = tuple(f"{name} [{unit}]" if unit else name for name, unit in plain)
+            return Layout(names, first, above, _titles(rows, above))
     return None
 
 
 def preamble_words(lines: int) -> tuple[str, ...]:
-    """A word on the lines before the names, if there are any."""
+    """A word on the lines before the names, if there are any.
+
+    Args:
+        lines: how many there are.
+    """
     return (f"a preamble of {lines} line{'s' if lines > 1 else ''}",) if lines else ()
 
 
@@ -75,7 +81,12 @@ def _goes_on(rows: Sequence[Sequence[str]], decimal: str, first: int) -> bool:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell holds a number with this decimal mark."""
+    """Whether a cell holds a number with this decimal mark.
+
+    Args:
+        cell: its text.
+        decimal: mark in numbers, a point or a comma.
+    """
     return bool(NUMBER[decimal].fullmatch(cell.strip()))
 
 
@@ -109,11 +120,6 @@ def _units(row: Sequence[str], width: int) -> list[str] | None:
     known = sum(dimension_of(normalise(unit)) is not None for unit in units)
     bracketed = all(not cell.strip() or cell.strip()[0] in _BRACKETS for cell in row[:width])
     return units if known >= 2 and (bracketed or known == sum(map(bool, units))) else None
-
-
-def _with_units(names: Sequence[str], units: Sequence[str], width: int) -> tuple[str, ...]:
-    plain = _clean(names, width)
-    return tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(plain, units, strict=True))
 
 
 def _names(rows: Sequence[Sequence[str]], header: int, width: int) -> tuple[str, ...]:
@@ -167,8 +173,18 @@ def find_dialect(content: bytes) -> TextDialect | None:
 
     A first line that holds one of palpate's own names is a header, whatever stands below it. Else every
     delimiter and decimal mark is tried, and that which makes the widest table wins.
+
+    Args:
+        content: of the file, or its beginning.
     """
-    lines = _lines(content)
+    # Byte where each of the first lines begins, and its text; a last one that is cut off is left out.
+    head = content[:_LOOKED_AT]
+    lines: list[tuple[int, str]] = []
+    for match in re.finditer(rb"[^\r\n]*(\r\n|\r|\n|$)", head):
+        if len(lines) == _MOST_LINES or (match.end() == len(head) < len(content) and lines):
+            break
+        if match.group() or match.start() < len(head):
+            lines.append((match.start(), match.group().rstrip(b"\r\n").decode(errors="replace")))
     if not lines:
         return None
     first = max(DELIMITERS, key=lines[0][1].count)
@@ -179,54 +195,44 @@ def find_dialect(content: bytes) -> TextDialect | None:
         named = tuple(name or f"column {number}" for number, name in enumerate(names, 1))
         end = re.compile(rb"\r\n|\r|\n|$").search(content, lines[0][0])
         return TextDialect(first, decimal, named, lines[0][0], end.end() if end else len(content))
-    tried = [found for found in _tried(lines) if found is not None]
-    return max(tried, key=lambda found: len(found.names), default=None)
+    return max(_dialects(lines), key=lambda dialect: len(dialect.names), default=None)
 
 
 def blanks_as_tabs(content: bytes) -> bytes:
-    """The text with each stretch of blanks between cells made one tab."""
+    """The text with each stretch of blanks between cells made one tab.
+
+    Args:
+        content: of the rows, UTF-8.
+    """
     return re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", re.sub(rb"[ \t]+", b"\t", content))
 
 
-def _tried(lines: list[tuple[int, str]]) -> Iterator[TextDialect | None]:
+def _dialects(lines: list[tuple[int, str]]) -> Iterator[TextDialect]:
+    """The dialect by each delimiter that makes a table of these lines."""
     for delimiter in (*DELIMITERS, BLANKS):
         rows = list(_cells([text for _, text in lines], delimiter))
         decimal = "," if delimiter != "," and commas_decide(rows) else "."
         layout = find_layout(rows, decimal)
         if layout is not None:
-            yield _dialect(lines, delimiter, decimal, _fitted(layout, rows[layout.first :]))
+            # As many names as the rows have cells: both may end with the delimiter or a remark.
+            width, names = max(len(row) for row in rows[layout.first :][:3]), list(layout.names)
+            names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
+            skipped = sum(bool(text.strip()) for _, text in lines[: layout.header])
+            head, start = (lines[row][0] for row in (layout.header, layout.first))
+            named = tuple(names[:width])
+            yield TextDialect(delimiter, decimal, named, head, start, skipped, layout.titles)
 
 
 def is_footer(line: str, dialect: TextDialect) -> bool:
-    """Whether a line below the rows is none of them: empty, or words. A row that is cut off is one."""
+    """Whether a line below the rows is none of them: empty, or words. A row that is cut off is one.
+
+    Args:
+        line: without its end.
+        dialect: of the file.
+    """
     cells = [cell for cell in next(_cells([line], dialect.delimiter), []) if cell.strip()]
     numbers = [is_number(cell, dialect.decimal) for cell in cells]
     return not cells or (not numbers[0] and sum(numbers) < FEWEST_NUMBERS)
-
-
-def _dialect(lines: list[tuple[int, str]], delimiter: str, decimal: str, layout: Layout) -> TextDialect:
-    skipped = sum(bool(text.strip()) for _, text in lines[: layout.header])
-    head, start = (lines[row][0] for row in (layout.header, layout.first))
-    return TextDialect(delimiter, decimal, layout.names, head, start, skipped, layout.titles)
-
-
-def _fitted(layout: Layout, body: list[list[str]]) -> Layout:
-    """The layout with as many names as the rows have cells: both may end with the delimiter or a remark."""
-    width, names = max(len(row) for row in body[:3]), list(layout.names)
-    names += [f"column {number}" for number in range(len(names) + 1, width + 1)]
-    return replace(layout, names=tuple(names[:width]))
-
-
-def _lines(content: bytes) -> list[tuple[int, str]]:
-    """Byte where each of the first lines begins, and its text; a last one that is cut off is left out."""
-    head = content[:_LOOKED_AT]
-    found: list[tuple[int, str]] = []
-    for match in re.finditer(rb"[^\r\n]*(\r\n|\r|\n|$)", head):
-        if len(found) == _MOST_LINES or (match.end() == len(head) < len(content) and found):
-            break
-        if match.group() or match.start() < len(head):
-            found.append((match.start(), match.group().rstrip(b"\r\n").decode(errors="replace")))
-    return found
 
 
 def _cells(lines: list[str], delimiter: str) -> Iterator[list[str]]:
@@ -244,6 +250,9 @@ def commas_decide(rows: list[list[str]]) -> bool:
     """Whether more numbers make sense with a decimal comma alone than with a decimal point alone.
 
     "1,234" may be either. Between other delimiters than commas it is taken for a little more than one.
+
+    Args:
+        rows: cells of the first rows, as text.
     """
     marked = [cell for row in rows for cell in map(str.strip, row) if "," in cell or "." in cell]
     readings = [(bool(NUMBER[","].fullmatch(cell)), bool(NUMBER["."].fullmatch(cell))) for cell in marked]

@@ -31,10 +31,17 @@ _SHOWN = 60  # characters of a line that is refused
 def read_text_table(path: Path) -> FileColumns:
     """The columns of a text file as text, by the names above its first row of numbers.
 
+    Args:
+        path: of the file; packed if its name ends in .gz.
+
     Raises:
         InputError: it is too large, is no text, has no header, or a row has too few or too many cells.
     """
-    content, encoding = as_utf8(_content(path), path)
+    open_file = gzip.open if path.name.lower().endswith(".gz") else open
+    with open_file(path, "rb") as file:
+        packed: bytes = file.read(most_bytes(path) + 1)
+    check_size(path, len(packed))
+    content, encoding = as_utf8(packed, path)
     if not content.strip():
         raise InputError(f"{path}: no rows of data; the file is empty")
     dialect = find_dialect(content) or _refused(content, path)
@@ -86,20 +93,16 @@ def _lines(content: bytes, begin: int, end: int, count: int | None = None) -> In
 
 
 def number_of(text: object) -> float:
-    """The number that a cell says, NaN if it says none."""
+    """The number that a cell says, NaN if it says none.
+
+    Args:
+        text: of a cell, with a decimal point.
+    """
     written = str(text).strip()
     try:
         return math.nan if "_" in written else float(written)
     except ValueError:
         return math.nan
-
-
-def _content(path: Path) -> bytes:
-    open_file = gzip.open if path.name.lower().endswith(".gz") else open
-    with open_file(path, "rb") as file:
-        content: bytes = file.read(most_bytes(path) + 1)
-    check_size(path, len(content))
-    return content
 
 
 def _refused(content: bytes, path: Path) -> TextDialect:
@@ -172,7 +175,12 @@ _ENDS = (b"\n", b"\r")
 
 
 def find_blocks(content: bytes, dialect: TextDialect) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """First byte of each table's rows and the one after its last, and a word on lines below the last one."""
+    """First byte of each table's rows and the one after its last, and a word on lines below the last one.
+
+    Args:
+        content: of the file, UTF-8.
+        dialect: how it is written.
+    """
     heads = list(_found(content, content[dialect.head : dialect.start], dialect.head))
     ends = [*(begin for begin, _ in heads[1:]), len(content)]
     blocks = [_trimmed(content, head[1], end, dialect) for head, end in zip(heads, ends, strict=True)]
@@ -226,6 +234,10 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
     UTF-16 is known by its mark or by the zeros between Latin letters; what is no UTF-8 and has no control
     characters is Windows' Western European (cp1252), as testing machines write their degrees and umlauts.
+
+    Args:
+        content: of the file.
+        path: of the file, for errors.
 
     Raises:
         InputError: it is no text.

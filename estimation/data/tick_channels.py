@@ -43,12 +43,19 @@ def checked_ticks(session: Session) -> Samples:
     finite numbers of a reasonable size wherever their device says that the sample is good; the time always,
     and it runs back only between the runs of two sessions.
 
+    Args:
+        session: of a probing.
+
     Raises:
         InputError: one of this is not so, or the session has no such stream.
     """
     ticks = session.samples(STREAM_NAME)
     place = f"{session.path}, stream '{STREAM_NAME}'"
-    joints = _joint_count(ticks, place)
+    if "joint_position_rad" not in ticks:
+        raise SessionError(f"{place}: no column 'joint_position_rad'")
+    joints = int(ticks.vector("joint_position_rad").shape[1])
+    if joints > _MOST_JOINTS:
+        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
         if column.name in ticks or column.name not in _MAY_LACK:
             _check_form(ticks, column, place)
@@ -58,20 +65,18 @@ def checked_ticks(session: Session) -> Samples:
     for status, names in _BY_DEVICE.items():
         for name in names:
             _check_values(session, ticks, name, good[status])
-        _check_clock(session, ticks, names[1], good[status])
+        # No clock jumps so, and no motion has it.
+        far = np.flatnonzero(good[status] & (np.abs(ticks[names[1]] - ticks["time_s"]) > _FAR_S))
+        if len(far):
+            sampled_s, own_s = (ticks[name][far[0]] for name in (names[1], "time_s"))
+            raise InputError(
+                f"{session.path}: tick {far[0] + 1}, column '{names[1]}': {sampled_s:g} s is far from the "
+                f"tick's own time, {own_s:g} s"
+            )
     in_run = good["encoder_status"] & (ticks["run"] != NO_RUN) & ~np.isin(ticks["phase"], USELESS)
     for name in _OF_A_RUN:
         _check_values(session, ticks, name, in_run)
     return ticks
-
-
-def _joint_count(ticks: Samples, place: str) -> int:
-    if "joint_position_rad" not in ticks:
-        raise SessionError(f"{place}: no column 'joint_position_rad'")
-    joints = int(ticks.vector("joint_position_rad").shape[1])
-    if joints > _MOST_JOINTS:
-        raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
-    return joints
 
 
 def _check_form(ticks: Samples, wanted: Column, place: str) -> None:
@@ -84,17 +89,6 @@ def _check_form(ticks: Samples, wanted: Column, place: str) -> None:
         )
     if values.dtype.kind != np.dtype(wanted.dtype).kind:
         raise SessionError(f"{place}, column '{wanted.name}': is {values.dtype}, expected {wanted.dtype}")
-
-
-def _check_clock(session: Session, ticks: Samples, name: str, rows: BoolArray) -> None:
-    """Refuse times of samples that are far from their tick's: no clock jumps so, and no motion has it."""
-    far = np.flatnonzero(rows & (np.abs(ticks[name] - ticks["time_s"]) > _FAR_S))
-    if len(far):
-        row = far[0]
-        raise InputError(
-            f"{session.path}: tick {row + 1}, column '{name}': {ticks[name][row]:g} s is far from the tick's "
-            f"own time, {ticks['time_s'][row]:g} s"
-        )
 
 
 def _check_order(session: Session, ticks: Samples) -> None:
@@ -198,13 +192,22 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
     chosen = ticks.select(_good(ticks, "encoder_status", "torque_status") & useful)
     if len(chosen) == 0:
         return ()
-    time_s, run = chosen["torque_at_s"], _with_moves(chosen["run"])
-    tried = _harsh(chosen["run"])
+    time_s, in_run = chosen["torque_at_s"], chosen["run"] != NO_RUN
+    run = np.zeros(len(chosen), dtype=np.int64)
+    if in_run.any():
+        numbered = np.flatnonzero(in_run)
+        following = np.minimum(np.searchsorted(numbered, np.arange(len(run))), len(numbered) - 1)
+        run = chosen["run"].astype(np.int64)[numbered[following]]
+    # Swings in free air are smooth: a window as wide as they allow would cut what a press accelerates. So
+    # windows are compared on runs alone where moves are most of all.
+    tried = np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
     motions = [
         _motion(time_s, chosen["encoder_at_s"], joint, run, calm=False, tried=tried)
         for joint in chosen.vector("joint_position_rad").T
     ]
-    force_n, torque = _force_at(time_s, chosen), chosen.vector("torque_measured_nm")
+    good = _good(chosen, "force_status")  # of none, the force is zero
+    force_n = _by_clock(time_s, chosen["force_at_s"], chosen["force_n"], good)
+    torque = chosen.vector("torque_measured_nm")
     contacts = list(find_contacts(force_n, run, chosen["phase"]))
     touching = np.zeros(len(chosen))
     for contact in contacts:
@@ -249,30 +252,9 @@ def _pressed_elsewhere(
     return found
 
 
-def _force_at(time_s: FloatArray, ticks: Samples) -> FloatArray:
-    """Force at the times wanted, which need not be its own; zero where nothing was ever measured."""
-    good = _good(ticks, "force_status")
-    if not good.any():
-        return np.zeros(len(time_s))
-    return _by_clock(time_s, ticks["force_at_s"], ticks["force_n"], good)
-
-
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:
     """Ticks in which all these devices brought a new and trustworthy sample."""
     return np.asarray(np.all([ticks[name] == Status.OK for name in status_columns], axis=0))
-
-
-def _rounding_of_travel(travel_m: FloatArray, joint_position_rad: FloatArray) -> float:
-    """What the steps of the encoders leave uncertain of the tip's travel, as a variance [m2].
-
-    Args:
-        travel_m: shape (n,).
-        joint_position_rad: shape (n, joints).
-    """
-    steps_rad = np.array([grid_step(joint) for joint in joint_position_rad.T])
-    moves_rad = np.diff(joint_position_rad, axis=0)
-    lever_m = np.linalg.lstsq(moves_rad, np.diff(travel_m), rcond=None)[0]
-    return float(np.sum((lever_m * steps_rad) ** 2) / 12)
 
 
 def _motion(
@@ -297,26 +279,14 @@ def _motion(
         raise InputError("column 'encoder_at_s': its times do not increase from sample to sample")
     pieces = number_pieces(sampled_at_s, run)
     motion = differentiate(sampled_at_s, position, pieces, rounding=rounding, calm=calm, tried=tried)
+    if np.array_equal(time_s, sampled_at_s):
+        return position, motion.velocity, motion.acceleration
+    every = np.ones(len(position), dtype=np.bool_)
     position, velocity, acceleration = (
-        _at(time_s, sampled_at_s, values) for values in (position, motion.velocity, motion.acceleration)
+        _by_clock(time_s, sampled_at_s, values, every)
+        for values in (position, motion.velocity, motion.acceleration)
     )
     return position, velocity, acceleration
-
-
-def _harsh(run: IntArray) -> BoolArray | None:
-    """The samples of runs, shape (n,), where moves are most of all; None where they are not.
-
-    Swings in free air are smooth: a window as wide as they allow would cut what a press accelerates.
-    """
-    in_run = run != NO_RUN
-    return np.asarray(in_run) if in_run.any() and np.mean(in_run) < 0.5 else None
-
-
-def _at(time_s: FloatArray, sampled_at_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Values that were sampled at other times than those wanted; as they are where the times agree."""
-    if np.array_equal(time_s, sampled_at_s):
-        return values
-    return _by_clock(time_s, sampled_at_s, values, np.ones(len(values), dtype=np.bool_))
 
 
 def _by_clock(
@@ -330,16 +300,6 @@ def _by_clock(
         if known.any():
             found[rows] = np.interp(time_s[rows], sampled_at_s[rows][known], values[rows][known])
     return found
-
-
-def _with_moves(run: IntArray) -> IntArray:
-    """Run numbers in which the samples between two runs belong to the later one, and the last to the last."""
-    runs = run.astype(np.int64)
-    numbered = np.flatnonzero(runs != NO_RUN)
-    if not len(numbered):
-        return np.zeros_like(runs)
-    following = np.minimum(np.searchsorted(numbered, np.arange(len(runs))), len(numbered) - 1)
-    return runs[numbered[following]]
 
 
 def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
@@ -367,7 +327,12 @@ def _contact_channel(name: str, ticks: Samples, contacts: list[Contact], *, tare
     chosen = ticks.select(rows)
     time_s, run = chosen["force_at_s"], chosen["run"].astype(np.int64)
     travel_m = np.einsum("ij,ij->i", chosen["tip_position_world_m"], chosen[DIRECTION])
-    rounding_m2 = _rounding_of_travel(travel_m, chosen.vector("joint_position_rad"))
+    # What the steps of the encoders leave uncertain of the tip's travel, as a variance [m2].
+    joint_position_rad = chosen.vector("joint_position_rad")
+    steps_rad = np.array([grid_step(joint) for joint in joint_position_rad.T])
+    moves_rad = np.diff(joint_position_rad, axis=0)
+    lever_m = np.linalg.lstsq(moves_rad, np.diff(travel_m), rcond=None)[0]
+    rounding_m2 = float(np.sum((lever_m * steps_rad) ** 2) / 12)
     along_m, speed_m_s, acceleration_m_s2 = _motion(
         time_s, chosen["encoder_at_s"], travel_m, run, rounding_m2
     )

@@ -244,16 +244,28 @@ FINEST_S = 1e-12  # from sample to sample, far below any clock's step; what is f
 
 
 def useless_rows(values: FloatArray) -> NDArray[np.int64]:
-    """Indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large."""
+    """Indices of the rows of an array (n,) or (n, k) with a value that is not finite or too large.
+
+    Args:
+        values: shape (n,) or (n, k).
+    """
     usable = np.abs(values) <= LARGEST
     return np.flatnonzero(~(usable if usable.ndim == 1 else usable.all(axis=1)))
 
 
 def fault_of(number: float) -> str:
-    """What is wrong with such a value."""
+    """What is wrong with such a value.
+
+    Args:
+        number: that `useless_rows` found.
+    """
     return "too large a number" if np.isfinite(number) else "no finite number"
 
 
 def more_like_it(count: int) -> str:
-    """How many faults there are beside the one that is named."""
+    """How many faults there are beside the one that is named.
+
+    Args:
+        count: of all faults.
+    """
     return f" ({count - 1} more like it)" if count > 1 else ""

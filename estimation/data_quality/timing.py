@@ -43,7 +43,10 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     is_linear = model is not None and bool(model.gains) and not model.inner
     if model is None or not is_linear or not all(effect.applies_to(data) for effect in model.effects):
         return None
-    data = _first_runs(data)
+    # The first runs of a channel that are not too many samples, or the first samples of its first run.
+    runs, counts = np.unique(data.run, return_counts=True)
+    some = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
+    data = some.select(np.arange(min(len(some), _MOST_SAMPLES)))
     step_s = sample_time(data.time_s, data.run)
     farthest_s = min(_FARTHEST_S, _MOST_SHIFTS * step_s)
     rows = _well_inside(data, farthest_s)
@@ -80,13 +83,6 @@ def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: 
         left, bounds=ends, method="bounded", options={"xatol": tolerance_s}
     )
     return float(found.x)
-
-
-def _first_runs(data: ChannelData) -> ChannelData:
-    """The first runs of a channel that are not too many samples, or the first samples of its first run."""
-    runs, counts = np.unique(data.run, return_counts=True)
-    some = data.of_runs(runs[: max(1, int(np.searchsorted(np.cumsum(counts), _MOST_SAMPLES, "right")))])
-    return some.select(np.arange(min(len(some), _MOST_SAMPLES)))
 
 
 def lost_rows(data: ChannelData) -> str | None:

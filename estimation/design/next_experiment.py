@@ -42,7 +42,23 @@ def changed_motions(data: ChannelData) -> Iterator[tuple[str, float, ChannelData
         return
     lasted_s = sum(float(np.ptp(data.time_s[data.run == run])) for run in data.runs)
     for speed, reach, words in _CHANGES:
-        moved = _changed(data, speed, reach)
+        start_s = data.time_s[0]
+        scales = (reach, reach * speed, reach * speed**2)
+        middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))
+        context = dict(data.context)
+        for name, order in _OF_THE_ARM.items():
+            if name in context:
+                centre = np.mean(context[name], axis=0) if order == 0 else 0.0
+                context[name] = centre + scales[order] * (context[name] - centre)
+        moved = replace(
+            data,
+            time_s=start_s + (data.time_s - start_s) / speed,
+            position=middle + scales[0] * (data.position - middle),
+            velocity=scales[1] * data.velocity,
+            acceleration=scales[2] * data.acceleration,
+            context=context,
+            shared=None,
+        )
         yield f"{words} ({extent(moved)})", lasted_s / speed, moved
 
 
@@ -59,26 +75,6 @@ def extent(data: ChannelData) -> str:
         far, fast = f"{1e3 * np.ptp(position):.3g} mm", f"{1e3 * np.abs(data.velocity).max():.3g} mm/s"
     deep = "to a depth of" if data.kind is ChannelKind.CONTACT else "over"
     return f"{deep} {far}, at up to {fast}"
-
-
-def _changed(data: ChannelData, speed: float, reach: float) -> ChannelData:
-    start_s = data.time_s[0]
-    scales = (reach, reach * speed, reach * speed**2)
-    middle = 0.0 if data.kind is ChannelKind.CONTACT else float(np.mean(data.position))
-    context = dict(data.context)
-    for name, order in _OF_THE_ARM.items():
-        if name in context:
-            centre = np.mean(context[name], axis=0) if order == 0 else 0.0
-            context[name] = centre + scales[order] * (context[name] - centre)
-    return replace(
-        data,
-        time_s=start_s + (data.time_s - start_s) / speed,
-        position=middle + scales[0] * (data.position - middle),
-        velocity=scales[1] * data.velocity,
-        acceleration=scales[2] * data.acceleration,
-        context=context,
-        shared=None,
-    )
 
 
 FEW_READINGS = "different readings"  # what a reason counts where the reader's steps are too coarse

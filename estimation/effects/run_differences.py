@@ -50,7 +50,11 @@ class RunVariation(SensorEffect):
         return super().applies_to(data) and len(data.runs) >= _FEWEST_RUNS
 
     def first_part(self, data: ChannelData) -> BoolArray:
-        """Samples that tell their run's own values, shape (n,)."""
+        """Samples that tell their run's own values, shape (n,).
+
+        Args:
+            data: with the readings.
+        """
         starts, piece = block_index(data.run)
         count = np.diff(np.append(starts, len(data)))[piece]
         return np.arange(len(data)) - starts[piece] < np.ceil(_TELLING * count)
@@ -74,6 +78,11 @@ class RunVariation(SensorEffect):
         """Standard deviation of the values from run to run, shape (k,), noise of the first part taken off.
 
         About their mean: what all runs have in common, the model lacks.
+
+        Args:
+            effort: that the model expects without variation, shape (n,).
+            data: with the readings.
+            inner: inner parameters.
         """
         own = self.values(effort, data, inner)
         return np.asarray(np.sqrt(inner["share"] * np.var(own, axis=0, ddof=1)))

@@ -181,7 +181,11 @@ class _Noise:
         self._floor = self._share = 0.0
 
     def variance(self, effort: float) -> float:
-        """At this effort."""
+        """At this effort.
+
+        Args:
+            effort: measured.
+        """
         return self._floor + self._share * effort * effort + _ROUNDING2 * effort * effort
 
     @property
@@ -190,7 +194,13 @@ class _Noise:
         return self._errors / self._count if self._count else 0.0
 
     def learn(self, error: float, effort: float, *, cut: bool) -> None:
-        """Take in one error, at most `_FAR` deviations of it if `cut`."""
+        """Take in one error, at most `_FAR` deviations of it if `cut`.
+
+        Args:
+            error: measured less predicted effort.
+            effort: measured.
+            cut: whether the error may be an outlier.
+        """
         square, error2 = effort * effort, error * error
         if cut:
             error2 = min(error2, _FAR**2 * self.variance(effort))
@@ -199,10 +209,7 @@ class _Noise:
         self._fourth = _MEMORY * self._fourth + square * square
         self._errors = _MEMORY * self._errors + error2
         self._products = _MEMORY * self._products + error2 * square
-        self._solve()
-
-    def _solve(self) -> None:
-        """Least squares of the two, neither negative."""
+        # Least squares of the two, neither negative.
         determinant = self._count * self._fourth - self._square * self._square
         if determinant > 1e-6 * self._count * self._fourth:
             self._share = (self._count * self._products - self._square * self._errors) / determinant

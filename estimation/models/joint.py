@@ -39,6 +39,10 @@ class PendulumModel(BaseModel):
 def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
     """The arm, and the number of the joint from 0.
 
+    Args:
+        context: with the URDF and the number of the joint.
+        model: name that an error shows.
+
     Raises:
         InputError: the context names no URDF or no joint, or a joint that the arm does not have.
     """

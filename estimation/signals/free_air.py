@@ -77,6 +77,10 @@ def is_one_way(position: FloatArray, run: IntArray) -> bool:
     """Whether positions (n,) only go one way in each run (n,), so that time cannot be told from them.
 
     What drifts with time then looks like a law of the position, which needs no sensor to fail.
+
+    Args:
+        position: shape (n,).
+        run: of each sample, shape (n,).
     """
     return all(
         min(_way_back(position[rows]), _way_back(-position[rows])) < _RETURNS * np.ptp(position[rows])

@@ -122,7 +122,11 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
         return 0.0, ()
     whole_turn = data.kind is ChannelKind.REVOLUTE and span > _WHOLE_TURN * 2.0 * np.pi
     data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
-    motion = _motion_columns(data)
+    # Columns (n, k) of simple motion and direction, each of length 1.
+    q, v = data.position, data.velocity
+    parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
+    columns = np.column_stack(parts)
+    motion = np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
     waves, tried, sizes = list[float](), list[float](), np.empty(0)
     left, _ = _fitted(data, motion, waves)
     for _ in range(_MOST_WAVES):
@@ -134,23 +138,12 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
             waves.append(tried[-1])
             left, sizes = after, energy
     if whole_turn:
-        whole = sorted({round(wave) for wave in waves if _is_whole(wave, span)})
+        whole = sorted(
+            {round(wave) for wave in waves if (round(wave) > 0 and abs(wave - round(wave)) * span < np.pi)}
+        )
         shared = gcd(*whole) or 1
         return float(shared), tuple(wave // shared for wave in whole)
     return _common(np.array(waves), sizes, 2.0 * np.pi / span)
-
-
-def _is_whole(wave: float, span: float) -> bool:
-    """Whether a wave [1/rad] is a whole number a turn, within the resolution of a range of motion [rad]."""
-    return round(wave) > 0 and abs(wave - round(wave)) * span < np.pi
-
-
-def _motion_columns(data: ChannelData) -> FloatArray:
-    """Columns (n, k) of simple motion and direction, each of length 1."""
-    q, v = data.position, data.velocity
-    parts = [np.ones(len(q)), q, np.sin(q), np.cos(q), v, np.sign(v), data.acceleration]
-    columns = np.column_stack(parts)
-    return np.asarray(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
 
 
 def _strongest(position: FloatArray, left: FloatArray, span: float, known: list[float]) -> float:

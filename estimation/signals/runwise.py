@@ -113,7 +113,10 @@ def _interpolate(
 ) -> FloatArray:
     """Delay a signal at these rows, with samples at any times; see `shift`."""
     starts, piece = block_index(run)
-    clock = _one_clock(time_s, starts, abs(delay_s))
+    # Times [s] (n,) that also increase from run to run, by more than `apart_s`.
+    steps = np.diff(time_s, prepend=time_s[:1])
+    steps[starts] = 2.0 * abs(delay_s) + 1.0
+    clock = np.cumsum(steps)
     first, last = starts[piece][rows], np.append(starts[1:], len(run))[piece][rows] - 1
     at = np.clip(clock[rows] - delay_s, clock[first], clock[last])
     alone = first == last
@@ -127,13 +130,6 @@ def _interpolate(
     weights = _cubic_weights(clock[around], at[inside])
     shifted[inside] = np.einsum("nj,nj...->n...", weights, signal[around])
     return shifted
-
-
-def _one_clock(time_s: FloatArray, starts: IntArray, apart_s: float) -> FloatArray:
-    """Times [s] (n,) that also increase from run to run, by more than `apart_s`."""
-    steps = np.diff(time_s, prepend=time_s[:1])
-    steps[starts] = 2.0 * apart_s + 1.0
-    return np.cumsum(steps)
 
 
 def _cubic_weights(times: FloatArray, at: FloatArray) -> FloatArray:
