@@ -142,7 +142,9 @@ def _fitted_anywhere(
     best = fit_model(data, model, rival.solution.parameters, good, cache)
     for effect in own:
         if effect.inner:
-            looked = search_inner(best.problem, model, effect, best.solution.parameters, effect.starts(data))
+            looked = search_inner(
+                best.problem, model, effect, best.solution.parameters, effect.starts(best.data)
+            )
             found = refine_inner(best.problem, model, effect, looked).best
             there = fit_model(data, model, found.parameters, good, cache)
             best = min(best, there, key=lambda one: one.solution.sse)

@@ -10,6 +10,7 @@ from estimation.effects import EFFECTS
 from estimation.fit.fit_result import fit_model
 from estimation.models import MODELS
 from tests.estimation.contact_data import channel
+from tests.estimation.study.joints import joints
 
 K, C = 500.0, 20.0
 
@@ -121,3 +122,12 @@ def test_what_two_experiments_tell_of_one_pair_adds_up():
     both = experiment(0.1).along_with(experiment(0.1))
     assert both.leads[0] == pytest.approx(np.array([[0.0, 1.0 - (2.0 / 0.9**2 - 1.0) ** -0.5], [0.0, 0.0]]))
     assert both.duration_s == 2.0
+
+
+def test_an_effect_that_needs_the_load_of_a_joint_is_fitted_again_from_its_starts():
+    (joint, _), (planned, _) = joints(), joints(seed=1)
+    base = MODELS["inertia"]().build(ModelContext())
+    starts = {"joint_elasticity.compliance": 1e-3}
+    names = ("joint_elasticity", "coulomb_friction")
+    fits = [fit_model(joint, base.with_effect(EFFECTS[name]()), starts) for name in names]
+    assert np.isfinite(Rivals.of(fits).expected(planned, np.random.default_rng(0))).all()
