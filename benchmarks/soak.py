@@ -56,7 +56,7 @@ TOLERANCE_RAD, TOLERANCE_N = (
 SETTLED_S = 0.05  # from the start: the plant is not yet known at the time of the first samples
 
 
-class Truth:
+class TruthLog:
     """What was true of late, for a sample to be held against."""
 
     def __init__(self, arm: WiredArm) -> None:
@@ -129,7 +129,7 @@ def probe(name: str, rng: np.random.Generator, tally: Tally) -> None:
     }
     faults = {bus: Faults(some, seed=seed, start_s=clock.now_s()) for bus, some in planned.items()}
     arm = wire_up(robot_file, load_scenario("default"), clock, faults)
-    truth = Truth(arm)
+    truth = TruthLog(arm)
     plan = ProbingPlan(speeds_m_s=(SPEEDS_M_S.get(name, 0.1),), hold_s=0.5)
     begun_s, cause = clock.now_s(), ""
     try:

@@ -82,7 +82,7 @@ class Pipe(OperatorBench):
             os.close(self.writer)
 
 
-class Gamepad(Pipe):
+class GamepadBench(Pipe):
     name = "gamepad"
 
     def move(self):
@@ -96,7 +96,7 @@ class Gamepad(Pipe):
         self.send(struct.pack("=IhBB", 1, 1, 1, 0))
 
 
-class Mouse(Pipe):
+class MouseBench(Pipe):
     name = "mouse"
 
     def move(self):
@@ -108,7 +108,7 @@ class Mouse(Pipe):
         self.send(bytes([0x09, 0, 0]))
 
 
-class Keyboard(OperatorBench):
+class KeyboardBench(OperatorBench):
     name = "keyboard"
 
     def settings(self):
@@ -147,7 +147,7 @@ def _compiled_stand_in():
     return folder / "libHD.so"
 
 
-class Touch(OperatorBench):
+class TouchBench(OperatorBench):
     name = "touch"
     clock_type = MonotonicClock
     oldest_s = 60.0
@@ -191,7 +191,7 @@ class Touch(OperatorBench):
         self.library.stand_in_press(0)
 
 
-class LeaderArm(OperatorBench):
+class LeaderArmBench(OperatorBench):
     name = "leader_arm"
 
     def settings(self):
@@ -218,4 +218,4 @@ class LeaderArm(OperatorBench):
         self.bus.faults.unplugged = True
 
 
-BENCHES = (Scripted, Keyboard, Mouse, Gamepad, Touch, LeaderArm)
+BENCHES = (Scripted, KeyboardBench, MouseBench, GamepadBench, TouchBench, LeaderArmBench)

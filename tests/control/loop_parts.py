@@ -79,7 +79,7 @@ class MemoryLog:
         return [text for _, event_kind, text in self.events if event_kind == kind]
 
 
-class Swing:
+class SwingTask:
     """Moves the joints with a constant torque, and may fail or end at a given tick."""
 
     def __init__(

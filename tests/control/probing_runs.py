@@ -11,7 +11,7 @@ from control.loop.task import Phase, TaskEvent, TaskOutput
 from control.probing.plan import ProbingPlan
 from control.probing.task import ProbingTask
 from robot_io.types import Measurement
-from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, Plant, test_arm
+from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, ReferencePlant, test_arm
 
 TICK_S = 0.001
 WIDE = (np.full(3, -3.1), np.full(3, 3.1))
@@ -49,11 +49,11 @@ class ProbingRecord:
 
 def plant_above(
     height_m: float = 0.08, x_m: float = 0.42, elbow: Elbow = Elbow.POSITIVE, **settings
-) -> Plant:
+) -> ReferencePlant:
     """The reference plant with its tool pointing down at a height."""
     arm = PlanarArm(test_arm(), TOOL_AXIS_TIP)
     start = arm.solve(np.array([x_m, 0.0, height_m]), DOWN, elbow)
-    return Plant(start.position_rad.copy(), **settings)
+    return ReferencePlant(start.position_rad.copy(), **settings)
 
 
 def probing_task(plan: ProbingPlan, gains: Gains | None = None, limits=WIDE, **more) -> ProbingTask:
@@ -65,7 +65,7 @@ def started(plan: ProbingPlan, **limits) -> None:
     probing_task(plan, **limits).start(plant_above().measure())
 
 
-def push(plant: Plant, force_n: Callable[[], float]) -> None:
+def push(plant: ReferencePlant, force_n: Callable[[], float]) -> None:
     """From now on the force sensor feels `force_n()` as well."""
     truth = plant.measure
 
@@ -76,7 +76,7 @@ def push(plant: Plant, force_n: Callable[[], float]) -> None:
     plant.measure = measure
 
 
-def run_probing(plant: Plant, task: ProbingTask, limit_s: float = 60.0) -> ProbingRecord:
+def run_probing(plant: ReferencePlant, task: ProbingTask, limit_s: float = 60.0) -> ProbingRecord:
     measurement: Measurement = plant.measure()
     task.start(measurement)
     rows, outputs, events = [], [], []

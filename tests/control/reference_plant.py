@@ -52,7 +52,7 @@ def forward_dynamics(
 
 
 @dataclass
-class Plant:
+class ReferencePlant:
     """An arm above a Kelvin-Voigt object with a horizontal surface; pressing down is positive."""
 
     position_rad: np.ndarray

@@ -19,7 +19,7 @@ from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
 from robot_io.robot import RobotState
 from robot_io.session import Session, SessionMetadata, SessionWriter
 from robot_io.types import Command
-from tests.control.loop_parts import JOINTS, RATE_HZ, MemoryLog, MockArm, Swing
+from tests.control.loop_parts import JOINTS, RATE_HZ, MemoryLog, MockArm, SwingTask
 
 
 def run(arm, task, log=None, **options):
@@ -28,7 +28,7 @@ def run(arm, task, log=None, **options):
 
 
 def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
-    arm, task = MockArm(), Swing(done_at=200)
+    arm, task = MockArm(), SwingTask(done_at=200)
     result, log = run(arm, task)
     assert result.outcome is Outcome.FINISHED
     assert (result.cause, result.ticks, result.overruns) == ("", 200, 0)
@@ -41,7 +41,7 @@ def test_a_task_that_is_done_ends_the_run_with_the_torque_off():
 
 def test_records_hold_what_was_measured_wanted_and_sent():
     arm = MockArm()
-    _, log = run(arm, Swing(done_at=50, torque_nm=0.1))
+    _, log = run(arm, SwingTask(done_at=50, torque_nm=0.1))
     assert np.allclose(log.column("torque_commanded_nm"), 0.1)
     assert np.array_equal(log.column("torque_sent_nm"), arm.sent_nm)
     assert np.array_equal(log.column("phase"), [Phase.LOADING] * 50)
@@ -53,7 +53,7 @@ def test_records_hold_what_was_measured_wanted_and_sent():
 
 
 def test_the_events_of_the_task_are_logged_at_their_tick():
-    _, log = run(MockArm(), Swing(done_at=10))
+    _, log = run(MockArm(), SwingTask(done_at=10))
     assert [(time_s, text) for time_s, kind, text in log.events if kind == "touch"] == [
         (log.column("time_s")[2], "touched")
     ]
@@ -74,7 +74,7 @@ def test_what_a_task_aims_at_is_recorded_where_it_belongs():
 
 
 def test_each_step_is_one_period_after_the_one_before():
-    task = Swing(done_at=30)
+    task = SwingTask(done_at=30)
     run(MockArm(), task)
     assert task.dts_s == pytest.approx([1.0 / RATE_HZ] * 30)
 
@@ -82,7 +82,7 @@ def test_each_step_is_one_period_after_the_one_before():
 def test_ten_thousand_ticks_end_where_ten_thousand_periods_end():
     arm = MockArm()
     arm.plant.advance = lambda time_s: setattr(arm.plant, "time_s", time_s)  # it stands still, quickly
-    result, _ = run(arm, Swing(done_at=10_000, torque_nm=0.0), log=_Silent())
+    result, _ = run(arm, SwingTask(done_at=10_000, torque_nm=0.0), log=_Silent())
     assert result.ticks == 10_000
     assert arm.clock.now_s() == pytest.approx(10.0, abs=1e-10)
 
@@ -106,7 +106,7 @@ class _LateClock(SimulatedClock):
 
 def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
     arm = MockArm(clock := _LateClock())
-    result, log = run(arm, Swing(done_at=30, torque_nm=0.0))
+    result, log = run(arm, SwingTask(done_at=30, torque_nm=0.0))
     assert log.column("lateness_s") == pytest.approx(clock.lateness_s, abs=1e-9)
     assert log.column("time_s") - log.column("lateness_s") == pytest.approx(1e-3 * np.arange(1, 31))
     assert result.timing["lateness"].max_s == pytest.approx(6e-4)
@@ -114,7 +114,7 @@ def test_lateness_counts_from_when_a_tick_was_due_and_does_not_shift_the_next():
 
 
 def test_what_stop_asks_for_is_a_safe_stop():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     result, log = run(arm, task, stop=lambda: "enough is known" * (task.steps >= 40))
     assert result.outcome is Outcome.STOPPED
     assert result.cause == "stopped: enough is known"
@@ -135,7 +135,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
 
     arm = MockArm()
     arm.plant.hand_force_n = 3.0
-    _, log = run(arm, Swing(done_at=20), observer=observe)
+    _, log = run(arm, SwingTask(done_at=20), observer=observe)
     assert min(force_n for _, force_n in seen) > 2.0
     assert seen == list(zip(log.column("run"), log.column("force_n"), strict=True))
     assert np.array_equal(log.column("stiffness_n_m"), 501.0 + np.arange(20))
@@ -146,7 +146,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
 def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
     monkeypatch.setattr(control.loop.loop, "perf_counter", lambda: next(looks))
-    result, log = run(MockArm(), Swing(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
+    result, log = run(MockArm(), SwingTask(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
     assert list(result.timing) == list(SECTIONS)
     assert all(section.count == 200 for section in result.timing.values())
     parts = [result.timing[name].max_s for name in SECTIONS if name not in {"tick", "lateness"}]
@@ -169,14 +169,14 @@ def test_reading_gives_up_in_time_for_the_command_and_that_before_the_next_tick(
         return hooked
 
     arm.bus.poll, arm.bus.flush = timed("read", arm.bus.poll), timed("write", arm.bus.flush)
-    run(arm, Swing(done_at=20))
+    run(arm, SwingTask(done_at=20))
     assert 0.5 / RATE_HZ <= min(left_s["read"][1:]) <= max(left_s["read"][1:]) <= 0.75 / RATE_HZ
     assert left_s["read"][0] == pytest.approx(1.0 / RATE_HZ)  # nothing is commanded before the first tick
     assert left_s["write"][:20] == pytest.approx([1.0 / RATE_HZ] * 20)
 
 
 def test_an_overrun_is_counted_skipped_and_told_to_the_task():
-    arm, task = MockArm(), Swing(done_at=20)
+    arm, task = MockArm(), SwingTask(done_at=20)
 
     def stall():
         if task.steps == 10:
@@ -203,7 +203,7 @@ def test_the_loop_waits_for_the_first_samples_with_the_torque_off():
             arm.on_poll = lambda: None
 
     arm.on_poll = sample_later
-    result, _ = run(arm, Swing(done_at=5))
+    result, _ = run(arm, SwingTask(done_at=5))
     assert result.outcome is Outcome.FINISHED
 
 
@@ -211,7 +211,7 @@ def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
     arm = MockArm()
     arm.faults.silent.add("force")
     with pytest.raises(DeviceTimeoutError, match="after 1 s: force sensor: no sample yet"):
-        run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=4.0)
+        run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=4.0)
     assert arm.clock.now_s() == 1.0
     assert arm.sent_nm == []
 
@@ -219,7 +219,7 @@ def test_a_sensor_that_never_samples_is_named_and_the_arm_is_not_powered():
 def test_an_arm_that_is_outside_its_limits_is_not_powered():
     arm = MockArm()
     arm.plant.angle_rad = np.cumsum([-1.0, 2.7, 1.0])
-    result, log = run(arm, Swing())
+    result, log = run(arm, SwingTask())
     assert result.outcome is Outcome.TRIPPED
     assert "joint 2" in result.cause
     assert (result.ticks, arm.sent_nm) == (0, [])
@@ -232,14 +232,14 @@ def test_a_tripped_guard_is_refused_until_it_is_rearmed():
     arm = MockArm()
     arm.guard.trip("the cable was loose")
     with pytest.raises(SafetyTripError, match="the cable was loose"):
-        run(arm, Swing())
+        run(arm, SwingTask())
 
 
 def test_the_same_arm_and_guard_run_again():
     arm = MockArm()
     for _ in range(2):
         begun_s = time.perf_counter()
-        result, log = run(arm, Swing(done_at=30, torque_nm=0.01))
+        result, log = run(arm, SwingTask(done_at=30, torque_nm=0.01))
         assert result.outcome is Outcome.FINISHED
         assert len(log.records) == 30
         assert result.duration_s == pytest.approx(0.03, abs=1.5e-3)
@@ -270,20 +270,20 @@ def test_one_trouble_is_enough_to_be_told(trouble, words):
 def test_a_rate_that_is_none_is_refused(rate_hz):
     arm = MockArm()
     with pytest.raises(InputError, match="rate"):
-        run_loop(arm.robot, arm.guard, Swing(), arm.clock, MemoryLog(), rate_hz=rate_hz)
+        run_loop(arm.robot, arm.guard, SwingTask(), arm.clock, MemoryLog(), rate_hz=rate_hz)
 
 
 def test_a_slow_rate_is_one():
     arm = MockArm()
     log = MemoryLog()
-    assert run_loop(arm.robot, arm.guard, Swing(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
+    assert run_loop(arm.robot, arm.guard, SwingTask(done_at=1), arm.clock, log, rate_hz=0.9).ticks == 1
 
 
 def test_the_rate_limit_starts_afresh_in_each_run():
     arm = MockArm()
-    run(arm, Swing(done_at=10, torque_nm=5.0))
+    run(arm, SwingTask(done_at=10, torque_nm=5.0))
     first = len(arm.sent_nm)
-    run(arm, Swing(done_at=3, torque_nm=5.0))
+    run(arm, SwingTask(done_at=3, torque_nm=5.0))
     assert arm.sent_nm[first] == pytest.approx([3.0] * JOINTS)  # 3000 N m/s from zero, not from 5 N m
 
 
@@ -293,7 +293,7 @@ def test_a_run_is_read_back_with_units_and_events(tmp_path):
         result = run_loop(
             arm.robot,
             arm.guard,
-            Swing(fail_at=400),
+            SwingTask(fail_at=400),
             arm.clock,
             log,
             rate_hz=RATE_HZ,

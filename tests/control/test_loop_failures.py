@@ -17,7 +17,7 @@ from control.loop.task import Phase
 from robot_io.clock import MonotonicClock
 from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
 from robot_io.types import Command
-from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, MemoryLog, MockArm, Swing
+from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, MemoryLog, MockArm, SwingTask
 
 PERIOD_S = 1.0 / RATE_HZ
 
@@ -51,7 +51,7 @@ def raising(error):
     return fail
 
 
-class Spoilt(Swing):
+class Spoilt(SwingTask):
     """From a tick on another thing is made of its output."""
 
     def __init__(self, spoil, since=100, **options):
@@ -65,7 +65,7 @@ class Spoilt(Swing):
 
 def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
     arm = MockArm()
-    result, log = run(arm, Swing(fail_at=100, torque_nm=0.5))
+    result, log = run(arm, SwingTask(fail_at=100, torque_nm=0.5))
     assert result.outcome is Outcome.TRIPPED
     assert result.cause == "the task: ZeroDivisionError: the controller has a bug"
     assert log.texts("trip") == [result.cause]
@@ -78,7 +78,7 @@ def test_an_exception_in_the_task_brakes_the_arm_and_is_chained():
 
 
 def test_a_task_that_ends_the_program_brakes_the_arm_first():
-    arm, task = MockArm(), Swing(torque_nm=0.5)
+    arm, task = MockArm(), SwingTask(torque_nm=0.5)
     task.step = raising(SystemExit(7))
     result, log = run(arm, task)
     assert (result.outcome, result.cause) == (Outcome.TRIPPED, "the task: RuntimeError: SystemExit 7")
@@ -87,7 +87,7 @@ def test_a_task_that_ends_the_program_brakes_the_arm_first():
 
 
 def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     task.start = raising(InputError("target 2 is out of reach"))
     with pytest.raises(InputError, match="out of reach"):
         run(arm, task)
@@ -96,14 +96,14 @@ def test_what_fails_before_the_first_tick_is_passed_on_and_nothing_is_sent():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "activate"))
     with pytest.raises(DeviceError, match="refuses to activate"):
-        run(arm, Swing())
+        run(arm, SwingTask())
     assert ("torque", "deactivate") in arm.bus.calls
     assert arm.sent_nm == []
 
 
 @pytest.mark.parametrize("held_s", [0.04, 0.2])
 def test_what_was_computed_before_a_hold_up_is_not_sent_after_it(held_s):
-    arm, task = MockArm(), Swing(done_at=120)
+    arm, task = MockArm(), SwingTask(done_at=120)
     compute = task.step
 
     def held_up(measurement, dt_s):
@@ -124,7 +124,7 @@ def test_what_was_computed_before_a_hold_up_is_not_sent_after_it(held_s):
 
 def test_an_exception_in_stop_is_a_reason_to_stop():
     arm = MockArm()
-    result, log = run(arm, Swing(), stop=raising(OSError("no such pipe")))
+    result, log = run(arm, SwingTask(), stop=raising(OSError("no such pipe")))
     assert result.outcome is Outcome.TRIPPED
     assert "no such pipe" in result.cause
     assert_came_to_rest(arm, log)
@@ -163,7 +163,7 @@ def test_a_tracking_error_is_judged_against_the_reference_of_the_tick_before():
 def test_a_failing_observer_is_switched_off_and_the_task_goes_on(observe, error):
     calls = []
     result, log = run(
-        MockArm(), Swing(done_at=50), observer=lambda *seen: calls.append(seen) or observe(*seen)
+        MockArm(), SwingTask(done_at=50), observer=lambda *seen: calls.append(seen) or observe(*seen)
     )
     assert (result.outcome, result.ticks, len(calls)) == (Outcome.FINISHED, 50, 1)
     assert error in result.observer_error
@@ -174,19 +174,19 @@ def test_a_failing_observer_is_switched_off_and_the_task_goes_on(observe, error)
 def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
     arm, log = MockArm(), MemoryLog()
     log.error = OSError(28, "No space left on device")
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks, result.log_failures) == (Outcome.FINISHED, 50, 50)
     assert len(log.texts("log_failed")) == 1
     assert all("No space left" in said for said in (result.log_error, result.one_line()))
     arm, log = MockArm(), MemoryLog()
     log.append = log.event = raising(OSError("gone"))
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.outcome, result.ticks) == (Outcome.FINISHED, 50)
     arm, log = MockArm(), MemoryLog()
     log.event = raising(OSError("gone"))
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=2), arm.clock, log, rate_hz=RATE_HZ)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=2), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_failures, result.log_error) == (0, "")  # nothing has happened yet
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=50), arm.clock, log, rate_hz=RATE_HZ)
     assert result.log_failures == 2  # the touch, and that it was not logged
     assert result.log_error == "OSError: gone"
 
@@ -194,12 +194,12 @@ def test_a_log_that_fails_is_counted_and_does_not_stop_the_arm():
 def test_a_disk_that_failed_behind_the_log_is_in_the_result():
     arm, log = MockArm(), MemoryLog()
     log.failure, log.dropped = "the disk is full", 7
-    result = run_loop(arm.robot, arm.guard, Swing(done_at=5), arm.clock, log, rate_hz=RATE_HZ)
+    result = run_loop(arm.robot, arm.guard, SwingTask(done_at=5), arm.clock, log, rate_hz=RATE_HZ)
     assert (result.log_error, result.dropped) == ("the disk is full", 7)
 
 
 def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     arm.on_poll = lambda: arm.faults.silent.update({"force"} if task.steps >= 30 else ())
     result, log = run(arm, task)
     assert "force sensor" in result.cause
@@ -210,7 +210,7 @@ def test_a_stale_sensor_trips_within_its_age_limit_and_two_ticks():
 
 
 def test_a_bus_that_fails_in_reading_trips_and_is_named():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     arm.on_poll = lambda: setattr(arm.faults, "unplugged", task.steps == 30)
     result, log = run(arm, task)
     assert result.outcome is Outcome.TRIPPED
@@ -221,7 +221,7 @@ def test_a_bus_that_fails_in_reading_trips_and_is_named():
 
 
 def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     fail = raising(IndexError("bug in a driver"))
     arm.on_poll = lambda: fail() if task.steps == 30 else None
     result, log = run(arm, task)
@@ -235,7 +235,7 @@ def test_a_driver_bug_in_reading_trips_and_shows_old_values_as_old():
 
 
 def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
-    arm, task = MockArm(), Swing()
+    arm, task = MockArm(), SwingTask()
     unplug = raising(DeviceError("bus off"))
     arm.on_flush = lambda: unplug() if task.steps == 30 else None
     result, log = run(arm, task)
@@ -252,7 +252,7 @@ def test_commands_that_cannot_be_sent_are_tried_each_tick_and_counted():
 def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "deactivate"))
-    result, _ = run(arm, Swing(done_at=20))
+    result, _ = run(arm, SwingTask(done_at=20))
     assert result.outcome is Outcome.TRIPPED
     assert "refuses to deactivate" in result.deactivation_error
     assert "the torque may still be on" in result.one_line()
@@ -264,14 +264,14 @@ def test_torque_that_could_not_be_switched_off_is_never_called_a_good_end():
 def test_why_the_arm_was_stopped_is_said_beside_a_torque_that_is_still_on():
     arm = MockArm()
     arm.faults.refuse.add(("torque", "deactivate"))
-    result, _ = run(arm, Swing(fail_at=20))
+    result, _ = run(arm, SwingTask(fail_at=20))
     with pytest.raises(SafetyTripError, match=r"cut the power.*; the arm was stopped: the task: Zero"):
         result.raise_for_trip()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
-    arm, task = MockArm(), Swing(torque_nm=0.5)
+    arm, task = MockArm(), SwingTask(torque_nm=0.5)
 
     def press():
         if task.steps == 100:  # at each poll of the stop again
@@ -290,7 +290,7 @@ def test_ctrl_c_is_a_safe_stop_that_a_second_one_does_not_shorten(number):
 
 
 def test_the_first_cause_is_kept():
-    arm, task = MockArm(), Swing(fail_at=40)
+    arm, task = MockArm(), SwingTask(fail_at=40)
 
     def press():
         if task.steps == 40:
@@ -306,7 +306,7 @@ def test_the_first_cause_is_kept():
 @pytest.mark.parametrize("outcome", [Outcome.FINISHED, Outcome.STOPPED])
 def test_the_same_loop_runs_and_stops_on_the_machine_s_clock(outcome):
     # no torque: an arm that a busy machine leaves alone must not reach its limits
-    arm, task = MockArm(MonotonicClock(), age_limit_s=1.0), Swing(done_at=50, torque_nm=0.0)
+    arm, task = MockArm(MonotonicClock(), age_limit_s=1.0), SwingTask(done_at=50, torque_nm=0.0)
     if outcome is Outcome.STOPPED:
         press = partial(os.kill, os.getpid(), signal.SIGINT)
         arm.on_poll = lambda: press() if task.steps >= 20 else None
@@ -355,14 +355,14 @@ def test_a_fault_of_the_loop_itself_brakes_the_arm_too(monkeypatch):
     fail = raising(IndexError("a bug in the loop"))
     monkeypatch.setattr(tick_record, "tick_record", lambda tick: fail() if next(calls) == 100 else made(tick))
     arm = MockArm()
-    result, log = run(arm, Swing(torque_nm=0.5))
+    result, log = run(arm, SwingTask(torque_nm=0.5))
     assert result.cause == "the loop: IndexError: a bug in the loop"
     assert_came_to_rest(arm, log)
     assert log.column("guard_tripped").sum() > STOP_TIME_S * RATE_HZ / 2
 
 
 def test_a_guard_that_fails_while_it_stops_the_arm_leaves_the_torque_off_at_once():
-    arm, task = MockArm(), Swing(fail_at=50)
+    arm, task = MockArm(), SwingTask(fail_at=50)
     limit = arm.guard.limit
 
     def faulty_limit(command, measurement, dt_s):

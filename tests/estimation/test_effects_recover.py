@@ -16,7 +16,7 @@ NOISE = 1e-3  # of the effort's size
 
 
 @dataclass(frozen=True)
-class Case:
+class RecoveryCase:
     """Data with a known truth."""
 
     data: object  # the channel, without noise
@@ -54,7 +54,7 @@ def hertz(length=1.0, effort=1.0):
     (t, x, force), run = runs(parts)
     k = 4 / 3 * modulus * np.sqrt(radius) * effort / length**1.5
     data = channel(CONTACT, t, x * length, force * effort, run=run)
-    return Case(data, (), {"power_law_stiffness.n": 1.5, "power_law_stiffness.k": k}, 0.03)
+    return RecoveryCase(data, (), {"power_law_stiffness.n": 1.5, "power_law_stiffness.k": k}, 0.03)
 
 
 def fung(length=1.0, effort=1.0):
@@ -65,7 +65,7 @@ def fung(length=1.0, effort=1.0):
     data = channel(CONTACT, t, x * length, force * effort, run=run)
     truth = {"b": steep / length, "a": at_rest / steep * effort}
     truth = {f"exponential_stiffness.{name}": value for name, value in truth.items()}
-    return Case(data, ("stiffness",), truth | {"stiffness.k": at_rest * effort / length}, 0.05)
+    return RecoveryCase(data, ("stiffness",), truth | {"stiffness.k": at_rest * effort / length}, 0.05)
 
 
 def quasi_linear(length=1.0, effort=1.0):
@@ -91,7 +91,7 @@ def quasi_linear(length=1.0, effort=1.0):
     data = channel(CONTACT, t, x * length, force * effort, run=run)
     truth = {"fast": fast, "slow": slow, "fast_time": sooner, "slow_time": later}
     truth = {f"relaxation_spectrum.{name}": value for name, value in truth.items()}
-    return Case(data, ("power_law_stiffness",), truth | {"power_law_stiffness.n": 2.2}, 0.05)
+    return RecoveryCase(data, ("power_law_stiffness",), truth | {"power_law_stiffness.n": 2.2}, 0.05)
 
 
 def scale_free(length=1.0, effort=1.0):
@@ -105,7 +105,7 @@ def scale_free(length=1.0, effort=1.0):
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x * length, force * effort, run=run)
     truth = {"power_law_relaxation.share": share, "power_law_relaxation.alpha": alpha}
-    return Case(data, ("power_law_stiffness",), truth | {"power_law_stiffness.n": 2.0}, 0.05)
+    return RecoveryCase(data, ("power_law_stiffness",), truth | {"power_law_stiffness.n": 2.0}, 0.05)
 
 
 def maxwell_branch(length=1.0, effort=1.0):
@@ -126,7 +126,7 @@ def maxwell_branch(length=1.0, effort=1.0):
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x * length, force * effort, run=run)
     truth = {"stress_relaxation.k1": branch * effort / length, "stress_relaxation.tau": tau}
-    return Case(data, ("stiffness",), truth, 0.03)
+    return RecoveryCase(data, ("stiffness",), truth, 0.03)
 
 
 def dahl(t, v, path):
@@ -147,7 +147,7 @@ def presliding(length=1.0, effort=1.0):
     torque = 0.4 * v + 1.3 * dahl(t, v, 0.05)
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length)
     truth = {"presliding_friction.force": 1.3 * effort, "presliding_friction.presliding": 0.05 * length}
-    return Case(data, ("viscous_friction",), truth)
+    return RecoveryCase(data, ("viscous_friction",), truth)
 
 
 def loaded_presliding(length=1.0, effort=1.0):
@@ -157,7 +157,7 @@ def loaded_presliding(length=1.0, effort=1.0):
     context = {"load": load * effort}
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length, context=context)
     truth = {"load_dependent_presliding.mu": 0.3, "load_dependent_presliding.presliding": 0.03 * length}
-    return Case(data, ("weight", "bias"), truth)
+    return RecoveryCase(data, ("weight", "bias"), truth)
 
 
 def yielding(length=1.0, effort=1.0):
@@ -184,7 +184,7 @@ def yielding(length=1.0, effort=1.0):
         "unloading": 2 * across / (across + along) - 1,
     }
     truth = {f"bouc_wen_hysteresis.{name}": value for name, value in truth.items()}
-    return Case(data, ("viscous_friction",), truth, 0.05)
+    return RecoveryCase(data, ("viscous_friction",), truth, 0.05)
 
 
 def leaning(length=1.0, effort=1.0):
@@ -198,7 +198,7 @@ def leaning(length=1.0, effort=1.0):
     context = {"load": load * effort}
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length, context=context)
     truth = {"loaded_backlash.gap": 0.2 * length, "stiffness.k": 5.0 * effort / length}
-    return Case(data, ("stiffness", "viscous_friction"), truth, 0.05, left=0.05)
+    return RecoveryCase(data, ("stiffness", "viscous_friction"), truth, 0.05, left=0.05)
 
 
 def early(length=1.0, effort=1.0):
@@ -209,7 +209,7 @@ def early(length=1.0, effort=1.0):
     late = (1.0 + 0.3 * np.sin(0.01 * omega * ahead)) * np.sin(omega * ahead)
     data = channel(REVOLUTE, t, q, 4.0 * late * effort, velocity=np.zeros(3000))
     truth = {"delay.time": -0.0004 * length, "stiffness.k": 4.0 * effort}
-    return Case(data, ("stiffness",), truth, 0.03)
+    return RecoveryCase(data, ("stiffness",), truth, 0.03)
 
 
 def eccentric(length=1.0, effort=1.0):
@@ -221,7 +221,7 @@ def eccentric(length=1.0, effort=1.0):
     truth = {"cycles": 1 / length, "level": effort, "cosine": 0.4 * np.cos(0.6) * effort}
     truth = {f"position_dependent_friction.{name}": value for name, value in truth.items()}
     data = channel(REVOLUTE, t, q, torque, velocity=v)
-    return Case(data, ("viscous_friction",), truth, 0.03)
+    return RecoveryCase(data, ("viscous_friction",), truth, 0.03)
 
 
 def slotted(length=1.0, effort=1.0):
@@ -233,7 +233,7 @@ def slotted(length=1.0, effort=1.0):
     truth = {"torque_ripple.cycles": 12.0 / length} | {
         f"torque_ripple.cosine{end}": 2.0 * r**m * effort for m, end in ((1, ""), (2, "_2"), (3, "_3"))
     }
-    return Case(data, ("viscous_friction",), truth, 0.03, left=0.05)  # of small waves
+    return RecoveryCase(data, ("viscous_friction",), truth, 0.03, left=0.05)  # of small waves
 
 
 def rippling_anew(length=1.0, effort=1.0):
@@ -245,7 +245,9 @@ def rippling_anew(length=1.0, effort=1.0):
         parts.append((t, q, v, 0.4 * v + 0.7 * np.sin(18 * q + rng.uniform(0, 2 * np.pi))))
     (t, q, v, torque), run = runs(parts)
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length, run=run)
-    return Case(data, ("viscous_friction",), {"run_ripple.cycles": 18.0 / length, "run_ripple.share": 1.0})
+    return RecoveryCase(
+        data, ("viscous_friction",), {"run_ripple.cycles": 18.0 / length, "run_ripple.share": 1.0}
+    )
 
 
 def retared(length=1.0, effort=1.0):
@@ -257,7 +259,7 @@ def retared(length=1.0, effort=1.0):
     (t, q, v, torque), run = runs(parts)
     data = channel(REVOLUTE, t, q * length, torque * effort, velocity=v * length, run=run)
     truth = {"run_offset.share": 1.0, "stiffness.k": 4.0 * effort / length}
-    return Case(data, ("stiffness", "viscous_friction"), truth)
+    return RecoveryCase(data, ("stiffness", "viscous_friction"), truth)
 
 
 def other_specimens(length=1.0, effort=1.0):
@@ -266,7 +268,7 @@ def other_specimens(length=1.0, effort=1.0):
     parts = [(t, x, gain * 700.0 * x) for gain in gains for t, x, _ in press(0.01, ramps_s=(1.0,))]
     (t, x, force), run = runs(parts)
     data = channel(CONTACT, t, x * length, force * effort, run=run)
-    return Case(data, ("stiffness",), {"run_gain.share": 1.0}, 0.05)
+    return RecoveryCase(data, ("stiffness",), {"run_gain.share": 1.0}, 0.05)
 
 
 def warming(length=1.0, effort=1.0):
@@ -278,7 +280,7 @@ def warming(length=1.0, effort=1.0):
     data = channel(
         REVOLUTE, t, q * length, torque * effort, velocity=v * length, context=context, recorded=recorded
     )
-    return Case(data, ("stiffness",), {"recorded_dependence.change_temperature": change})
+    return RecoveryCase(data, ("stiffness",), {"recorded_dependence.change_temperature": change})
 
 
 def wrist(length=1.0, effort=1.0):
@@ -306,7 +308,7 @@ def wrist(length=1.0, effort=1.0):
         "joint_coupling.viscous": drag * ratio**2 * effort / length,
         "joint_coupling.coulomb": dry * ratio * effort,
     }
-    return Case(data, ("viscous_friction",), truth, 0.03)
+    return RecoveryCase(data, ("viscous_friction",), truth, 0.03)
 
 
 def winding_up(length=1.0, effort=1.0):
@@ -320,7 +322,7 @@ def winding_up(length=1.0, effort=1.0):
     told = load + 1e-3 * np.random.default_rng(1).standard_normal(len(t))  # as a model has it from readings
     data = channel(REVOLUTE, t, motor * length, load * effort, context={"load": told * effort})
     truth = {"joint_elasticity.compliance": 2e-3 * length / effort, "stiffness.k": 5.0 * effort / length}
-    return Case(data, ("stiffness", "inertia"), truth, 0.05)
+    return RecoveryCase(data, ("stiffness", "inertia"), truth, 0.05)
 
 
 def a_tool_that_bends(length=1.0, effort=1.0):
@@ -338,7 +340,7 @@ def a_tool_that_bends(length=1.0, effort=1.0):
     force = (x - law.y[0]) / tool
     data = channel(CONTACT, t, x * length, force * effort)
     truth = {"tool_compliance.compliance": tool * length / effort, "stiffness.k": spring * effort / length}
-    return Case(data, ("stiffness", "damping"), truth, 0.05)
+    return RecoveryCase(data, ("stiffness", "damping"), truth, 0.05)
 
 
 CASES = {

@@ -176,7 +176,7 @@ class Drag(JointEffect):
         return [t - 3.0 * v for t, v in zip(torque_nm, state.velocity_rad_s, strict=True)]
 
 
-class Offset(SensorHook):
+class ConstantOffset(SensorHook):
     def __init__(self, amount):
         self.amount = amount
 
@@ -214,7 +214,11 @@ def test_a_joint_effect_acts_on_the_links_and_the_drives_do_not_see_it():
 
 
 def test_sensor_effects_act_on_their_own_sensor():
-    hidden = HiddenEffects(force=(Offset(1.0), Offset(0.5)), torque=(Offset(2.0),), encoder=(Offset(0.25),))
+    hidden = HiddenEffects(
+        force=(ConstantOffset(1.0), ConstantOffset(0.5)),
+        torque=(ConstantOffset(2.0),),
+        encoder=(ConstantOffset(0.25),),
+    )
     quiet = {
         "force": {"noise_std_n": 0.0},
         "torque": {"noise_std_nm": 0.0},

@@ -9,11 +9,11 @@ from robot_io.errors import DeviceTimeoutError
 from robot_io.guard import Guard
 from robot_io.types import Status
 from sim_backend.emulators import FaultKind
-from tests.control.loop_parts import MemoryLog, Swing
+from tests.control.loop_parts import MemoryLog, SwingTask
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE
 
 
-class Start(Swing):
+class Start(SwingTask):
     """Keeps what it was started from, and how old that was."""
 
     def __init__(self, clock) -> None:

@@ -11,7 +11,7 @@ from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
 from control.teleop.target_queue import TargetQueue
 from robot_io.link import Target, TargetState, short_number, target_number
 from tests.control.probing_runs import TICK_S, WIDE, plant_above
-from tests.control.reference_plant import TOOL_AXIS_TIP, Plant, test_arm
+from tests.control.reference_plant import TOOL_AXIS_TIP, ReferencePlant, test_arm
 from tests.robot_io.link.link_parts import intent, target
 
 PLAN = ProbingPlan(speeds_m_s=(0.1, 0.05), hold_s=0.1, settle_s=0.05, free_air_s=0.1)
@@ -22,7 +22,7 @@ class FollowerRig:
     """A follower on the reference plant; `until` runs it."""
 
     def __init__(self, on_silence: OnSilence = OnSilence.FINISH) -> None:
-        self.plant: Plant = plant_above()
+        self.plant: ReferencePlant = plant_above()
         self.queue = TargetQueue()
         self.queue.linked = True
         body = test_arm()

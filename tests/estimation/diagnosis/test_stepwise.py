@@ -8,7 +8,7 @@ from estimation.diagnosis import search as module
 from estimation.diagnosis.search import MOST_EFFECTS, backward_step, select_effects
 
 
-class World:
+class SearchedModels:
     """Models are sets of letters; `left` says what each leaves, 100 or more where it does not."""
 
     coarse = None
@@ -114,13 +114,13 @@ def came_to(found):
 )
 def test_effects_are_added_as_long_as_one_is_needed_and_needless_ones_dropped(left, found):
     assert len("abcd") == MOST_EFFECTS
-    world = World(left)
+    world = SearchedModels(left)
     assert came_to(module._forward_selection(world, world.start)) == found
 
 
 def test_what_looking_back_undoes_ends_the_climb():
     """An unsound effect is found again and again, and dropped each time."""
-    world = World({"": 100, "a": 50}, unsound=["a"])
+    world = SearchedModels({"": 100, "a": 50}, unsound=["a"])
     assert module._forward_selection(world, world.start) is world.start
 
 
@@ -139,7 +139,7 @@ def test_what_looking_back_undoes_ends_the_climb():
 def test_looking_back_drops_what_is_needless_and_exchanges_what_another_does_better(
     left, world, begun, found
 ):
-    made = World(left, **world)
+    made = SearchedModels(left, **world)
     assert came_to(backward_step(made, made.at(begun))) == found
 
 
@@ -161,7 +161,7 @@ MISLED = {"": 100, "a": 50, "b": 55, "bc": 10}
 def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_something(
     left, complete, forms, found
 ):
-    assert came_to(sought(World(left), lambda one: came_to(one) in complete, forms=forms)) == found
+    assert came_to(sought(SearchedModels(left), lambda one: came_to(one) in complete, forms=forms)) == found
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_forms_of_all_kinds_are_tried_where_the_best_effects_one_by_one_leave_so
 )
 def test_draws_decide_only_where_little_is_left(smooth, floor, found):
     """Of the error that a smooth law explains, or within a twentieth of the floor."""
-    world = World(MISLED, smooth=smooth, floor=floor)
+    world = SearchedModels(MISLED, smooth=smooth, floor=floor)
     assert came_to(sought(world, lambda one: came_to(one) == "a", forms="bc")) == found
 
 
@@ -191,18 +191,18 @@ THREE = {"": 100, "a": 50, "ab": 20, "abc": 10, "d": 99, "de": 9}
     ],
 )
 def test_pairs_are_tried_where_more_than_two_effects_are_needed(complete, part, found):
-    world = World(THREE)
+    world = SearchedModels(THREE)
     assert came_to(sought(world, lambda one: came_to(one) in complete, lambda one: world.at(part))) == found
 
 
 def test_what_came_out_unsound_is_not_taken():
-    world = World(MISLED, unsound=["bc"])
+    world = SearchedModels(MISLED, unsound=["bc"])
     assert came_to(sought(world, lambda one: False, forms="bc")) == "a"
 
 
 def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there():
-    whole = World({"": 100, "a": 50, "b": 20, "ab": 19.9})
-    whole.coarse = World({"": 100, "a": 50, "ab": 20})
+    whole = SearchedModels({"": 100, "a": 50, "b": 20, "ab": 19.9})
+    whole.coarse = SearchedModels({"": 100, "a": 50, "ab": 20})
     assert came_to(sought(whole, lambda one: True)) == "b"
     assert "abc" not in whole.fits
 
@@ -210,5 +210,5 @@ def test_what_a_sketch_found_is_fitted_to_all_and_needless_effects_dropped_there
 def test_of_second_effects_the_best_pairs_come_first():
     left = {"": 100, **dict.fromkeys("abcdef", 99)}
     pairs = {"ab": 30, "ac": 40, "ad": 50, "ae": 10.5, "bc": 10, "cd": 60, "ef": 70}
-    world = World({**left, **pairs})
+    world = SearchedModels({**left, **pairs})
     assert [came_to(one) for one in module._pairs(world)] == ["bc", "bc", "ae", "ae"]

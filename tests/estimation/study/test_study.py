@@ -257,7 +257,7 @@ def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
     assert len({id(one) for one in found}) == 1
 
 
-class Frame:
+class DictLike:
     """What a data frame of any library has: columns by name."""
 
     def __init__(self, columns):
@@ -268,7 +268,7 @@ class Frame:
         return self._columns[name]
 
 
-@pytest.mark.parametrize("made", [dict, pa.table, Frame], ids=["dict", "pyarrow", "frame"])
+@pytest.mark.parametrize("made", [dict, pa.table, DictLike], ids=["dict", "pyarrow", "frame"])
 def test_a_table_in_memory_is_read_like_its_file(made, tmp_path):
     path = write_presses(tmp_path / "p.csv")
     rows = np.loadtxt(path, delimiter=",", skiprows=1)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from robot_io.guard import Limits
-from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
+from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
 from tests.wire.parts import ROOT
 
 DOCUMENT = ROOT / "docs" / "reference" / "fault-matrix.md"
@@ -74,7 +74,7 @@ def _line(row: Row, reasons: Sequence[str]) -> str:
 
 
 def _limit(row: Row) -> str:
-    if row.ticks is None or not row.limit_ms or isinstance(row.fault, Program):
+    if row.ticks is None or not row.limit_ms or isinstance(row.fault, ProgramFault):
         return ""
     if row.limit is None:
         return f"{row.limit_ms} ms"
@@ -82,6 +82,6 @@ def _limit(row: Row) -> str:
 
 
 def _arm(row: Row) -> str:
-    if row.fault is Program.KILLED:
+    if row.fault is ProgramFault.KILLED:
         return "is let go" if row.off_ms else "holds still"
     return "goes on" if row.ticks is None else "stops"

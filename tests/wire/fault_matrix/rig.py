@@ -22,7 +22,7 @@ from robot_io.errors import SessionError
 from robot_io.guard import Guard
 from sim_backend.emulators import Fault
 from tests.log_in_process import LogInProcess
-from tests.wire.fault_matrix.rows import FAMILIES, Program, Row
+from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
 from tests.wire.parts import WireBench
 
 SESSION = "session.mcap"
@@ -78,7 +78,7 @@ class FaultRig:
         self._struck = False
         self._observer_fails = False
         self._wall_ahead_s = 1.7e9  # of the robot's clock
-        if row.fault is Program.CLOCK_BACK:
+        if row.fault is ProgramFault.CLOCK_BACK:
             self._stamp_by_wall_clock()
         if isinstance(row.fault, Fault):
             self.bench.faults[family.bus].add(row.fault)
@@ -94,7 +94,7 @@ class FaultRig:
 
     def _run_loop(self) -> LoopResult | None:
         self.robot.configure()
-        if self.row.fault is Program.DISK_FULL:
+        if self.row.fault is ProgramFault.DISK_FULL:
             self.log = SessionWriter(self.path, [tick_stream(3)], SessionMetadata(), wait_for_room=True)
         try:
             return run_loop(
@@ -116,7 +116,11 @@ class FaultRig:
         self._task.start(measurement)
 
     def step(self, measurement, dt_s):
-        if not self._struck and self.clock.now_s() >= self.row.at_s and isinstance(self.row.fault, Program):
+        if (
+            not self._struck
+            and self.clock.now_s() >= self.row.at_s
+            and isinstance(self.row.fault, ProgramFault)
+        ):
             self._struck = True
             self._strike(self.row.fault)
         return self._task.step(measurement, dt_s)
@@ -128,30 +132,30 @@ class FaultRig:
 
     def _survived(self) -> str:
         row = self.row
-        patience_s = DISK_S if row.fault is Program.DISK_FULL else GOES_ON_S
+        patience_s = DISK_S if row.fault is ProgramFault.DISK_FULL else GOES_ON_S
         late = self.clock.now_s() > row.at_s + (patience_s if row.ticks is None else PATIENCE_S)
         return ENOUGH if late else ""
 
     # What goes wrong in the program itself.
 
-    def _strike(self, what: Program) -> None:
+    def _strike(self, what: ProgramFault) -> None:
         match what:
-            case Program.EXCEPTION:
+            case ProgramFault.EXCEPTION:
                 raise ZeroDivisionError("float division by zero")
-            case Program.CTRL_C:
+            case ProgramFault.CTRL_C:
                 signal.raise_signal(signal.SIGINT)
-            case Program.TERMINATED:
+            case ProgramFault.TERMINATED:
                 signal.raise_signal(signal.SIGTERM)
-            case Program.KILLED:
+            case ProgramFault.KILLED:
                 self.robot.deactivate = lambda: None  # nobody is there who could
                 raise Killed
-            case Program.HELD_UP:
+            case ProgramFault.HELD_UP:
                 self._let_pass(HELD_UP_S)
-            case Program.CLOCK_BACK:
+            case ProgramFault.CLOCK_BACK:
                 self._wall_ahead_s -= STEP_BACK_S
-            case Program.DISK_FULL:
+            case ProgramFault.DISK_FULL:
                 self._fill_the_disk()
-            case Program.VIEWER_GONE:
+            case ProgramFault.VIEWER_GONE:
                 self._observer_fails = True
 
     def _fill_the_disk(self) -> None:

@@ -71,7 +71,7 @@ FAMILIES = {
 }
 
 
-class Program(StrEnum):
+class ProgramFault(StrEnum):
     """What goes wrong in the program itself."""
 
     EXCEPTION = "controller exception"
@@ -90,7 +90,7 @@ class Row:
 
     family: str  # key of `FAMILIES`
     name: str  # of the fault, for people
-    fault: Fault | Program  # what goes wrong
+    fault: Fault | ProgramFault  # what goes wrong
     at_s: float  # when [s]
     ticks: int | None  # from the fault until the guard has the arm, at most; None: the arm goes on
     # From the fault until the drives are without torque, at most [ms]; None: the arm goes on.
@@ -402,12 +402,12 @@ _HELD_UP = (
     "held up is not sent"
 )
 _PROGRAM_ROWS = {
-    Program.EXCEPTION: (2, BRAKED, "the task: ZeroDivisionError: float division by zero"),
-    Program.CTRL_C: (2, BRAKED, "interrupted by the user (SIGINT)"),
-    Program.TERMINATED: (2, BRAKED, "interrupted by the user (SIGTERM)"),
-    Program.CLOCK_BACK: GOES_ON,
-    Program.DISK_FULL: (*GOES_ON, "is not complete: File too large"),
-    Program.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
+    ProgramFault.EXCEPTION: (2, BRAKED, "the task: ZeroDivisionError: float division by zero"),
+    ProgramFault.CTRL_C: (2, BRAKED, "interrupted by the user (SIGINT)"),
+    ProgramFault.TERMINATED: (2, BRAKED, "interrupted by the user (SIGTERM)"),
+    ProgramFault.CLOCK_BACK: GOES_ON,
+    ProgramFault.DISK_FULL: (*GOES_ON, "is not complete: File too large"),
+    ProgramFault.VIEWER_GONE: (*GOES_ON, "online estimation was switched off: BrokenPipeError"),
 }
 _WATCHDOG_ROWS = {  # program killed (nobody is left to read), program held up
     family: ((None, off_ms, "", _CUT_OFF), (501, off_ms, "the program was held up for 0.5", _HELD_UP))
@@ -435,11 +435,11 @@ def _rows() -> Iterator[Row]:
             yield from _mit_rows()
         for what, ends in _PROGRAM_ROWS.items():
             yield Row(
-                family, what.value, what, 2 * MOVING_S if what is Program.DISK_FULL else MOVING_S, *ends
+                family, what.value, what, 2 * MOVING_S if what is ProgramFault.DISK_FULL else MOVING_S, *ends
             )
         killed, held_up = _WATCHDOG_ROWS[family]
-        yield Row(family, Program.KILLED.value, Program.KILLED, MOVING_S, *killed)
-        yield Row(family, Program.HELD_UP.value, Program.HELD_UP, MOVING_S, *held_up)
+        yield Row(family, ProgramFault.KILLED.value, ProgramFault.KILLED, MOVING_S, *killed)
+        yield Row(family, ProgramFault.HELD_UP.value, ProgramFault.HELD_UP, MOVING_S, *held_up)
     for family, pair_rows in _PAIR_ROWS.items():
         for device, name, kind, at_s, ends in pair_rows:
             times = {"times": 1} if kind is K.ALERT else {}

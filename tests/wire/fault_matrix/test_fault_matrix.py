@@ -8,7 +8,7 @@ import pytest
 from robot_io.errors import DeviceError
 from tests.wire.fault_matrix.document import DOCUMENT, document
 from tests.wire.fault_matrix.rig import FaultRig
-from tests.wire.fault_matrix.rows import HOLDS, Program, Row, rows
+from tests.wire.fault_matrix.rows import HOLDS, ProgramFault, Row, rows
 
 ROWS = tuple(rows())
 SOON = {  # each way in which a driver of each kind can be told; `make test-all` runs every row
@@ -54,7 +54,7 @@ def test_what_runs_soon_is_in_the_matrix():
     ],
 )
 def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
-    if row.fault is Program.DISK_FULL and not sys.platform.startswith("linux"):
+    if row.fault is ProgramFault.DISK_FULL and not sys.platform.startswith("linux"):
         pytest.skip("fills the disk of another process as Linux lets it")
     rig = FaultRig(row, tmp_path)
     try:
@@ -72,7 +72,7 @@ def test_a_fault_ends_as_the_matrix_says(row: Row, tmp_path):
         assert seen.torque_off_ms <= row.off_ms
     if row.because == HOLDS:
         assert seen.fastest_rad_s < 0.05
-    if row.fault is not Program.DISK_FULL:
+    if row.fault is not ProgramFault.DISK_FULL:
         assert seen.last_tick_s >= row.at_s - 2 * rig.tick_s  # nor the tick of the fault
 
 
