@@ -39,7 +39,7 @@ def import_streams(imported: Imported) -> list[tuple[Stream, Mapping[str, ArrayL
     Args:
         imported: what `import_file` made of a data file.
     """
-    return [(_stream(channel), _arrays(channel)) for channel in imported.channels]
+    return [_stream(channel) for channel in imported.channels]
 
 
 def import_extra(imported: Imported) -> dict[str, str]:
@@ -83,34 +83,28 @@ def imported_channels(session: Session) -> tuple[ChannelData, ...]:
         raise InputError(f"{session.path}, {error}") from error
 
 
-def _stream(channel: ChannelData) -> Stream:
-    names = _COLUMNS[channel.kind]
+def _stream(channel: ChannelData) -> tuple[Stream, dict[str, ArrayLike]]:
+    """One channel's stream and the values of its columns."""
     position, rate = channel.kind.position_unit, f"{channel.kind.position_unit}/s"
     units = (position, rate, f"{rate}^2", channel.kind.effort_unit)
-    columns = [
-        Column("time_s", "s", 1, "increasing within a run"),
-        Column("run", "1", 1, "number of the run", "int64"),
-        Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
-    ]
-    columns += [Column(n, u, 1, _DOCS.get(n, "")) for n, u in zip(names, units, strict=True)]
-    if channel.touching is not None:
-        columns.append(Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32"))
-    columns += [Column(_CONTEXT + name, "1", 1, "as in the data file") for name in sorted(channel.recorded)]
-    return Stream(channel.name, tuple(columns))
-
-
-def _arrays(channel: ChannelData) -> dict[str, ArrayLike]:
     motion = (channel.position, channel.velocity, channel.acceleration, channel.effort)
-    arrays: dict[str, ArrayLike] = {
-        "time_s": channel.time_s,
-        "run": channel.run,
-        "phase": channel.phase.astype(np.int32),
-    }
-    arrays.update(zip(_COLUMNS[channel.kind], motion, strict=True))
+    columns: list[tuple[Column, ArrayLike]] = [
+        (Column("time_s", "s", 1, "increasing within a run"), channel.time_s),
+        (Column("run", "1", 1, "number of the run", "int64"), channel.run),
+        (
+            Column("phase", "1", 1, "as in the stream of ticks; -1 where unknown", "int32"),
+            channel.phase.astype(np.int32),
+        ),
+    ]
+    for name, unit, values in zip(_COLUMNS[channel.kind], units, motion, strict=True):
+        columns.append((Column(name, unit, 1, _DOCS.get(name, "")), values))
     if channel.touching is not None:
-        arrays[_HELD] = channel.touching.astype(np.int32)
-    arrays.update({_CONTEXT + name: channel.context[name] for name in sorted(channel.recorded)})
-    return arrays
+        held = Column(_HELD, "1", 1, "1 where the object pulls as well as pushes", "int32")
+        columns.append((held, channel.touching.astype(np.int32)))
+    for name in sorted(channel.recorded):
+        columns.append((Column(_CONTEXT + name, "1", 1, "as in the data file"), channel.context[name]))
+    stream = Stream(channel.name, tuple(column for column, _ in columns))
+    return stream, {column.name: values for column, values in columns}
 
 
 def _channel(name: str, samples: Samples) -> ChannelData:

@@ -367,8 +367,17 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
         InputError: positions and another quantity count from different numbers.
     """
     own = _numbered(name for name in table.names if name not in columns.values())
-    for quantity in own:
-        _check_start(table, own, quantity)
+    positions = own.get("position", {})
+    for quantity, others in own.items():  # refuse what may be one joint's or the next one's
+        if len(positions) == len(others) and {min(positions), min(others)} == {0, 1}:
+            first, pairs = min(positions), zip(sorted(positions), sorted(others), strict=True)
+            remedy = " ".join(
+                f"--column {quantity}_{joint}={shlex.quote(others[other])}" for joint, other in pairs
+            )
+            raise InputError(
+                f"{table.path}: joints of position count from {first}, those of {quantity} from {1 - first}; "
+                f"say which is whose, such as {remedy}"
+            )
     return int(any(0 in joints for found in (own, _numbered(columns)) for joints in found.values()))
 
 
@@ -380,17 +389,3 @@ def _numbered(names: Iterable[str]) -> Numbered:
     if "position" not in found:  # then the forces are those of presses
         found.pop("force", None)
     return found
-
-
-def _check_start(table: Table, own: Numbered, quantity: str) -> None:
-    """Refuse what may be one joint's or the next one's."""
-    positions, others = own.get("position", {}), own[quantity]
-    if len(positions) != len(others) or {min(positions), min(others)} != {0, 1}:
-        return
-    first = min(positions)
-    pairs = zip(sorted(positions), sorted(others), strict=True)
-    remedy = " ".join(f"--column {quantity}_{joint}={shlex.quote(others[other])}" for joint, other in pairs)
-    raise InputError(
-        f"{table.path}: joints of position count from {first}, those of {quantity} from {1 - first}; "
-        f"say which is whose, such as {remedy}"
-    )

@@ -69,7 +69,12 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
 
 
 def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArray) -> Contact:
-    free = _free_air(force_n[rows], phase[rows])
+    free = force_n[rows][:_LASTING]
+    for before in _FREE:  # the first half of the approach, if nothing better is there
+        samples: FloatArray = force_n[rows][phase[rows] == before]
+        if len(samples) > 2 * _LASTING:
+            free = samples if before is Phase.FREE_AIR else samples[: len(samples) // 2]
+            break
     baseline_n, noise_n = float(np.mean(free)), float(np.std(free))
     highest_n, retracted = baseline_n, force_n[rows][phase[rows] == Phase.RETRACT]
     if len(retracted) > 2 * _LASTING:  # the end of the retract is free air too
@@ -86,15 +91,6 @@ def _contact_of(number: int, rows: IntArray, force_n: FloatArray, phase: IntArra
     away = free - np.mean(free)
     baseline_std_err_n = float(np.sqrt(sum_covariance(away[:, None]).matrix[0, 0])) / len(free)
     return Contact(number, rows[inside], rows[beside], baseline_n, baseline_std_err_n, noise_n)
-
-
-def _free_air(force_n: FloatArray, phase: IntArray) -> FloatArray:
-    """Force before contact; the first half of the approach, if nothing better is there."""
-    for free in _FREE:
-        samples: FloatArray = force_n[phase == free]
-        if len(samples) > 2 * _LASTING:
-            return samples if free is Phase.FREE_AIR else samples[: len(samples) // 2]
-    return force_n[:_LASTING]
 
 
 def _lasting(mask: BoolArray) -> BoolArray:

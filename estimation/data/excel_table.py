@@ -68,7 +68,15 @@ def read_excel_table(path: Path) -> FileColumns:
     first = max(found, key=lambda sheet: len(sheet.rows))
     alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
-    columns = [_column(rows, place, first.decimal) for place in range(len(first.names))]
+    columns = []
+    for place in range(len(first.names)):
+        cells = [row[place] for row in rows]
+        if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
+            columns.append(pa.array([float(cell) for cell in cells]))
+            continue
+        if any(isinstance(cell, datetime) for cell in cells):  # then a bare date is one too, at midnight
+            cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
+        columns.append(pa.array([_text(cell, first.decimal) for cell in cells]))
     table = pa.table(columns, names=list(first.names))
     if len(alike) > 1:  # the sheet is the run
         ends = accumulate(len(sheet.rows) for sheet in alike)
@@ -149,15 +157,6 @@ def _mark_in(rows: Sequence[Sequence[Any]]) -> str:
     """Decimal mark in the numbers that are text."""
     text = [[cell for cell in row if isinstance(cell, str)] for row in rows[:_LOOKED_AT]]
     return "," if commas_decide(text) else "."
-
-
-def _column(rows: Sequence[Sequence[Any]], place: int, decimal: str) -> pa.Array:
-    cells = [row[place] for row in rows]
-    if all(isinstance(cell, int | float) and not isinstance(cell, bool) for cell in cells):
-        return pa.array([float(cell) for cell in cells])
-    if any(isinstance(cell, datetime) for cell in cells):  # then a bare date is one too, at midnight
-        cells = [datetime(*cell.timetuple()[:3]) if type(cell) is date else cell for cell in cells]
-    return pa.array([_text(cell, decimal) for cell in cells])
 
 
 def _text(cell: object, decimal: str) -> str:

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -348,23 +348,20 @@ def is_difference(
         calm: its derivative by windows as wide as the motion allows, shape (n,).
         run: of each sample, shape (n,).
     """
-    return bool(np.ptp(given) > 0.0) and any(  # a joint that rests has no difference
-        float(np.mean((difference - given) ** 2)) < _SAME * float(np.mean((difference - calm) ** 2))
-        for difference in _differences(time_s, position, run)
-    )
-
-
-def _differences(time_s: FloatArray, position: FloatArray, run: IntArray) -> Iterator[FloatArray]:
-    """Differences of each run as many derive a velocity, shorter at its ends, shape (n,) each."""
+    if not np.ptp(given) > 0.0:  # a joint that rests has no difference
+        return False
     at = np.arange(len(position))
     first, last = np.empty_like(at), np.empty_like(at)
     for rows in blocks(run):
         first[rows], last[rows] = rows.start, rows.stop - 1
-    for back, ahead in _REACHES:
+    for back, ahead in _REACHES:  # differences of each run, shorter at its ends
         before, after = np.maximum(at - back, first), np.minimum(at + ahead, last)
         apart_s = time_s[after] - time_s[before]
         moved = position[after] - position[before]
-        yield np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
+        difference = np.divide(moved, apart_s, out=np.zeros_like(moved), where=apart_s > 0.0)
+        if np.mean((difference - given) ** 2) < _SAME * np.mean((difference - calm) ** 2):
+            return True
+    return False
 
 
 def with_arm(channels: Sequence[ChannelData]) -> tuple[ChannelData, ...]:

@@ -64,7 +64,15 @@ def import_files(
         parts.append(import_table(table, options))
     if len(parts) == 1:
         return parts[0]
-    channels = tuple(_joined(first.name, paths, parts) for first in parts[0].channels)
+    channels = []
+    for first in parts[0].channels:
+        alike = []
+        for path, part in zip(paths, parts, strict=True):
+            channel = next((channel for channel in part.channels if channel.name == first.name), None)
+            if channel is None or channel.kind is not first.kind:
+                raise InputError(f"{path}: has no channel '{first.name}' such as {paths[0]} has")
+            alike.append(channel)
+        channels.append(joined_channels(alike))
     labels, noted = list[str](), dict[str, str]()
     for path, part in zip(paths, parts, strict=True):
         own = part.run_labels.values()
@@ -76,17 +84,7 @@ def import_files(
     ways = list(dict.fromkeys(part.read for part in parts if part.read))
     differ = " (others differ)" if len(ways) > 1 else ""
     read = f"{len(parts)} files; {ways[0]}{differ}" if ways else ""
-    return Imported(channels, dict(enumerate(labels)), notes, unused, read, {})
-
-
-def _joined(name: str, paths: Sequence[Path], parts: Sequence[Imported]) -> ChannelData:
-    found: list[ChannelData] = []
-    for path, part in zip(paths, parts, strict=True):
-        there = {one.name: one for one in part.channels}
-        if name not in there or (found and there[name].kind is not found[0].kind):
-            raise InputError(f"{path}: has no channel '{name}' such as {paths[0]} has")
-        found.append(there[name])
-    return joined_channels(found)
+    return Imported(tuple(channels), dict(enumerate(labels)), notes, unused, read, {})
 
 
 def joined_channels(parts: Sequence[ChannelData]) -> ChannelData:

@@ -70,7 +70,13 @@ class Table:
         if name not in self._numbers:
             column = self._column(name)
             try:
-                numbers = _as_numbers(column, self.decimal)
+                numbers = None
+                if self.decimal == "." or not is_text(column.type):
+                    with suppress(pa.ArrowInvalid):  # as plain numbers, without a search for marks and blanks
+                        numbers = pc.cast(column, pa.float64())
+                if numbers is None:
+                    trimmed = pc.utf8_trim_whitespace(_with_points(column, self.decimal))
+                    numbers = pc.cast(trimmed, pa.float64())
                 values = np.asarray(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
             except (pa.ArrowException, TypeError, ValueError):
                 column = _with_points(column, self.decimal)
@@ -113,7 +119,12 @@ class Table:
             coded = column.cast(kind).dictionary_encode("encode").combine_chunks()
         except pa.ArrowException as error:
             raise InputError(f"{place} holds {kind!s:.60}, expected text or numbers") from error
-        texts = [_text(value) for value in coded.dictionary.to_pylist()]
+        texts = [  # whole numbers without decimal point, so that runs read the same in every format
+            str(int(value))
+            if isinstance(value, float) and value.is_integer()
+            else " ".join(str(value).split())
+            for value in coded.dictionary.to_pylist()
+        ]
         longest = max(map(len, texts), default=0)
         if longest > _LONGEST_LABEL:
             raise InputError(f"{place}: a name of {longest} characters, at most {_LONGEST_LABEL}")
@@ -284,20 +295,6 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     if not pc.any(pc.match_substring_regex(trimmed, _HAS_POINT_TOO)).as_py():
         return column
     return pc.if_else(grouped, pc.replace_substring(trimmed, mark, ""), trimmed)
-
-
-def _as_numbers(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
-    if decimal == "." or not is_text(column.type):
-        with suppress(pa.ArrowInvalid):  # as plain numbers, which need no search for marks and blanks
-            return pc.cast(column, pa.float64())
-    return pc.cast(pc.utf8_trim_whitespace(_with_points(column, decimal)), pa.float64())
-
-
-def _text(value: object) -> str:
-    """Text of a value; whole numbers without decimal point, so that runs read the same in every format."""
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
-    return " ".join(str(value).split())
 
 
 _READERS: tuple[tuple[tuple[str, ...], Callable[[Path], FileColumns]], ...] = (

@@ -16,7 +16,7 @@ from estimation.signals.blocks import blocks, number_pieces
 from estimation.signals.runwise import sample_time
 from estimation.tare import Tare
 from robot_io.errors import InputError, SessionError
-from robot_io.session import Column, Samples, Session
+from robot_io.session import Samples, Session
 from robot_io.types import BoolArray, FloatArray, IntArray, Status
 
 USELESS = (Phase.IDLE, Phase.STOPPED)
@@ -57,8 +57,15 @@ def checked_ticks(session: Session) -> Samples:
     if joints > _MOST_JOINTS:
         raise SessionError(f"{place}, column 'joint_position_rad': {joints} joints, at most {_MOST_JOINTS}")
     for column in tick_stream(joints).columns:
-        if column.name in ticks or column.name not in _MAY_LACK:
-            _check_form(ticks, column, place)
+        if column.name not in ticks and column.name in _MAY_LACK:
+            continue
+        if column.name not in ticks:
+            raise SessionError(f"{place}: no column '{column.name}'")
+        values, said = ticks.vector(column.name), f"{place}, column '{column.name}'"
+        if values.shape[1] != column.width:
+            raise SessionError(f"{said}: {values.shape[1]} values a tick, expected {column.width}")
+        if values.dtype.kind != np.dtype(column.dtype).kind:
+            raise SessionError(f"{said}: is {values.dtype}, expected {column.dtype}")
     _check_values(session, ticks, "time_s", np.ones(len(ticks), dtype=np.bool_))
     _check_order(session, ticks)
     good = {status: ticks[status] == Status.OK for status in _BY_DEVICE}
@@ -77,18 +84,6 @@ def checked_ticks(session: Session) -> Samples:
     for name in _OF_A_RUN:
         _check_values(session, ticks, name, in_run)
     return ticks
-
-
-def _check_form(ticks: Samples, wanted: Column, place: str) -> None:
-    if wanted.name not in ticks:
-        raise SessionError(f"{place}: no column '{wanted.name}'")
-    values = ticks.vector(wanted.name)
-    if values.shape[1] != wanted.width:
-        raise SessionError(
-            f"{place}, column '{wanted.name}': {values.shape[1]} values a tick, expected {wanted.width}"
-        )
-    if values.dtype.kind != np.dtype(wanted.dtype).kind:
-        raise SessionError(f"{place}, column '{wanted.name}': is {values.dtype}, expected {wanted.dtype}")
 
 
 def _check_order(session: Session, ticks: Samples) -> None:
@@ -221,7 +216,13 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         "touching": touching,
         DIRECTION: chosen[DIRECTION],
     }
-    kept = ~_pressed_elsewhere(time_s, chosen, contacts, known)
+    directions, kept = chosen[DIRECTION], np.ones(len(chosen), dtype=np.bool_)
+    first = directions[0] if known is None else known
+    for contact in contacts:
+        if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
+            begun_s, ended_s = time_s[rows[[0, -1]]]
+            near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
+            kept &= ~(near & (chosen["run"] == contact.run))
     channels = (
         ChannelData(
             f"joint_{joint + 1}",
@@ -236,20 +237,6 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         for joint, motion in enumerate(motions)
     )
     return tuple(one if kept.all() else one.select(kept) for one in channels)
-
-
-def _pressed_elsewhere(
-    time_s: FloatArray, ticks: Samples, contacts: Sequence[Contact], known: FloatArray | None
-) -> BoolArray:
-    """Samples (n,) in or near contacts that were pressed in another direction than the first."""
-    directions, found = ticks[DIRECTION], np.zeros(len(ticks), dtype=np.bool_)
-    first = directions[0] if known is None else known
-    for contact in contacts:
-        if len(rows := contact.rows) and directions[rows[0]] @ first < _SAME_DIRECTION:
-            begun_s, ended_s = time_s[rows[[0, -1]]]
-            near = (time_s > begun_s - _BESIDE_S) & (time_s < ended_s + _BESIDE_S)
-            found |= near & (ticks["run"] == contact.run)
-    return found
 
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:

@@ -168,14 +168,10 @@ def _warnings(data: ChannelData, model: Model | None) -> Iterator[tuple[str, str
         yield "sync", warning
 
 
-def _length(data: ChannelData) -> str | None:
+def _size(data: ChannelData) -> str | None:
+    """Refuse too few samples, and too many before anything takes time and memory."""
     if len(data) < LEAST_SAMPLES:
         return f"only {len(data)} samples; record at least {LEAST_SAMPLES}"
-    return None
-
-
-def _size(data: ChannelData) -> str | None:
-    """Refuse before anything takes time and memory."""
     lengths = np.unique(data.run, return_counts=True)[1]
     count = int(np.sum(lengths // block_length(data)))
     if count > _MOST_BLOCKS:
@@ -232,7 +228,6 @@ def _blocks(data: ChannelData) -> str | None:
 
 _Check = Callable[[ChannelData], str | None]
 _REJECTED: tuple[tuple[str, _Check], ...] = (  # by kind, in the order of `reject_reason`
-    ("enough", _length),
     ("enough", _size),
     ("excitation", unchanging),
     ("enough", _runs),

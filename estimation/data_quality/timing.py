@@ -12,7 +12,7 @@ from estimation.signals.blocks import blocks
 from estimation.signals.runwise import is_even, sample_time, shift
 from estimation.statistics.least_squares import solve
 from estimation.statistics.misfit import Misfit, misfit
-from robot_io.types import BoolArray, FloatArray
+from robot_io.types import BoolArray
 
 _FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # that is looked for; samples
 _COARSE = 21  # shifts that are tried first
@@ -55,7 +55,11 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
     columns = model.regression(data, {}).columns
 
     def left(delay_s: float) -> tuple[float, Misfit]:
-        return _misfit(data, shift(columns, data.time_s, data.run, delay_s), rows)
+        """Root mean square of what the shifted columns leave of the effort, and that beside its noise."""
+        shifted = shift(columns, data.time_s, data.run, delay_s)[rows]
+        residuals = data.effort[rows] - shifted @ solve(shifted, data.effort[rows]).gains
+        size = float(np.sqrt(np.mean(residuals**2)))
+        return size, misfit(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
 
     recorded, noise = left(0.0)
     if recorded < _BETTER * noise.noise:
@@ -98,7 +102,10 @@ def lost_rows(data: ChannelData) -> str | None:
     steps, usual = np.zeros(len(data)), np.zeros(len(data))
     for rows in blocks(data.run):
         if rows.stop - rows.start > 2 * _NEIGHBOURS + 1:
-            steps[rows], usual[rows] = _steps(data.position[rows])
+            step = np.diff(data.position[rows])
+            steps[rows.start : rows.stop - 1] = step
+            beside = np.median(sliding_window_view(step, 2 * _NEIGHBOURS + 1), axis=1)
+            usual[rows.start + _NEIGHBOURS : rows.stop - 1 - _NEIGHBOURS] = beside
     fast = np.abs(usual) > _FAST * float(np.quantile(np.abs(usual), 0.95))
     if np.sum(fast) < _LEAST_SAMPLES // 2:
         return None
@@ -119,13 +126,6 @@ def lost_rows(data: ChannelData) -> str | None:
     )
 
 
-def _misfit(data: ChannelData, columns: FloatArray, rows: BoolArray) -> tuple[float, Misfit]:
-    """Root mean square of what columns (n, p) leave of the effort in some rows, and that beside its noise."""
-    residuals = data.effort[rows] - columns[rows] @ solve(columns[rows], data.effort[rows]).gains
-    size = float(np.sqrt(np.mean(residuals**2)))
-    return size, misfit(residuals, data.run[rows], np.ones(len(residuals), dtype=np.bool_))
-
-
 def _well_inside(data: ChannelData, farthest_s: float) -> BoolArray:
     """Samples whose motion is known for so long before and after, of a contact pressed all along, (n,)."""
     inside = np.ones(len(data), dtype=np.bool_)
@@ -138,12 +138,3 @@ def _well_inside(data: ChannelData, farthest_s: float) -> BoolArray:
         count = np.convolve(pressed, np.ones(2 * reach + 1, dtype=np.int64), "same")
         inside &= count == 2 * reach + 1
     return inside
-
-
-def _steps(position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Each step of a run's position (n,), and the median of those beside it, (n,); zero at its ends."""
-    step = np.diff(position)
-    around = sliding_window_view(step, 2 * _NEIGHBOURS + 1)
-    usual = np.zeros(len(position))
-    usual[_NEIGHBOURS : len(step) - _NEIGHBOURS] = np.median(around, axis=1)
-    return np.append(step, 0.0), usual

@@ -69,7 +69,9 @@ def with_rigid_body(
     context |= _with_slopes(TORQUE, partial(_torque, body, joint), (q, v, a), joint)
     context[PAYLOAD] = _torque(body.with_load(1.0), joint, q, v, a) - context[TORQUE]
     if "contact_force" in data.context:
-        levers = _levers(body, data)
+        # Torques (n, joints) [m] for one newton along the press direction p: J^T p.
+        jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
+        levers: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
         context[LEVER] = levers[:, joint]
         context[TOUCH] = context[LEVER] * data.context["contact_force"]
         if "joint_torque" in data.context:
@@ -136,10 +138,3 @@ def _beyond_reading(data: ChannelData, levers: FloatArray, left: FloatArray) -> 
     prior = 1.0 / np.maximum(np.max(force**2), 1e-300)
     beyond = np.sum(weights * left, axis=1) / (np.sum(weights * levers, axis=1) + prior)
     return smooth_jitter(np.where(touching, beyond, -force), data.time_s, data.run)
-
-
-def _levers(body: "RigidBody", data: ChannelData) -> FloatArray:
-    """Torques (n, joints) [m] for one newton along the press direction p: J^T p."""
-    jacobians = np.array([body.tip_jacobian(row)[:3] for row in data.context["joint_position"]])
-    torque: FloatArray = np.einsum("nij,ni->nj", jacobians, data.context["press_direction_world"])
-    return torque
