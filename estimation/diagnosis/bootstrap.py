@@ -19,8 +19,7 @@ from estimation.fit.fit_cache import FitCache
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.fit_result import FitResult
 from estimation.fit.flexible_regression import fit_flexible
-from estimation.fit.inner_optimization import optimize_inner
-from estimation.fit.inner_search import search_inner
+from estimation.fit.inner_search import optimize_inner, search_inner
 from estimation.fit.measurement_model import MeasurementModel, shuffle_noise
 from estimation.model import Model
 from estimation.signals.runwise import shifted_motion

@@ -11,13 +11,12 @@ from estimation.effect import Effect, Inner, SensorEffect
 from estimation.effects import EFFECTS
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from estimation.fit.fit_result import FitResult
-from estimation.fit.inner_optimization import optimize_inner
-from estimation.fit.inner_search import GridSearch, grid_search, refine_inner, search_inner
+from estimation.fit.inner_search import GridSearch, grid_search, optimize_inner, refine_inner, search_inner
 from estimation.fit.intervals import inner_slopes
 from estimation.fit.joint_load import HEAVY
 from estimation.model import Model
 from estimation.signals.runwise import finest_step
-from robot_io.types import BoolArray, FloatArray
+from robot_io.types import BoolArray
 
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not refined
 REFINED = 5  # candidates that are refined in any case
@@ -161,21 +160,17 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
     times = [abs(solution.parameters[f"{effect.name}.{p.name}"]) for p in effect.inner if p.unit == "s"]
     if times and min(times) < 0.5 * finest_step(problem.blocked.data.time_s, problem.blocked.data.run):
         return False
-    if effect.path and _is_within_a_step(
-        solution.parameters[f"{effect.name}.{effect.path}"], problem.blocked.data
+    # A path below half a step, the most that rounding puts a position off by, is none.
+    if effect.path and solution.parameters[f"{effect.name}.{effect.path}"] ** 2 < 3.0 * np.mean(
+        reading_error(problem.blocked.data) ** 2
     ):
         return False
-    simpler = effect.simpler(_own_columns(effect, solution))
+    simpler = effect.simpler(solution.columns[:, _is_own(effect, solution)])
     if simpler.shape[1] == len(effect.gains):
         return True
     others = solution.columns[:, ~_is_own(effect, solution)]
     without = problem.solve(np.column_stack([others, simpler]), solution.target)
     return float(without.sse.sum()) - solution.sse >= ESSENTIAL * solution.sse
-
-
-def _is_within_a_step(path: float, data: ChannelData) -> bool:
-    """Whether a path is shorter than half a step, which is the most that rounding puts a position off by."""
-    return bool(path**2 < 3.0 * np.mean(reading_error(data) ** 2))
 
 
 def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
@@ -187,7 +182,3 @@ def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 def _is_own(effect: Effect, solution: Solution) -> BoolArray:
     return np.array([name.startswith(f"{effect.name}.") for name in solution.model.gains], dtype=np.bool_)
-
-
-def _own_columns(effect: Effect, solution: Solution) -> FloatArray:
-    return solution.columns[:, _is_own(effect, solution)]

@@ -20,7 +20,7 @@ from estimation.fit.flexible_regression import (
     is_plausible_bias,
     smoothing_bias,
 )
-from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.inner_search import optimize_inner
 from estimation.fit.intervals import estimate_parameters
 from estimation.fit.joint_load import with_load
 from estimation.fit.measurement_model import identify_measurement_model

@@ -40,7 +40,11 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     measurement = identify_measurement_model(problem.blocked.data)
     errors = np.hypot(errors, _by_readings(problem, solution, measurement))
     if measurement.filters[1] is None:
-        errors = np.hypot(errors, _turned(slopes, problem.whiten(_by_positions(problem, solution))))
+        # Change of the prediction with the acceleration that positions speak for, shape (m,).
+        blocked = problem.blocked
+        other = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
+        by_positions = blocked.reduce(other - solution.model.predict(blocked.data, solution.parameters))
+        errors = np.hypot(errors, _turned(slopes, problem.whiten(by_positions)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
     most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
@@ -80,13 +84,6 @@ def _without_jumps(slope: FloatArray) -> FloatArray:
     if not size.any():
         return slope
     return np.where(size > _JUMP * np.quantile(size[size > 0.0], _MOST), 0.0, slope)
-
-
-def _by_positions(problem: FitProblem, solution: Solution) -> FloatArray:
-    """Change of the prediction with the acceleration that positions speak for, shape (m,)."""
-    blocked = problem.blocked
-    other = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
-    return blocked.reduce(other - solution.model.predict(blocked.data, solution.parameters))
 
 
 def _by_readings(problem: FitProblem, solution: Solution, measurement: MeasurementModel) -> FloatArray:

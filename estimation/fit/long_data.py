@@ -67,7 +67,15 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
         return data, "", {}
     held = np.array(held_out, dtype=np.int64)
     moving, motions, run_of = _from_rest_to_rest(data, held)
-    block, seen = _longest_block(moving)
+    # Samples in the longest block that loses nothing, and what was seen in it; None if nothing was asked.
+    block, seen = block_length(moving), None
+    shortest = min(map(len, rows_of_runs(moving.run)))
+    while len(moving) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
+        looked_at = max(2 * block, _FEWEST_IN_BLOCK)
+        found = within_blocks(moving, looked_at)
+        if not found.is_noise(looked_at):
+            break
+        block, seen = 2 * block, found
     short = _means(moving, block)
     said = _sentence(data, short, block, seen, motions)
     for fewer in (_fewer_runs, _fewer_stretches, _coarser):
@@ -123,19 +131,6 @@ def within_blocks(data: ChannelData, block: int) -> Within:
     left -= np.outer(left @ place / (place @ place), place)
     noise = float(np.mean(np.diff(effort, 3, axis=1) ** 2)) / _THIRD
     return Within(float(np.sqrt(np.mean(left**2) * block / (block - 2))), float(np.sqrt(noise)), effort.size)
-
-
-def _longest_block(data: ChannelData) -> tuple[int, Within | None]:
-    """Samples in the longest block that loses nothing, and what was seen in it; None if nothing was asked."""
-    block, seen = block_length(data), None
-    shortest = min(map(len, rows_of_runs(data.run)))
-    while len(data) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
-        looked_at = max(2 * block, _FEWEST_IN_BLOCK)
-        found = within_blocks(data, looked_at)
-        if not found.is_noise(looked_at):
-            break
-        block, seen = 2 * block, found
-    return block, seen
 
 
 def _rows(data: ChannelData, block: int) -> IntArray:

@@ -82,22 +82,17 @@ class MeasurementModel:
             error: FloatArray = np.round((noisy + shift) / self.step) * self.step - shift - smooth
             return error - np.mean(error)  # what all have in common is a matter of the zero, not of reading
         if self.is_staircase:
-            return self._elsewhere(rng)
+            # The error as a function of the position, shifted: the same in each pass, as steps are. Fast
+            # passes show it; where the motion is slow, a smoothing window follows the steps.
+            place, speed = self.data.position - self.error, np.abs(self.data.velocity)
+            fast = np.flatnonzero(speed >= np.median(speed))
+            fast = fast[np.argsort(place[fast])]
+            known, span = place[fast], float(np.ptp(place[fast])) or 1.0
+            wanted = known[0] + (place - known[0] + span * rng.random()) % span
+            nearest = np.minimum(np.searchsorted(known, wanted), len(fast) - 1)
+            return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
         slow = low_frequency_noise(self.error, self.data.run, self.halves[0], rng)
         return shuffle_noise(self.error, self.data.run, rng) + slow
-
-    def _elsewhere(self, rng: np.random.Generator) -> FloatArray:
-        """The error as a function of the place, moved along, (n,): the same in each pass, as steps are.
-
-        As fast passes show it: where the motion is slow, a smoothing window follows the steps.
-        """
-        place, speed = self.data.position - self.error, np.abs(self.data.velocity)
-        fast = np.flatnonzero(speed >= np.median(speed))
-        fast = fast[np.argsort(place[fast])]
-        known, span = place[fast], float(np.ptp(place[fast])) or 1.0
-        wanted = known[0] + (place - known[0] + span * rng.random()) % span
-        nearest = np.minimum(np.searchsorted(known, wanted), len(fast) - 1)
-        return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
 
 
 def identify_measurement_model(data: ChannelData) -> MeasurementModel:

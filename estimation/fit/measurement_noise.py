@@ -71,7 +71,9 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
     """
     data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the runs that judge
     bound, source = base.smooth_law_error, NoiseSource.SMOOTH_LAW
-    if (repeated := _between_repeats(base)) is not None and repeated < bound:
+    differences = list(_differences(base))
+    repeated = rmse(np.concatenate(differences)) / np.sqrt(2.0) if differences else np.inf
+    if repeated < bound:
         bound, source = repeated, NoiseSource.REPEATS
     alone = run_heterogeneity(base.problem.blocked, base.solution, least=0.0)
     if base.validation is None and alone is not None and alone.alone < bound:
@@ -120,12 +122,6 @@ def _third_differences(data: ChannelData, distance: int) -> float:
             shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
             parts.append(np.array(_DIFFERENCES) @ shifted)
     return rmse(np.concatenate(parts)) / float(np.linalg.norm(_DIFFERENCES)) if parts else 0.0
-
-
-def _between_repeats(base: FitResult) -> float | None:
-    """Noise of one run by its difference from the next where both make one motion; None if none do."""
-    parts = list(_differences(base))
-    return rmse(np.concatenate(parts)) / np.sqrt(2.0) if parts else None
 
 
 def _differences(base: FitResult) -> Iterator[FloatArray]:

@@ -14,7 +14,7 @@ from estimation.channel import ChannelData
 from estimation.fit.ar_noise import WHITE
 from estimation.fit.blocks import BlockedData
 from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.inner_optimization import optimize_inner
+from estimation.fit.inner_search import optimize_inner
 from estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
 from estimation.model import Model
 from estimation.statistics.noise import robust_sigma
@@ -65,7 +65,18 @@ def fit_samples(
     )
     searched, robust = {} if searched is None else searched, loss is not Loss.LINEAR
     if robust not in searched:
-        begun = _scanned(problem, model, loss)
+        # The best of the starts that each effect proposes, one effect after the other.
+        inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
+        begun = solve_gains(problem, model, _inside(model, inner))
+        for effect in model.effects:
+            if effect.inner:
+                proposals = [
+                    inner | {f"{effect.name}.{name}": value for name, value in start.items()}
+                    for start in effect.starts(problem.blocked.data)
+                ]
+                solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
+                begun = min(solutions, key=lambda solution: _cost(problem, solution, loss))
+                inner = {name: begun.parameters[name] for name in model.inner}
         searched[robust] = _reweighted(problem, begun) if robust else _finely(problem, begun)
     return _described(searched[robust], problem, loss)
 
@@ -78,22 +89,6 @@ def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) 
 
 def _finely(problem: FitProblem, solution: Solution) -> Solution:
     return optimize_inner(problem, solution, settled=1e-10, step=_STEP)
-
-
-def _scanned(problem: FitProblem, model: Model, loss: Loss) -> Solution:
-    """The best of the starts that each effect proposes, one effect after the other."""
-    inner = {name: float(parameter.spread(3)[1]) for name, parameter in model.inner.items()}
-    best = solve_gains(problem, model, _inside(model, inner))
-    for effect in model.effects:
-        if effect.inner:
-            proposals = [
-                inner | {f"{effect.name}.{name}": value for name, value in start.items()}
-                for start in effect.starts(problem.blocked.data)
-            ]
-            solutions = [solve_gains(problem, model, _inside(model, proposal)) for proposal in proposals]
-            best = min(solutions, key=lambda solution: _cost(problem, solution, loss))
-            inner = {name: best.parameters[name] for name in model.inner}
-    return best
 
 
 def _inside(model: Model, inner: Mapping[str, float]) -> dict[str, float]:
@@ -197,14 +192,12 @@ def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit
     unbounded = sandwich(jacobian, score, slope, data.run[rows])
     if not np.isfinite(unbounded.matrix).all():
         unbounded = _spread_out(sandwich(jacobian[:, free], score, slope, data.run[rows]), free)
-    return SampleFit(model, parameters, _without(unbounded, ~free), unbounded, residuals, jacobian)
-
-
-def _without(covariance: Covariance, fixed: BoolArray) -> Covariance:
-    """The covariance with NaN for those that ended at a bound."""
-    matrix = covariance.matrix.copy()
+    # The covariance with NaN for those that ended at a bound.
+    fixed = ~free
+    matrix = unbounded.matrix.copy()
     matrix[fixed, :] = matrix[:, fixed] = np.nan
-    return Covariance(matrix, covariance.degrees_of_freedom)
+    without = Covariance(matrix, unbounded.degrees_of_freedom)
+    return SampleFit(model, parameters, without, unbounded, residuals, jacobian)
 
 
 def _spread_out(covariance: Covariance, free: BoolArray) -> Covariance:

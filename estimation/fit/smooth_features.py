@@ -33,9 +33,14 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     v, a = (blocked.reduce(s * data.engaged) for s in (data.velocity, data.acceleration))
     sharp, turn = (np.tanh(v / (share * _rms(v))) for share in _SHARPNESS)
     coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
+    # A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done.
+    work = np.cumsum(np.abs(effort * v))
+    clocks = [_unit(c) for c in (time_s, time_in_run(time_s, run), work, time_in_run(work, run))]
+    fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
+    ageing = np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
     found = {
         "offset": np.ones((len(x), 1)),
-        "time": _ageing(time_s, run, v, effort, turn),
+        "time": ageing,
         "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
         "velocity": np.column_stack([curves(v), *(w[:, None] * coarse_x for w in (v, v**2))]),
         "direction": np.column_stack([sharp, turn, turn[:, None] * coarse_x, turn[:, None] * coarse_e]),
@@ -53,16 +58,6 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     if "load" in found:
         found["load"] = np.column_stack([found["load"], sharp * np.abs(blocked.reduce(data.context["load"]))])
     return found
-
-
-def _ageing(
-    time_s: FloatArray, run: IntArray, v: FloatArray, effort: FloatArray, turn: FloatArray
-) -> FloatArray:
-    """A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done."""
-    work = np.cumsum(np.abs(effort * v))
-    clocks = [_unit(c) for c in (time_s, time_in_run(time_s, run), work, time_in_run(work, run))]
-    fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
-    return np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
 
 
 def _unit(clock: FloatArray) -> FloatArray:

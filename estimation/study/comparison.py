@@ -15,8 +15,7 @@ from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.fit.threads import single_threaded
 from estimation.physical import UNPHYSICAL
-from estimation.study.patterns import Part, Pattern, patterns
-from estimation.study.split import splits
+from estimation.study.patterns import Part, Pattern, patterns, splits
 from robot_io.errors import InputError, UnknownNameError
 from robot_io.types import BoolArray, FloatArray
 
@@ -125,7 +124,15 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
         noise: of the channel.
     """
     data, unit = fitted.data, fitted.data.kind.effort_unit
-    parts = _parts(fitted, noise.value)
+    # The error by each way of splitting that leaves more than one part with samples.
+    parts = {}
+    for by, masks in splits(fitted.data).items():
+        every = (
+            _part(label, fitted.residual, mask & fitted.judged, noise.value) for label, mask in masks.items()
+        )
+        occupied = tuple(part for part in every if part is not None)
+        if len(occupied) > 1:
+            parts[by] = occupied
     is_noise = fitted.rmse < AT_NOISE * noise.value
     seen = () if is_noise else patterns(parts, fitted.rmse)
     kinds = () if is_noise else _kinds(fitted)
@@ -149,17 +156,6 @@ def _kinds_in_words(kinds: tuple[BudgetEntry, ...]) -> tuple[str, ...]:
         return ()
     shares = ", ".join(f"{entry.kind.word} {100 * entry.share:.0f} %" for entry in kinds)
     return (f"Kinds of effects that would explain it, as shares of the squared error: {shares}.",)
-
-
-def _parts(fitted: FitResult, noise: float) -> dict[str, tuple[Part, ...]]:
-    """The error by each way of splitting that leaves more than one part with samples."""
-    found = {}
-    for by, masks in splits(fitted.data).items():
-        every = (_part(label, fitted.residual, mask & fitted.judged, noise) for label, mask in masks.items())
-        occupied = tuple(part for part in every if part is not None)
-        if len(occupied) > 1:
-            found[by] = occupied
-    return found
 
 
 def _part(label: str, residual: FloatArray, mask: BoolArray, noise: float) -> Part | None:

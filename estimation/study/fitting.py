@@ -18,8 +18,7 @@ from estimation.diagnosis.candidates import extended_models
 from estimation.effect import Effect
 from estimation.fit.fit_problem import solve_gains
 from estimation.fit.fit_result import FitResult, Validation, fit_model
-from estimation.fit.inner_optimization import optimize_inner
-from estimation.fit.inner_search import search_inner
+from estimation.fit.inner_search import optimize_inner, search_inner
 from estimation.fit.threads import single_threaded
 from estimation.model import Model
 from robot_io.errors import InputError

@@ -12,7 +12,7 @@ from estimation.data.units import LARGEST
 from estimation.diagnosis.result import ParameterValue
 from estimation.effects import EFFECTS
 from estimation.models import MODELS
-from estimation.study.kept_file import read_kept, with_checksum
+from estimation.study.saved_diagnosis import read_kept, with_checksum
 from robot_io.errors import InputError
 from robot_io.files.whole_file import whole_file
 

@@ -1,15 +1,16 @@
 """A diagnosis in its file: read again only for the very data and base models that it is about."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from estimation.diagnosis import ChannelDiagnosis, Diagnosis
 from estimation.study.channels import StudyChannel
-from estimation.study.kept_file import read_kept, with_checksum
 from robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
@@ -77,3 +78,96 @@ def is_other(saved: float, fitted: float, std_err: float = 0.0) -> bool:
     """
     slack = max(abs(fitted), std_err if isfinite(std_err) else 0.0)
     return not abs(saved - fitted) <= _SAME * slack
+
+
+MOST_BYTES = 16_000_000
+MOST_TEXT = 4000  # characters
+_CHECKSUM = "sha256"  # key of the SHA-256 of all else in the file
+Kept = TypeVar("Kept", bound=BaseModel)
+
+
+def read_kept(file: Path, model: type[Kept]) -> Kept:
+    """Read one file; texts are short, and have no control characters and no marks of direction.
+
+    Args:
+        file: to read.
+        model: form of its content.
+
+    Raises:
+        ValueError: why it is not what palpate wrote, in a few words.
+    """
+    try:
+        if not file.is_file():  # a pipe might never end
+            raise ValueError("it is no regular file")
+        if file.stat().st_size > MOST_BYTES:
+            raise ValueError(f"it has more than {MOST_BYTES // 10**6} MB")
+        content = json.loads(file.read_bytes())
+        told = content.pop(_CHECKSUM, None) if isinstance(content, dict) else None
+        kept = model.model_validate_json(json.dumps(content), strict=True)
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError("Invalid JSON") from error
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    except OSError as error:
+        raise ValueError(f"it cannot be read ({error.strerror})") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(clean_text(str(part)) for part in first["loc"])
+        raise ValueError(f"{where}: {first['msg']}" if where else first["msg"]) from error
+    for text in _texts(kept.model_dump(mode="json")):
+        if len(text) > MOST_TEXT:
+            raise ValueError(f"a text has {len(text)} characters, at most {MOST_TEXT}")
+        if text != clean_text(text):
+            raise ValueError(f"the text {text!a:.60} has characters that cannot be printed")
+    if told is None:
+        raise ValueError(f"{_CHECKSUM}: is missing, as in files of earlier versions")
+    if told != _checksum(content):
+        raise ValueError(f"{_CHECKSUM}: is not that of the content, which was changed after palpate wrote it")
+    return kept
+
+
+def with_checksum(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the cleaned content with its checksum, as `read_kept` takes it.
+
+    Args:
+        content: to be saved as JSON.
+    """
+    cleaned = clean(content)
+    return {**cleaned, _CHECKSUM: _checksum(cleaned)}
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def clean(content: Any) -> Any:  # noqa: ANN401, whatever JSON can hold
+    """Return the content with texts as `read_kept` takes them.
+
+    Args:
+        content: whatever JSON can hold.
+    """
+    if isinstance(content, str):
+        return clean_text(content)[:MOST_TEXT]
+    if isinstance(content, Mapping):
+        return {clean(key): clean(value) for key, value in content.items()}
+    return [clean(value) for value in content] if isinstance(content, list) else content
+
+
+def clean_text(text: str) -> str:
+    """Replace each character that cannot be printed by a question mark.
+
+    Args:
+        text: to clean.
+    """
+    return "".join(char if char.isprintable() else "?" for char in text)
+
+
+def _texts(content: Any) -> Iterator[str]:  # noqa: ANN401, whatever JSON can hold
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from (key, *_texts(value))
+    elif isinstance(content, list):
+        for value in content:
+            yield from _texts(value)

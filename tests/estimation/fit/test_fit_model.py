@@ -12,11 +12,10 @@ from estimation.effects import EFFECTS
 from estimation.fit.ar_noise import estimate_ar_noise
 from estimation.fit.blocks import block_average
 from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import held_out_residual, solve_gains
+from estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
 from estimation.fit.fit_result import final_solution, fit_model
 from estimation.fit.intervals import _widest, estimate_parameters, inner_slopes
 from estimation.fit.joint_load import with_load
-from estimation.fit.linearised_parts import linearise_along
 from estimation.fit.normal_equations import gram_matrices, held_out_sse, solve_normal_equations
 from estimation.information import Information
 from estimation.model import Model

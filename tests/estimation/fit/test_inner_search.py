@@ -7,8 +7,7 @@ import pytest
 
 from estimation.effect import Parameter
 from estimation.fit import inner_search
-from estimation.fit.inner_optimization import Scale
-from estimation.fit.inner_search import GridSearch, _between, _vertex, refine_inner, search_inner
+from estimation.fit.inner_search import GridSearch, Scale, _between, _vertex, refine_inner, search_inner
 
 
 @pytest.mark.parametrize(

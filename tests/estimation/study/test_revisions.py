@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from estimation.study import Revisions
-from estimation.study.kept_file import with_checksum
+from estimation.study.saved_diagnosis import with_checksum
 from robot_io.errors import InputError
 from tests.revisions import SPRING, revision
 

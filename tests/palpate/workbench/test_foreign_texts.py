@@ -13,8 +13,7 @@ from nicegui import Client, core
 from nicegui.page import page
 
 import palpate
-from estimation.study.kept_file import with_checksum
-from estimation.study.saved_diagnosis import RESULT
+from estimation.study.saved_diagnosis import RESULT, with_checksum
 from palpate.study import Study
 from palpate.workbench.layout import lay_out_page
 from palpate.workbench.startup import AppState
