@@ -81,9 +81,10 @@ def decode_feedback(packet: DynamixelStatus) -> DynamixelFeedback:
     Raises:
         ProtocolError: The servo refused to be read.
     """
-    if packet.refusal:
-        raise ProtocolError(f"servo {packet.servo_id} refuses to be read: {packet.refusal}")
-    return DynamixelFeedback(packet.error, *_FORMAT.unpack(packet.data[-FEEDBACK_SIZE:]))
+    servo_id, error, data = packet
+    if error and packet.refusal:
+        raise ProtocolError(f"servo {servo_id} refuses to be read: {packet.refusal}")
+    return DynamixelFeedback(error, *_FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE))
 
 
 def feedback_reader(

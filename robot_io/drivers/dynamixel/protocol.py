@@ -9,6 +9,7 @@ Protocol 2.0" and "CRC Calculation".
 
 import struct
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from robot_io.drivers.servo.stream import PacketStream, equal_parts
@@ -24,9 +25,8 @@ def _table_entry(byte: int) -> int:
     return value & 0xFFFF
 
 
-_TABLE = tuple(_table_entry(byte) for byte in range(256))
+_TABLE = tuple(map(_table_entry, range(256)))
 _TABLE_BEFORE = tuple((entry << 8) & 0xFF00 ^ _TABLE[entry >> 8] for entry in _TABLE)  # one byte earlier
-_BIG_ENDIAN_WORD = struct.Struct(">H")
 
 
 def crc16(data: bytes, start: int = 0) -> int:
@@ -36,12 +36,12 @@ def crc16(data: bytes, start: int = 0) -> int:
         data: Bytes that it covers.
         start: Checksum of what came before `data`.
     """
-    crc, even = start, len(data) & ~1
-    for (word,) in _BIG_ENDIAN_WORD.iter_unpack(data[:even]):
+    crc, table, before, count = start, _TABLE, _TABLE_BEFORE, len(data) // 2
+    for word in struct.unpack_from(f">{count}H", data):
         crc ^= word
-        crc = _TABLE_BEFORE[crc >> 8] ^ _TABLE[crc & 0xFF]
-    for byte in data[even:]:
-        crc = (crc << 8) & 0xFF00 ^ _TABLE[crc >> 8 ^ byte]
+        crc = before[crc >> 8] ^ table[crc & 0xFF]
+    if len(data) > 2 * count:
+        crc = (crc << 8) & 0xFF00 ^ _TABLE[crc >> 8 ^ data[-1]]
     return crc
 
 
@@ -215,7 +215,18 @@ def sync_write_block(address: int, size: int, block: bytes) -> bytes:
         size: Number of bytes for each servo.
         block: For each servo its id and its bytes.
     """
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + block)
+    if _LAST_BEFORE_STUFFING in block:
+        return encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + block)
+    head, crc = _sync_write_head(address, size, len(block))
+    return head + block + crc16(block, crc).to_bytes(_CRC, "little")
+
+
+@lru_cache
+def _sync_write_head(address: int, size: int, count: int) -> tuple[bytes, int]:
+    """What comes before `count` bytes of a sync write that need no stuffing, and its checksum."""
+    packet = encode_packet(BROADCAST_ID, _SYNC_WRITE, _word(address) + _word(size) + bytes(count))
+    head = packet[: len(packet) - count - _CRC]
+    return head, crc16(head)
 
 
 def _word(value: int) -> bytes:

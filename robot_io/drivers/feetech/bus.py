@@ -51,6 +51,8 @@ class FeetechBus(ServoBus):
         models = [servo.servo_model for servo in own.turning]
         self._stall_nm = [model.stall_torque_nm for model in models]
         self._drag_nms_rad = [model.stall_torque_nm / model.no_load_rad_s for model in models]
+        self._drags_nms_rad = np.array(self._drag_nms_rad)
+        self._steps_rad: list[float] = self._joints.steps[0].tolist()
         self._stiffness_nm_rad = [stall_nm * own.duty_per_rad for stall_nm in self._stall_nm]
         self._half_tick_s = 0.5 / context.robot_file.control_rate_hz
         torque_limits = self._torque_limits(context.robot_file.limits)
@@ -94,8 +96,11 @@ class FeetechBus(ServoBus):
     def _motion(self, feedback: Sequence[FeetechFeedback]) -> FloatArray:
         feedback = feedback[: len(self._ids)]  # those that hold come last
         motion = super()._motion(feedback)
-        motion[2] -= motion[1] * self._drag_nms_rad
-        motion[2] *= [servo.torque_on for servo in feedback]
+        _, velocity_rad_s, torque_nm = motion
+        torque_nm -= velocity_rad_s * self._drags_nms_rad
+        torque_on = [servo.torque_on for servo in feedback]
+        if torque_on.count(1) < len(torque_on):
+            torque_nm *= torque_on
         return motion
 
     def _is_well(self, feedback: Sequence[FeetechFeedback]) -> bool:
@@ -128,7 +133,7 @@ class FeetechBus(ServoBus):
             self._drag_nms_rad,
             self._stall_nm,
             self._stiffness_nm_rad,
-            self._joints.steps[0].tolist(),
+            self._steps_rad,
             self._joints.offset_rad.tolist(),
             strict=True,
         ):

@@ -34,6 +34,8 @@ FEEDBACK_SIZE: Final = _FORMAT.size
 PADDING: Final = 7  # bytes before the block, by which the answers to different requests differ
 
 
+_POSITION_SIGN = _SPEED_SIGN = 1 << 15  # from here on a value is negative; see `tables`
+_LOAD_SIGN = 1 << 10
 _GOALS = 32  # more than are sent while an answer is late
 _NEAR_COUNTS = 16  # beside what a joint can have turned
 
@@ -62,17 +64,18 @@ class FeetechFeedback(NamedTuple):
 
 def decode_feedback(packet: Packet) -> FeetechFeedback:
     """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes."""
+    data = packet.data
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
-        _FORMAT.unpack(packet.data[-FEEDBACK_SIZE:])
+        _FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)
     )
     return FeetechFeedback(
         on,
         errors,
         (acceleration, time, fastest, limit, lock),
         goal,
-        PRESENT_POSITION.signed_value(position),
-        PRESENT_SPEED.signed_value(speed),
-        PRESENT_LOAD.signed_value(load),
+        position if position < _POSITION_SIGN else PRESENT_POSITION.signed_value(position),
+        speed if speed < _SPEED_SIGN else PRESENT_SPEED.signed_value(speed),
+        load if load < _LOAD_SIGN else PRESENT_LOAD.signed_value(load),
         volts,
         celsius,
     )

@@ -7,6 +7,7 @@ little-endian. Source: Feetech, "Magnetic encoder smart servo communication prot
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
@@ -19,6 +20,7 @@ AROUND: Final = 6  # bytes of an answer around its data
 
 _PING, _READ, _WRITE, _SYNC_READ, _SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 _ID_ADDRESS = 5
+_WHOLE_SUM = (sum(HEADER) + 0xFF) & 0xFF  # of a packet with its checksum, which inverts the rest
 ID_SIZE: Final = 1  # bytes of the answer to `ping`
 _LARGEST_LENGTH = 0xFA
 
@@ -88,12 +90,13 @@ def decode_status(packet: bytes) -> FeetechStatus:
     Raises:
         ProtocolError: It is no status packet, or its checksum is wrong.
     """
-    if len(packet) < AROUND or not packet.startswith(HEADER):
+    size = len(packet)
+    if size < AROUND or not packet.startswith(HEADER):
         raise ProtocolError(f"not a packet: {packet[:16].hex(' ')}")
     servo_id, length = packet[2], packet[3]
-    if length != len(packet) - 4:
-        raise ProtocolError(f"a packet of {len(packet)} bytes that says {4 + length}")
-    if checksum(packet[2:-1]) != packet[-1]:
+    if length != size - 4:
+        raise ProtocolError(f"a packet of {size} bytes that says {4 + length}")
+    if sum(packet) & 0xFF != _WHOLE_SUM:
         raise ProtocolError(f"wrong checksum in a packet of servo {servo_id}")
     if servo_id > LARGEST_ID:
         raise ProtocolError(f"not an answer of a servo: id {servo_id}")
@@ -180,4 +183,12 @@ def sync_write_block(address: int, size: int, block: bytes) -> bytes:
         size: Number of bytes for each servo.
         block: For each servo its id and its bytes.
     """
-    return encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + block)
+    head, total = _sync_write_head(address, size, len(block))
+    return head + block + bytes((~(total + sum(block)) & 0xFF,))
+
+
+@lru_cache
+def _sync_write_head(address: int, size: int, count: int) -> tuple[bytes, int]:
+    """What comes before `count` bytes of a sync write, and the sum that its checksum is made of."""
+    head = encode_packet(BROADCAST_ID, _SYNC_WRITE, bytes((address, size)) + bytes(count))[: -count - 1]
+    return head, sum(head[len(HEADER) :])

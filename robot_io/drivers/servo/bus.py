@@ -141,10 +141,11 @@ class ServoBus(JointBus, Examinable):
         complaint = "" if self._is_well(feedback) else self._complaints(feedback)
         motion = self._motion(feedback)
         position_rad, velocity_rad_s, torque_nm = motion
-        if disagreement := self._pairs.disagreement(position_rad):
-            raise DeviceError(disagreement)
-        complaint = complaint or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
-        position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
+        if self._pairs.joints:
+            if disagreement := self._pairs.disagreement(position_rad):
+                raise DeviceError(disagreement)
+            complaint = complaint or self._pairs.torque_difference(torque_nm, asked_at_s) or ""
+            position_rad, velocity_rad_s, torque_nm = self._pairs.joined(motion)
         self.sample = ServoSample(asked_at_s, position_rad, velocity_rad_s, torque_nm, motion)
         self.position = Reading(position_rad, asked_at_s)
         self.velocity = Reading(velocity_rad_s, asked_at_s)

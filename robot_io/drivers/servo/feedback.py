@@ -155,14 +155,16 @@ class FeedbackReader(Generic[FeedbackType]):
 
     def _answers(self, data: bytes) -> Iterator[tuple[Request, Sequence[Packet]]]:
         """Requests whose answers are complete with `data`, each with all servos' packets in their order."""
+        ids = self._ids
         for packet in self._packets.feed(data):
-            request = self._requests.get(len(packet.data))
+            request, servo_id = self._requests.get(len(packet.data)), packet.servo_id
             if packet.refusal is not None:
-                request = self._oldest_open(packet.servo_id)
-            if request is not None and packet.servo_id in self._ids:
-                request.answers[packet.servo_id] = packet
-                if len(request.answers) == len(self._ids):
-                    yield request, [request.answers[servo_id] for servo_id in self._ids]
+                request = self._oldest_open(servo_id)
+            if request is not None and servo_id in ids:
+                answers = request.answers
+                answers[servo_id] = packet
+                if len(answers) == len(ids):
+                    yield request, [answers[servo_id] for servo_id in ids]
 
     def _silence(self, asked: Request) -> str:
         """Who did not answer."""

@@ -27,33 +27,39 @@ class ServoPairs:
 
     Servos are in the order of `ServoBusSettings.turning`: n joints have m servos, of which the last m - n are
     the second ones.
+
+    Attributes:
+        joint_count: Number of joints n.
+        joints: Which joints two servos turn, m - n of them.
     """
 
     def __init__(self, settings: ServoBusSettings[Any], limits: Limits) -> None:
         self.joint_count = len(settings.servos)
-        self._joints = list(settings.pairs)
+        self.joints = list(settings.pairs)
         self._labels = [
             f"servos {settings.ids[joint]} and {settings.ids[self.joint_count + k]} (joint {joint + 1})"
-            for k, joint in enumerate(self._joints)
+            for k, joint in enumerate(self.joints)
         ]
         self._tolerance_rad = settings.pair_tolerance_rad
         self._second_zeros_rad = [servo.zero_rad for servo in settings.turning[self.joint_count :]]
-        in_pair = [0.5 if joint in self._joints else 1.0 for joint in range(self.joint_count)]
+        in_pair = [0.5 if joint in self.joints else 1.0 for joint in range(self.joint_count)]
         self._share = self.of_servos(in_pair)
-        self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self._joints]
+        self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self.joints]
         self._time_s = limits.deaf_drive_s
         self.restart()
 
     def restart(self) -> None:
         """Forget since when torques differ."""
-        self._alike_at_s, self._count = [inf] * len(self._joints), [0] * len(self._joints)
+        self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
     def of_servos(self, of_joints: Sequence[float]) -> list[float]:
         """Repeat a value of each joint (n), such as a limit, for each servo (m)."""
-        return [*of_joints, *(of_joints[joint] for joint in self._joints)]
+        return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
     def shares(self, torque_nm: Sequence[float]) -> list[float]:
         """Divide torques of joints (n) among servos (m) [N m]."""
+        if not self.joints:
+            return list(torque_nm)
         return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
 
     def weaker(self, largest_nm: Sequence[float]) -> list[float]:
@@ -66,28 +72,26 @@ class ServoPairs:
             What each servo may exert (m) [N m].
         """
         weaker_nm = list(largest_nm[: self.joint_count])
-        for joint, second_nm in zip(self._joints, largest_nm[self.joint_count :], strict=True):
+        for joint, second_nm in zip(self.joints, largest_nm[self.joint_count :], strict=True):
             weaker_nm[joint] = min(weaker_nm[joint], second_nm)
         return self.of_servos(weaker_nm)
 
     def summed(self, of_servos: Sequence[float]) -> list[float]:
         """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n)."""
         of_joints = list(of_servos[: self.joint_count])
-        for joint, second in zip(self._joints, of_servos[self.joint_count :], strict=True):
+        for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
             of_joints[joint] += second
         return of_joints
 
     def joined(self, motion: FloatArray) -> FloatArray:
-        """Average the positions and velocities of a pair, and add its torques: (3, m) to (3, n)."""
-        if not self._joints:
-            return motion
+        """Average the positions and velocities of pairs, and add their torques: (3, m) to (3, n)."""
         joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
         return joined
 
     def _ahead_rad(self, position_rad: FloatArray) -> list[float]:
         """By how much the second servo of each pair stands ahead of the first [rad]."""
-        ahead: list[float] = (position_rad[self.joint_count :] - position_rad[self._joints]).tolist()
+        ahead: list[float] = (position_rad[self.joint_count :] - position_rad[self.joints]).tolist()
         return ahead
 
     def examine(self, position_rad: FloatArray) -> list[Finding]:
@@ -117,8 +121,6 @@ class ServoPairs:
         Args:
             position_rad: Positions of all servos (m) [rad].
         """
-        if not self._joints:
-            return None
         for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
             if not abs(ahead_rad) <= self._tolerance_rad:
                 return (
@@ -134,7 +136,7 @@ class ServoPairs:
             torque_nm: Measured torques of all servos (m) [N m].
             time_s: When they were measured [s].
         """
-        for k, joint in enumerate(self._joints):
+        for k, joint in enumerate(self.joints):
             first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])
             larger_nm = max(abs(first_nm), abs(second_nm))
             if abs(first_nm - second_nm) <= _DIFFERENT_SHARE * larger_nm + self._floor_nm[k]:

@@ -50,17 +50,17 @@ class PacketStream(ABC, Generic[PacketType]):
         """
         buffer = self._buffer + data
         packets: list[PacketType] = []
-        place = 0
+        place, available, header, head = 0, len(buffer), self.header, self.head
         while True:
-            start = buffer.find(self.header, place)
+            start = buffer.find(header, place)
             if start < 0:
-                place = max(place, len(buffer) - len(self.header) + 1)
+                place = max(place, available - len(header) + 1)
                 break
             place = start
-            if len(buffer) < start + self.head:
+            if available < start + head:
                 break
             end = start + self._size(buffer, start)
-            if len(buffer) < end <= start + self._largest:
+            if available < end <= start + self._largest:
                 break
             packet = buffer[start:end]
             try:

@@ -123,7 +123,7 @@ def test_no_torque_before_the_first_reading(arm):
     arm.robot.configure()
     arm.robot.buses["motors"]._powered = True
     arm.robot.buses["motors"].sample = None
-    with pytest.raises(LifecycleError, match="from where they are"):
+    with pytest.raises(LifecycleError, match="starts from their positions"):
         arm.robot.torque.stage_torque(np.zeros(3))
 
 
