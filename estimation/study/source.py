@@ -205,7 +205,9 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
     session, channels = sessions.read_session(path, runs or "")
-    return Source(path.name, channels, sessions.arm_of(session), path, session)
+    cut_off = "the session is cut off: what follows is from what was written until then"
+    notes = (cut_off,) if session.truncated else ()
+    return Source(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
 
 
 def _arrow(data: Any) -> pa.Table:  # noqa: ANN401

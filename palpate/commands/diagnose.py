@@ -199,10 +199,6 @@ def estimate_command(
     def show() -> None:
         out = console.stdout()
         out.print(f"[bold]{shown(data.file)}[/bold]: {count(len(estimates), 'channel')}")
-        if cut_off:
-            out.print(
-                "  [yellow]the session is cut off: what follows is from what was written until then[/yellow]"
-            )
         for each in estimates:
             print_estimates(out, each, study.truth_of(each.channel))
         for remark in calibration_remark(session):

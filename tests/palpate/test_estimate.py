@@ -299,7 +299,8 @@ def test_a_session_that_is_cut_off_is_said_to_be(probed, tmp_path):
     whole, part = probed[0].read_bytes(), tmp_path / "part.mcap"
     part.write_bytes(whole[: len(whole) * 2 // 3])
     for file, cut_off in ((part, True), (probed[0], False)):
-        assert ("the session is cut off" in run("estimate", file, "--estimator", "lsq").stdout) is cut_off
+        for command in (("estimate", "--estimator", "lsq"), ("compare", "--json")):
+            assert ("the session is cut off" in run(*command, file).stderr) is cut_off
         assert estimate_json(file, "--estimator", "lsq")["cut_off"] is cut_off
 
 
