@@ -13,7 +13,7 @@ from estimation.channel import ChannelData, ChannelKind
 from estimation.effect import Effect
 from estimation.model import Model
 from estimation.models import MODELS
-from estimation.study.sessions import Arm
+from estimation.study.arm import Arm
 from estimation.study.source import Source
 from robot_io.errors import InputError
 

@@ -15,7 +15,7 @@ from estimation.fit.measurement_noise import MeasurementNoise
 from estimation.model import Model
 from estimation.models import MODELS
 from estimation.statistics.misfit import residual_scale
-from estimation.study.sessions import NO_ARM, Arm
+from estimation.study.arm import NO_ARM, Arm
 from estimation.study.source import Source
 from estimation.surface import Surface
 from robot_io.errors import InputError

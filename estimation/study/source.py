@@ -18,7 +18,7 @@ from estimation.data.import_files import data_files, import_files, joined_channe
 from estimation.data.import_options import ImportOptions
 from estimation.data.table import table_of
 from estimation.fit.long_data import shortened
-from estimation.study.sessions import NO_ARM, Arm
+from estimation.study.arm import NO_ARM, Arm
 from robot_io.errors import InputError
 
 if TYPE_CHECKING:

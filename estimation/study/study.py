@@ -28,6 +28,7 @@ from estimation.fit.fit_result import FitResult
 from estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
 from estimation.shared_gains import with_shared_gains
 from estimation.study import fitting
+from estimation.study.arm import Arm
 from estimation.study.channels import (
     ALL_CHANNELS,
     FITTED_ARM_MODEL,
@@ -45,7 +46,6 @@ from estimation.study.estimates import USUAL, ChannelEstimates, choose_estimator
 from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
 from estimation.study.revisions import KeptParameter, Revision, Revisions
 from estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
-from estimation.study.sessions import Arm
 from estimation.study.source import NO_OPTIONS, limit_length, open_source
 from robot_io.errors import InputError
 

@@ -54,8 +54,8 @@ BREAKS = [  # a codec, and how it is broken: module, name there, what replaces i
     ("dynamixel_stream", dynamixel, "_STATUS", lambda old: Anything()),
     ("dynamixel_packet", dynamixel, "crc16", lambda old: lambda data: Anything()),
     ("dynamixel_fast_reply", dynamixel, "crc16", lambda old: lambda data: Anything()),
-    ("feetech_packet", feetech, "checksum", lambda old: lambda content: Anything()),
-    ("feetech_stream", feetech, "checksum", lambda old: lambda content: Anything()),
+    ("feetech_packet", feetech, "_WHOLE_SUM", lambda old: Anything()),
+    ("feetech_stream", feetech, "_WHOLE_SUM", lambda old: Anything()),
     ("feetech_packet", feetech, "LARGEST_ID", lambda old: 0xFE),  # so is an echo
     ("feetech_stream", feetech, "LARGEST_ID", lambda old: 0xFE),
     ("mit", mit, "_MAX_12", lambda old: 4096),

@@ -16,8 +16,8 @@ from estimation.diagnosis.extension import PackedFit
 from estimation.effects import EFFECTS
 from estimation.study import ModelStudy, fitting
 from estimation.study import study as study_module
+from estimation.study.arm import NO_ARM, Arm
 from estimation.study.saved_diagnosis import RESULT, with_checksum
-from estimation.study.sessions import NO_ARM, Arm
 from robot_io.errors import InputError
 from tests.estimation.fits import cubic
 from tests.estimation.presses import session
