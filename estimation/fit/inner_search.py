@@ -1,4 +1,4 @@
-"""The search for the inner parameters of one effect, the others of its model as they are."""
+"""Inner parameters: those of one effect searched over a grid, then all of a model fitted together."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -20,6 +20,13 @@ from robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3
+_TIMES = 4  # that a fit of all is repeated while it leads far
+_FAR = 0.9  # of the energy before
+_EVALUATIONS = 40
+_SETTLED = 1e-5
+_MOVED = 1e-4  # share of the way gone, that a step must still go
+_ARRIVED = 1.0001  # times the energy that a step promised, since slopes need settled efforts
+_STEP = 2e-3  # of a difference quotient
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,7 @@ def _at(
     along: LinearisedParts,
 ) -> Solution:
     there = {f"{effect.name}.{name}": value for name, value in inner.items()}
+    # One step from gains that are fitted already ranks candidates; the promising ones are fitted in full.
     return solve_gains(problem, model, {**parameters, **there}, rounds=1, parts=along(inner))
 
 
@@ -167,15 +175,6 @@ def _outside(line: list[float], inner: Parameter, *, upwards: bool) -> float:
     end, before = (line[-1], line[-2]) if upwards else (line[0], line[1])
     beyond = end * (end / before) ** 2 if inner.log and before > 0.0 else end + 2.0 * (end - before)
     return float(np.clip(beyond, inner.lower, inner.upper))
-
-
-_TIMES = 4
-_FAR = 0.9  # of the energy before
-_EVALUATIONS = 40
-_SETTLED = 1e-5
-_MOVED = 1e-4  # share of the way gone, that a step must still go
-_ARRIVED = 1.0001  # the quotient needs efforts that are settled
-_STEP = 2e-3
 
 
 @dataclass(frozen=True)

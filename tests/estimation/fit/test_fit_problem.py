@@ -11,7 +11,7 @@ from estimation.effect import AdditiveEffect
 from estimation.effects import EFFECTS
 from estimation.fit.ar_noise import WHITE, ArNoise
 from estimation.fit.blocks import BlockedData
-from estimation.fit.fit_problem import FitProblem, solve_gains
+from estimation.fit.fit_problem import FitProblem, residual_slopes, solve_gains
 from estimation.fit.normal_equations import NormalEquations, held_out_sse, solve_normal_equations
 from estimation.information import Information
 from estimation.model import Model
@@ -281,3 +281,25 @@ def test_a_gain_at_its_bound_is_fixed_and_says_so():
     assert found.parameters["damping.c"] == 0.0
     assert found.fixed == {"damping.c"}
     assert found.parameters["stiffness.k"] == pytest.approx(3.0, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", [ChannelKind.CONTACT, ChannelKind.PRISMATIC])
+def test_slopes_of_the_residual_are_those_of_the_gains_fitted_anew_where_nothing_is_left(kind):
+    """At the truth and without noise the projected slopes are exact."""
+    names, inner, true = (
+        (("stiffness", "exponential_stiffness"), "exponential_stiffness.b", 3.0)
+        if kind is ChannelKind.CONTACT
+        else (("stiffness", "saturation"), "saturation.limit", 40.0)
+    )
+    step = 1e-5
+    made = model(*names)
+    data = pressed(kind=kind, noise=0.0)
+    gains = dict.fromkeys(made.gains, 50.0)
+    effort = made.predict(data, {**gains, inner: true})
+    one = problem(replace(data, effort=effort))
+    solution = solve_gains(one, made, {**gains, inner: true}, rounds=9)
+    ahead = solve_gains(one, made, {**solution.parameters, inner: true + step}, rounds=9)
+    expected = one.whiten(ahead.residual - solution.residual)
+    found = residual_slopes(one, solution, {inner: true + step})[:, 0]
+    assert np.abs(expected).max() > 1e-9
+    np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())

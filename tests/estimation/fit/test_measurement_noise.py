@@ -155,3 +155,22 @@ def test_single_precision_is_no_noise(rmse, exact):
 )
 def test_signals_are_told_by_how_much_they_explain(shares, told):
     assert FitResult.depends_on.fget(SimpleNamespace(flexible=SimpleNamespace(by_signal=shares))) == told
+
+
+def test_a_chance_test_that_is_decided_stops_and_decides_alike():
+    rng = np.random.default_rng(7)
+    noise, base = rng.normal(size=len(RUN)), np.ones((len(RUN), 1))
+    tried = [np.hstack([base, rng.normal(size=(len(RUN), 3))]) for _ in range(20)]
+    asked = []
+
+    def candidates():
+        for columns in tried:
+            asked.append(columns)
+            yield columns
+
+    observed = float(np.quantile(null_improvements(noise, RUN, base, tried, np.random.default_rng(1)), 0.5))
+    stopped = null_improvements(
+        noise, RUN, base, candidates(), np.random.default_rng(1), observed=observed, most=1
+    )
+    assert np.sum(stopped >= observed) > 1  # as without a stop
+    assert len(asked) < len(tried)
