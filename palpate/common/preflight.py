@@ -1,6 +1,5 @@
 """What must hold before the rest of palpate is imported; standard library only, to speak anywhere."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
@@ -21,25 +20,6 @@ def python_problem(version: tuple[int, int]) -> str | None:
     )
 
 
-def control_problem(control_file: str | None) -> str | None:
-    """Say whether the package found under the name `control` is somebody else's, or None if it is ours.
-
-    Args:
-        control_file: path of the `__init__.py` that `import control` would load, or None if there is none.
-    """
-    ours = Path(__file__).resolve().parents[2] / "control"
-    if control_file is None:
-        return f"palpate's package 'control' is missing; it should be in {ours}: install palpate again"
-    found = Path(control_file).resolve().parent
-    # python-control installs a package of the same name; in one folder the two overwrite each other.
-    if found == ours and not (found / "statesp.py").exists():
-        return None
-    return (
-        f"the package 'control' in {found} is not palpate's (python-control has the same name): "
-        "install palpate into its own environment (make env), or run: pip uninstall control"
-    )
-
-
 def folder_problem() -> str | None:
     """Say that the folder in which the user is was deleted meanwhile, or None."""
     try:
@@ -47,12 +27,6 @@ def folder_problem() -> str | None:
     except OSError as error:
         return f"the folder in which you are cannot be used ({error.strerror}): change to another one"
     return None
-
-
-def find_control() -> str | None:
-    """Path of the `control` package that Python would import, without importing it."""
-    spec = importlib.util.find_spec("control")
-    return spec.origin if spec else None
 
 
 def library_remedy(error: ImportError) -> str | None:
@@ -68,5 +42,4 @@ def library_remedy(error: ImportError) -> str | None:
 
 def first_problem() -> str | None:
     """The first thing that keeps palpate from starting, in one line with its remedy, or None."""
-    python = python_problem((sys.version_info[0], sys.version_info[1]))
-    return python or folder_problem() or control_problem(find_control())
+    return python_problem((sys.version_info[0], sys.version_info[1])) or folder_problem()

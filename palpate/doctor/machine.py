@@ -44,14 +44,6 @@ def python() -> Iterator[Finding]:
     yield graded("python", value, (_FAIL, problem, problem), (_WARN, sys.prefix == sys.base_prefix, bare))
 
 
-def control_package() -> Iterator[Finding]:
-    """The name `control` belongs to palpate here."""
-    found = preflight.find_control()
-    problem, both = preflight.control_problem(found) or "", _installed_version("control")
-    remedy = "python-control is installed too: pip uninstall control"
-    yield graded("control package", str(found), (_FAIL, problem, problem), (_WARN, both, remedy))
-
-
 def packages() -> Iterator[Finding]:
     """Every dependency is there, in the version that the project is tested with."""
     pinned = _pinned_versions()
@@ -217,7 +209,7 @@ def _text(path: Path) -> str:
 
 
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    *(python, control_package, packages, physics_engines, pinocchio, rerun),
+    *(python, packages, physics_engines, pinocchio, rerun),
     *(real_time, memory_lock, serial_ports, can_interfaces),
 )
 
