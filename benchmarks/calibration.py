@@ -15,13 +15,13 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from calibration.force import fit_force, read_weighing
+from palpate.calibration.force import fit_force, read_weighing
+from palpate.robot_io.session import Session
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration import CalibrationJob
 from palpate.runs.robots import find_robot
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 
 ROBOT = find_robot("follower")
 FORCES_N = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0)

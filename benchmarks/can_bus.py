@@ -17,13 +17,13 @@ from pathlib import Path
 import can
 import numpy as np
 
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Command
-from sim_backend.emulators.wiring import wire_up
-from sim_backend.scenario import load_scenario
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Command
+from palpate.sim_backend.emulators.wiring import wire_up
+from palpate.sim_backend.scenario import load_scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 KINDS = ("odrive", "cubemars", "damiao", "robstride", "moteus")

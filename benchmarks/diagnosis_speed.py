@@ -14,17 +14,17 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from control.probing.plan import ProbingPlan
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis import diagnose
-from estimation.models import MODELS
-from estimation.study import ModelStudy
-from estimation.study.channels import ALL_CHANNELS
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis import diagnose
+from palpate.estimation.models import MODELS
+from palpate.estimation.study import ModelStudy
+from palpate.estimation.study.channels import ALL_CHANNELS
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
-from sim_backend.imperfection import IMPERFECTIONS, Imperfection
-from sim_backend.scenario import Scenario
+from palpate.sim_backend.imperfection import IMPERFECTIONS, Imperfection
+from palpate.sim_backend.scenario import Scenario
 
 ONE = [IMPERFECTIONS["stress_relaxation"](stiffness_n_m=150.0, time_s=0.3)]
 THREE = [

@@ -21,15 +21,15 @@ from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
-from control.probing.plan import ProbingPlan
+from palpate.control.probing.plan import ProbingPlan
 from palpate.render.progress import sweep_progress
+from palpate.sim_backend.hidden import draw_hidden, noise_scale
+from palpate.sim_backend.imperfection import IMPERFECTIONS, Imperfection, describe_imperfection
+from palpate.sim_backend.noise_scale import CONTACT
+from palpate.sim_backend.scenario import Scenario
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
 from palpate.sweep.grid import DIAGNOSE, shipped_grid
 from palpate.sweep.works.probing import NOTHING
-from sim_backend.hidden import draw_hidden, noise_scale
-from sim_backend.imperfection import IMPERFECTIONS, Imperfection, describe_imperfection
-from sim_backend.noise_scale import CONTACT
-from sim_backend.scenario import Scenario
 
 ENGINES = ("pybullet", "mujoco")
 FINE = {

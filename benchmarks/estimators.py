@@ -20,13 +20,13 @@ from presses import Noise, Press
 from scipy.optimize import least_squares
 from sklearn.linear_model import HuberRegressor, LinearRegression, RANSACRegressor, TheilSenRegressor
 
-from estimation.contact_estimator import ContactLaw, OnlineContactLaw
-from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.estimator import OnlineEstimator
-from estimation.estimators import ESTIMATORS
-from estimation.estimators.recursive import Sprls
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.estimators.recursive import Sprls
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0))
 HUNT_CROSSLEY = Press(ContactLaw(2000.0, 1500.0, 1.3, 1.3))

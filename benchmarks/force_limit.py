@@ -13,19 +13,19 @@ from command_line import arguments
 from rich.console import Console
 from rich.table import Column, Table
 
-from control.loop.loop import run_loop
-from control.loop.task import Phase, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.task import Phase, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates, tick_stream
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.types import Measurement
 from palpate.runs.probing import TickRecords
 from palpate.runs.robots import find_robot, shipped_robots
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.guard import Guard
-from robot_io.robot import build_robot
-from robot_io.types import Measurement
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 
 RATE_HZ = 1000.0
 SOFT = ((100.0, 200.0, 500.0, 1000.0, 2000.0), (0.15, 0.09, 0.06))  # stiffness [N/m], speeds [m/s]
@@ -55,7 +55,7 @@ def probe(arm: str, stiffness_n_m: float, damping_n_s_m: float, plan: ProbingPla
     true_n: list[float] = []
     task = ProbingTask.from_robot_file(robot_file, plan)
     guard = Guard(robot_file.limits, robot_file.safe_state, robot_file.joint_count)
-    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
+    robot = build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock)
     law = {"name": "kelvin_voigt", "stiffness_n_m": stiffness_n_m, "damping_n_s_m": damping_n_s_m}
     bus = robot.buses["world"]
     bus.use_scenario(load_scenario({"object": {"law": law}}))

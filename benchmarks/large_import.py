@@ -17,7 +17,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 ARRAYS = 7  # of a channel, of 8 bytes a sample: time, motion, effort, run, phase
-READ = "import sys; from estimation.data.channels import session_channels; from robot_io import Session; "
+READ = "import sys; from palpate.estimation.data.channels import session_channels; "
+READ += "from palpate.robot_io import Session; "
 
 
 def recording(path: Path, rows: int) -> None:

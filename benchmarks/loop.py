@@ -12,13 +12,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Column, Table
 
-from control.loop.timing import TickDurations
-from control.probing.plan import ProbingPlan
+from palpate.control.loop.timing import TickDurations
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.session import Samples
 from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
-from robot_io.session import Samples
-from sim_backend.engines import EngineName, installed_engines
-from sim_backend.scenario import Scenario
+from palpate.sim_backend.engines import EngineName, installed_engines
+from palpate.sim_backend.scenario import Scenario
 
 SECTIONS = [name for name in TickDurations._fields if name not in ("observer_s", "lateness_s")]
 REPEATS = 7

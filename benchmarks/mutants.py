@@ -178,9 +178,9 @@ class Trial:
             ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
         )
         for name in filter(None, listed.stdout.split("\0")):
-            if (ROOT / name).is_file():
+            if (ROOT / name).is_file() or (ROOT / name).is_symlink():
                 (tree / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(ROOT / name, tree / name)
+                shutil.copyfile(ROOT / name, tree / name, follow_symlinks=False)
 
     def check(self, area: str) -> None:
         """Refuse tests that fail without a mutant: they notice nothing."""
@@ -204,7 +204,7 @@ class Trial:
     def _tests(self, mutant: Mutant) -> tuple[list[str], list[str]]:
         """Files of tests that name the module or its folder, and the others of the area."""
         files = self._files(mutant.area)
-        module = ".".join(mutant.file.with_suffix("").parts)
+        module = "palpate." + ".".join(mutant.file.with_suffix("").parts)
         names = (module, f"{module.rpartition('.')[0]} import", f"import {mutant.file.stem}")
         near = [path for path in files if any(name in path.read_text(encoding="utf-8") for name in names)]
         near.sort(key=lambda path: module not in path.read_text(encoding="utf-8"))

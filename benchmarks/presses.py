@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.contact_estimator import ContactLaw
-from estimation.regression import Regression
-from estimation.statistics.uncertainty import cramer_rao
-from robot_io.types import FloatArray
+from palpate.estimation.contact_estimator import ContactLaw
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.uncertainty import cramer_rao
+from palpate.robot_io.types import FloatArray
 
 _TICK_S = 1e-3
 

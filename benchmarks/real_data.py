@@ -20,7 +20,7 @@ import numpy as np
 from command_line import arguments
 from measured.recordings import SETS, Expected, Recording
 
-from estimation.diagnosis import ChannelDiagnosis, diagnose
+from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
 
 
 @dataclass(frozen=True)

@@ -35,20 +35,20 @@ import numpy as np
 from command_line import arguments
 from threadpoolctl import threadpool_limits
 
-from control.probing.plan import ProbingPlan
-from estimation.design.next_experiment import NextExperiment, NextProbe
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.study.undecided_models import is_undecided
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.study.undecided_models import is_undecided
 from palpate.planning.next_probe import feasible
+from palpate.robot_io.errors import PalpateError
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
+from palpate.sim_backend.hidden import noise_scale
+from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
+from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
 from palpate.workflows.resolve import Budget, Decision, StopReason, resolve
-from robot_io.errors import PalpateError
-from sim_backend.hidden import noise_scale
-from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
-from sim_backend.scenario import Scenario
 
 SHORT = ProbingPlan(speeds_m_s=(0.09,), repeats=2, hold_s=0.3)
 WEAKEST, STRONGEST = 1.5, 10.0  # times the noise floor

@@ -21,13 +21,13 @@ from time import perf_counter
 
 import numpy as np
 
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.drivers.servo.bus import ServoBus
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file
-from sim_backend.emulators.wiring import wire_up
-from sim_backend.scenario import load_scenario
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.drivers.servo.bus import ServoBus
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.sim_backend.emulators.wiring import wire_up
+from palpate.sim_backend.scenario import load_scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 KINDS = {"dynamixel": "dynamixel_3dof.yaml", "feetech": "so101.yaml"}

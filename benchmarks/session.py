@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_io import Column, Session, SessionMetadata, SessionWriter, Stream, write_session
+from palpate.robot_io import Column, Session, SessionMetadata, SessionWriter, Stream, write_session
 
 RATE_HZ = 1000
 TICK = Stream(

@@ -18,23 +18,23 @@ from pathlib import Path
 import numpy as np
 from command_line import arguments
 
-from control.loop.loop import run_loop
-from control.loop.result import Outcome
-from control.loop.task import TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Measurement, Status
 from palpate.runs.probing import TickRecords
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import PalpateError
-from robot_io.guard import Guard
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Measurement, Status
-from sim_backend.emulators import Fault, FaultKind, Faults
-from sim_backend.emulators.wiring import WiredArm, wire_up
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
+from palpate.sim_backend.scenario import load_scenario
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 SPEEDS_M_S = {"so101": 0.03}  # what its servos can follow; the others probe at 0.1 m/s

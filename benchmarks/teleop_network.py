@@ -26,10 +26,10 @@ import yaml
 from command_line import arguments
 from teleop_simulation import DelayLine, LinkFaults
 
+from palpate.robot_io.session import Session
+from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop.demo import script, write_worlds
 from palpate.teleop.merged_sessions import MergedSessions, merge_sessions
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
 
 SIDES = ("follower", "leader")
 LIMIT_S = 120.0

@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from control.teleop.couplings import Coupling, DevicePort, Packet
+from palpate.control.teleop.couplings import Coupling, DevicePort, Packet
 
 DT_S = 1e-3
 SUBSTEP_S = 0.25e-3

@@ -31,9 +31,9 @@ from teleop_simulation import (
     run,
 )
 
-from control.teleop.couplings import Coupling, Packet
-from control.teleop.model_mediated import COUPLINGS, ObjectModel, model_mediated
-from control.teleop.virtual_object import hunt_crossley
+from palpate.control.teleop.couplings import Coupling, Packet
+from palpate.control.teleop.model_mediated import COUPLINGS, ObjectModel, model_mediated
+from palpate.control.teleop.virtual_object import hunt_crossley
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

@@ -22,7 +22,7 @@ import psutil  # type: ignore[import-untyped]
 from command_line import arguments
 from playwright.sync_api import ConsoleMessage, Page, TimeoutError, sync_playwright
 
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 HERE = Path(__file__).resolve().parent
 MOST_S = 120.0

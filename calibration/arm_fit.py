@@ -15,7 +15,7 @@ tilt. The delay between the samples of motion and torque is fitted as well: left
 friction. Samples near standstill, where friction is anything up to its limit, are left out.
 
 Gauss-Newton, each joint weighted with its own residual; the covariance allows for autocorrelated residuals
-(estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
+(palpate.estimation.statistics). Friction: Armstrong-Helouvry et al., Automatica 30 (1994).
 """
 
 from dataclasses import dataclass, fields
@@ -24,16 +24,16 @@ from typing import Self
 
 import numpy as np
 
-from calibration.standstill import UncertainValue
-from control.arm.rigid_body import RigidBody
-from estimation.data.tick_channels import joint_channels
-from estimation.statistics.least_squares import solve
-from estimation.statistics.noise import sum_covariance
-from estimation.statistics.uncertainty import sandwich
-from robot_io.calibration.applied import gravity_base_m_s2
-from robot_io.errors import InputError
-from robot_io.session import Samples
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.calibration.standstill import UncertainValue
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.data.tick_channels import joint_channels
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.estimation.statistics.uncertainty import sandwich
+from palpate.robot_io.calibration.applied import gravity_base_m_s2
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Samples
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _UNIT = np.eye(3)
 

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm_fit import GravityBodies, design
-from control.arm.rigid_body import RigidBody
-from control.laws.computed_torque import ComputedTorque
-from control.laws.gains import TrackingGains
-from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
-from control.paths.trajectory import JointMotion, JointMove, quintic
-from robot_io.errors import InputError, SafetyTripError
-from robot_io.guard import Limits
-from robot_io.types import Command, FloatArray, Measurement
+from palpate.calibration.arm_fit import GravityBodies, design
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.computed_torque import ComputedTorque
+from palpate.control.laws.gains import TrackingGains
+from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
+from palpate.control.paths.trajectory import JointMotion, JointMove, quintic
+from palpate.robot_io.errors import InputError, SafetyTripError
+from palpate.robot_io.guard import Limits
+from palpate.robot_io.types import Command, FloatArray, Measurement
 
 MARGIN_M = 0.01
 _STEP_RAD = 0.05
@@ -485,7 +485,9 @@ class FreeMotion:
 
 
 class PathTask:
-    """Moves to a path, follows it and moves back; see `control.loop.task.Task`. The path's ticks are run 0.
+    """Moves to a path, follows it and moves back; see `palpate.control.loop.task.Task`.
+
+    The path's ticks are run 0.
 
     Args:
         body: model of the arm.

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from calibration.arm_motion import (
+from palpate.calibration.arm_motion import (
     ACCELERATION_RAD_S2,
     MARGIN_M,
     SHARE,
@@ -22,16 +22,16 @@ from calibration.arm_motion import (
     straight_way,
     travel_speed_rad_s,
 )
-from calibration.standstill import few_sample_factor
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import TrackingGains
-from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
-from control.paths.trajectory import JointMotion, JointMove
-from robot_io.clip import clip
-from robot_io.errors import InputError, SafetyTripError
-from robot_io.guard import Limits
-from robot_io.session import Samples, Session
-from robot_io.types import FloatArray, Measurement, Status
+from palpate.calibration.standstill import few_sample_factor
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import TrackingGains
+from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput
+from palpate.control.paths.trajectory import JointMotion, JointMove
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError, SafetyTripError
+from palpate.robot_io.guard import Limits
+from palpate.robot_io.session import Samples, Session
+from palpate.robot_io.types import FloatArray, Measurement, Status
 
 _NEAR_RAD = 0.12  # distance to the stop at which the approach begins
 _LIMIT_MARGIN_RAD = 0.1  # distance of postures to the position limits
@@ -190,7 +190,9 @@ class StopSettings:
 
 
 class StopTask:
-    """Touches every stop several times; see `control.loop.task.Task`. The ticks at a stop are in phase HOLD.
+    """Touches every stop several times; see `palpate.control.loop.task.Task`.
+
+    The ticks at a stop are in phase HOLD.
 
     Runs number the touches of all joints.
 
@@ -223,7 +225,7 @@ class StopTask:
         self._move_along([self._start_rad, self._up_rad, self._approaches[0].posture_rad])
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task.step`; trips where a stop is not where it is said to be."""
+        """See `palpate.control.loop.task.Task.step`; trips where a stop is not where it is said to be."""
         return self._press(measurement, dt_s) if self._pressing else self._move(measurement, dt_s)
 
     @property

@@ -22,12 +22,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t
 
-from calibration.standstill import StillRobot, UncertainValue, few_sample_factor
-from estimation.data.table import Table, read_table
-from estimation.signals.blocks import blocks
-from robot_io.errors import InputError
-from robot_io.session import Session
-from robot_io.types import BoolArray, FloatArray, Status
+from palpate.calibration.standstill import StillRobot, UncertainValue, few_sample_factor
+from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.signals.blocks import blocks
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Session
+from palpate.robot_io.types import BoolArray, FloatArray, Status
 
 _SETTLING_SHARE = 0.25  # of a plateau, left out where nothing says when it is settled
 _FEWEST = 3  # samples of a plateau

@@ -6,16 +6,16 @@ from typing import Generic, TypeVar
 
 from scipy.stats import norm, t
 
-from control.loop.loop import READ_SHARE, first_measurement
-from control.loop.stop_handler import InterruptFlag
-from control.loop.task import NO_RUN, Phase, blank_output
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Tick, TickLog, tick_record
-from control.loop.timing import TickDurations
-from robot_io.clock import Clock
-from robot_io.errors import SafetyTripError
-from robot_io.guard import Guard
-from robot_io.robot import Robot
-from robot_io.types import Measurement
+from palpate.control.loop.loop import READ_SHARE, first_measurement
+from palpate.control.loop.stop_handler import InterruptFlag
+from palpate.control.loop.task import NO_RUN, Phase, blank_output
+from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Tick, TickLog, tick_record
+from palpate.control.loop.timing import TickDurations
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import SafetyTripError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import Robot
+from palpate.robot_io.types import Measurement
 
 _COVERED = 0.975
 Value = TypeVar("Value")

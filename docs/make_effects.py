@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.render.effects import GROUPS, group_of, library
-from sim_backend.imperfection import (
+from palpate.sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,
     Imperfection,

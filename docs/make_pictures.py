@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
-from estimation.study.estimates import BEST, estimate_with
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.study.estimates import BEST, estimate_with
 from palpate.render.estimates import estimates_view
 from palpate.render.recording.file import take_picture
 from palpate.render.report import position_figure
+from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
 from palpate.workflows.demo import HIDDEN_PLAN, hide_one, probe_demo, show_demo, solve
-from sim_backend.scenario import load_scenario
 
 PICTURES = Path(__file__).parent / "pictures"
 SCREEN = (1600, 1000)

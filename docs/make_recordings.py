@@ -24,8 +24,8 @@ from measured.convert import RECIPES, load_recipe, split_of
 from measured.recordings import SETS, Recording
 from recordings import answer_of
 
-from estimation.diagnosis import ChannelDiagnosis, diagnose
-from estimation.kinds import Kind
+from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
+from palpate.estimation.kinds import Kind
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 
 PAGE = Path(__file__).parent / "reference" / "recordings.md"

@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.model import Model
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.model import Model
 
 LEVEL_GRAVITY_M_S2 = (0.0, 0.0, -9.81)  # fall acceleration in the axes of a level base
 

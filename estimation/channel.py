@@ -10,11 +10,11 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.information import Information
-from estimation.surface import Surface
-from estimation.tare import Tare
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.information import Information
+from palpate.estimation.surface import Surface
+from palpate.estimation.tare import Tare
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
 
@@ -64,7 +64,7 @@ class ChannelData:
     acceleration: FloatArray  # second derivative of position, without phase error
     effort: FloatArray  # what was measured and is to be explained
     run: IntArray  # number of the run (one approach, one recording) that each sample belongs to
-    phase: IntArray  # numbers of `control.loop.task.Phase`, or -1 where unknown
+    phase: IntArray  # numbers of `palpate.control.loop.task.Phase`, or -1 where unknown
     # Other signals that an effect may need, by name, each of shape (n,) or (n, k); the face shows which are
     # there. `joint_position`, `joint_velocity`, `joint_acceleration` (n, joints) for an arm; `load` (n,), the
     # effort a joint carries apart from friction.

@@ -5,8 +5,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _NO_DEPTH_M = 1e-9  # whose powers are numbers still
 

@@ -6,7 +6,7 @@ from html import escape
 from textwrap import wrap
 from typing import NamedTuple
 
-from estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import ParameterEstimate
 
 _WIDTH = 110  # columns of a terminal that the text fills
 _NARROWEST = 30  # columns for the last cell of a row, which is wrapped

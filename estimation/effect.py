@@ -14,9 +14,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 Errors = Callable[[], Mapping[str, float]]
 Inner = Mapping[str, float]  # values of inner (nonlinear) parameters by name
@@ -91,7 +91,7 @@ class Effect(ABC):
     """One physical effect; class attributes state it in the same form for all (a test holds each to it)."""
 
     name: ClassVar[str]  # snake_case, from the vocabulary where it is there
-    kind: ClassVar[Kind] = Kind.OTHER  # of physics that it belongs to, see `estimation.kinds`
+    kind: ClassVar[Kind] = Kind.OTHER  # of physics that it belongs to, see `palpate.estimation.kinds`
     also: ClassVar[frozenset[Kind]] = frozenset()  # further kinds, of a law that is a product
     physics: ClassVar[str]  # one line of what happens
     equation: ClassVar[str]  # its term, in plain text

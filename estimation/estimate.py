@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 
 class Identifiability(StrEnum):

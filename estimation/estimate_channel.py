@@ -4,23 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.contact import contact_rows
-from estimation.data.units import SMALLEST
-from estimation.effects.contact_geometry import ContactOffset
-from estimation.estimate import Determined, Estimate, Identifiability
-from estimation.estimator import Estimator
-from estimation.fit.fit_problem import Solution
-from estimation.fit.samples import SampleFit, fit_samples
-from estimation.model import Model
-from estimation.physical import UNPHYSICAL, unphysical
-from estimation.regression import Regression
-from estimation.rounding import mark_coarse, rounding_errors, steps_spanned
-from estimation.statistics.least_squares import solve
-from estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
-from estimation.surface import FEWEST_STEPS
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.contact import contact_rows
+from palpate.estimation.data.units import SMALLEST
+from palpate.estimation.effects.contact_geometry import ContactOffset
+from palpate.estimation.estimate import Determined, Estimate, Identifiability
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.fit.fit_problem import Solution
+from palpate.estimation.fit.samples import SampleFit, fit_samples
+from palpate.estimation.model import Model
+from palpate.estimation.physical import UNPHYSICAL, unphysical
+from palpate.estimation.regression import Regression
+from palpate.estimation.rounding import mark_coarse, rounding_errors, steps_spanned
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
+from palpate.estimation.surface import FEWEST_STEPS
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _OFFSET = f"{ContactOffset.name}.offset"
 _NOWHERE_M = 1e-9  # a difference that is none

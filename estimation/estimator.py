@@ -5,11 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.estimate import Estimate
-from estimation.fit.irls import Loss
-from estimation.regression import Regression
-from estimation.statistics.uncertainty import Covariance, assemble
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.estimate import Estimate
+from palpate.estimation.fit.irls import Loss
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.uncertainty import Covariance, assemble
+from palpate.robot_io.types import BoolArray, FloatArray
 
 
 class Estimator(ABC):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns that depend on each other
 

@@ -6,12 +6,19 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
-from estimation.regression import Regression
-from estimation.signals.cache_by_array import IdentityKey
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Effect,
+    MemoryEffect,
+    MotionEffect,
+    Parameter,
+    SensorEffect,
+)
+from palpate.estimation.regression import Regression
+from palpate.estimation.signals.cache_by_array import IdentityKey
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, IntArray
 
 Parameters = Mapping[str, float]  # "effect.parameter" -> value
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor

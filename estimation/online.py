@@ -5,14 +5,14 @@ from collections import deque
 
 import numpy as np
 
-from control.laws.gains import TouchGains
-from control.laws.touch import RunningMean, release_force_n, touch_force_n
-from control.loop.task import TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
-from estimation.contact_estimator import ContactLaw, OnlineContactLaw
-from estimation.data.derivatives import centre_slope
-from estimation.estimator import OnlineEstimator
-from robot_io.types import Measurement, Status
+from palpate.control.laws.gains import TouchGains
+from palpate.control.laws.touch import RunningMean, release_force_n, touch_force_n
+from palpate.control.loop.task import TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.estimation.contact_estimator import ContactLaw, OnlineContactLaw
+from palpate.estimation.data.derivatives import centre_slope
+from palpate.estimation.estimator import OnlineEstimator
+from palpate.robot_io.types import Measurement, Status
 
 _GAINS = 3
 _ENOUGH = 30  # samples before which three gains are hardly determined
@@ -51,7 +51,7 @@ class OnlineContactEstimator:
 
     Args:
         estimator: takes one sample at a time; a linear one is given Kelvin-Voigt with an unknown surface.
-        touch: what counts as contact, by the controller's own rule (see `control.laws.touch`).
+        touch: what counts as contact, by the controller's own rule (see `palpate.control.laws.touch`).
         half_window: samples on either side that go into a velocity.
     """
 
@@ -75,7 +75,7 @@ class OnlineContactEstimator:
         self.in_contact = False
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """Take in one tick; see `control.loop.tick_record.Observer`.
+        """Take in one tick; see `palpate.control.loop.tick_record.Observer`.
 
         Returns:
             The newest estimates, NaN before there are any.

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from estimation.effect import Parameter
-from estimation.estimate import ParameterEstimate
-from robot_io.types import FloatArray
+from palpate.estimation.effect import Parameter
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.robot_io.types import FloatArray
 
 UNPHYSICAL = "the model lacks something, or the sign of effort or motion is turned"  # why
 _ROUNDING = 1e-9  # share of the effort below which a gain is one of the last digits of the numbers

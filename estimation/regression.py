@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import differentiate
-from estimation.estimate import Determined, Estimate, Identifiability
-from estimation.fit.samples import slopes_of
-from estimation.model import Model, Parameters
-from estimation.signals.blocks import blocks, number_pieces
-from estimation.statistics.least_squares import solve
-from estimation.surface import FEWEST_STEPS
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.estimate import Determined, Estimate, Identifiability
+from palpate.estimation.fit.samples import slopes_of
+from palpate.estimation.model import Model, Parameters
+from palpate.estimation.signals.blocks import blocks, number_pieces
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.surface import FEWEST_STEPS
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _MANY_STEPS = 1000.0  # from here on, rounding does less than 0.1 %
 _DRAWS = 16

@@ -2,7 +2,7 @@
 
 What the motion does not show stays near the URDF, and is such that bodies can have it.
 The fit of one joint with what the others say added to its normal equations is the fit of all joints together,
-see `estimation.arm.consistent_fit`.
+see `palpate.estimation.arm.consistent_fit`.
 """
 
 from collections.abc import Sequence
@@ -12,17 +12,17 @@ from operator import add
 
 import numpy as np
 
-from estimation.arm.consistent_fit import (
+from palpate.estimation.arm.consistent_fit import (
     arranged,
     consistent_information,
     information_of_others,
     shared_information,
 )
-from estimation.channel import ChannelData, SharedGains
-from estimation.data_quality import reject_reason, usable
-from estimation.effects.gravity_load import RigidBodyFitted
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.model import Model
+from palpate.estimation.channel import ChannelData, SharedGains
+from palpate.estimation.data_quality import reject_reason, usable
+from palpate.estimation.effects.gravity_load import RigidBodyFitted
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.model import Model
 
 
 def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) -> list[ChannelData]:

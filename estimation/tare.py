@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

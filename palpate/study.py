@@ -6,25 +6,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from control.arm.rigid_body import RigidBody
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_options import ImportOptions
-from estimation.design.next_experiment import NextProbe
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.effect import Effect
-from estimation.study import Arm, ModelStudy, Revision
-from estimation.study.fitting import Progress
 from palpate.common.failures import speaks_python
 from palpate.common.files import derived_folder, existing_data, existing_file, write_text
 from palpate.common.user_effects import LIMIT_S, foreign_code, load_user_effects, place_of, rehearse, watched
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.design.next_experiment import NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.effect import Effect
+from palpate.estimation.study import Arm, ModelStudy, Revision
+from palpate.estimation.study.fitting import Progress
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import Export, FittedChannel, export_scenario
 from palpate.render.build import view_of
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import read_text
+from palpate.robot_io.files.urdf_text import last_link, parse_urdf
 from palpate.runs.hidden_effects import scenario_of, true_parameters
-from robot_io.errors import InputError
-from robot_io.files.file_model import read_text
-from robot_io.files.urdf_text import last_link, parse_urdf
-from sim_backend.scenario import Scenario
+from palpate.sim_backend.scenario import Scenario
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -67,7 +67,8 @@ class Study(ModelStudy):
         data: path of a session or data file, or of a folder of them; a list of data files; a table (pandas,
             pyarrow, or a dict of arrays); or channels.
         model: base model; None for what suits each channel.
-        columns: of a file or table, see `estimation.data.import_options.ImportOptions`; as are the next five.
+        columns: of a file or table, see `palpate.estimation.data.import_options.ImportOptions`; as are the
+            next five.
         units: such as {"force": "mN"}.
         where: only rows with this text in a column.
         context: further columns of numbers to keep.

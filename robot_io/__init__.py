@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robot_io.session import (
+    from palpate.robot_io.session import (
         Column,
         Samples,
         Session,
@@ -25,9 +25,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """Import `robot_io.session` when it is asked for: types and errors need no MCAP library."""
+    """Import `palpate.robot_io.session` when it is asked for: types and errors need no MCAP library."""
     if name in __all__:
-        from robot_io import session  # noqa: PLC0415
+        from palpate.robot_io import session  # noqa: PLC0415
 
         return getattr(session, name)
-    raise AttributeError(f"module 'robot_io' has no attribute '{name}'")
+    raise AttributeError(f"module 'palpate.robot_io' has no attribute '{name}'")

@@ -6,14 +6,14 @@ from typing import TypeVar, cast
 
 from pydantic import BaseModel
 
-from robot_io.clock import Clock
-from robot_io.errors import PalpateError, describe_error
-from robot_io.files.file_model import KeyPath, input_error, validate
-from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
-from robot_io.registry import Registry
-from robot_io.robot_file import RobotFile
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import PalpateError, describe_error
+from palpate.robot_io.files.file_model import KeyPath, input_error, validate
+from palpate.robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
+from palpate.robot_io.registry import Registry
+from palpate.robot_io.robot_file import RobotFile
 
-BUILT_IN_DRIVERS = "robot_io.drivers"
+BUILT_IN_DRIVERS = "palpate.robot_io.drivers"
 
 SettingsModel = TypeVar("SettingsModel", bound=BaseModel)
 BusType = TypeVar("BusType", bound=Bus)

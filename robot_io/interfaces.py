@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Literal, Self
 
-from robot_io.errors import DeviceError
-from robot_io.types import FloatArray, Reading
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.types import FloatArray, Reading
 
 
 class Component:

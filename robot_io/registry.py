@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from types import ModuleType
 from typing import Generic, TypeVar, cast
 
-from robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
 

@@ -6,17 +6,17 @@ from math import inf
 
 import numpy as np
 
-from robot_io.calibration.applied import (
+from palpate.robot_io.calibration.applied import (
     CalibratedEncoder,
     CalibratedForceSensor,
     CalibratedTorque,
     Calibrations,
     load_calibrations,
 )
-from robot_io.clock import Clock
-from robot_io.driver import DriverCatalogue, DriverContext, make_driver
-from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
-from robot_io.interfaces import (
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.driver import DriverCatalogue, DriverContext, make_driver
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
+from palpate.robot_io.interfaces import (
     Bus,
     ForceSensor,
     JointEncoder,
@@ -26,8 +26,8 @@ from robot_io.interfaces import (
     start_all,
     undo_all,
 )
-from robot_io.robot_file import DeviceSection, RobotFile
-from robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
+from palpate.robot_io.robot_file import DeviceSection, RobotFile
+from palpate.robot_io.types import Command, FloatArray, Measurement, Reading, Status, frozen_array
 
 _CLOCKS_AGREE_S = 1e-3  # how far a device's converted clock may be ahead of the robot's
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator
 
-from robot_io.files.file_model import (
+from palpate.robot_io.files.file_model import (
     MOST_BYTES,
     FileModel,
     NotNegative,
@@ -20,7 +20,7 @@ from robot_io.files.file_model import (
     parse_yaml,
     validate,
 )
-from robot_io.guard import Limits, SafeState
+from palpate.robot_io.guard import Limits, SafeState
 
 Name = Annotated[
     str,
@@ -84,7 +84,7 @@ class RobotFile(FileModel):
     limits: Limits  # of the guard
     safe_state: SafeState  # how the guard stops the arm
     gains: dict[str, Any] = Field(default_factory=dict)  # controller gains; the controllers check them
-    # Files of calibrations; see `robot_io.calibration`.
+    # Files of calibrations; see `palpate.robot_io.calibration`.
     calibration: CalibrationSection = CalibrationSection()
 
     _document: YamlDocument = PrivateAttr()

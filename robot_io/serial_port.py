@@ -9,8 +9,8 @@ from contextlib import suppress
 
 import serial
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.errors import DeviceError
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.errors import DeviceError
 
 
 def reason_of(error: Exception) -> str:

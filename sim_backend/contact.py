@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from sim_backend.contact_laws import ObjectLaw
-from sim_backend.contact_laws.standard import EngineContact
-from sim_backend.engines import Engine
-from sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
+from palpate.sim_backend.contact_laws import ObjectLaw
+from palpate.sim_backend.contact_laws.standard import EngineContact
+from palpate.sim_backend.engines import Engine
+from palpate.sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
 
 
 class ObjectResponse:

@@ -4,17 +4,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robot_io.clip import clip
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverContext
-from robot_io.drivers.joint_bus import BusEncoder, BusTorque, JointBus
-from robot_io.errors import LifecycleError
-from robot_io.files.file_model import FileModel, input_error
-from robot_io.interfaces import ForceSensor
-from robot_io.types import FloatArray, Reading, Status
-from sim_backend.scenario import Scenario, load_scenario
-from sim_backend.sensors import SensorSample, quantise
-from sim_backend.world import World, world_of
+from palpate.robot_io.clip import clip
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque, JointBus
+from palpate.robot_io.errors import LifecycleError
+from palpate.robot_io.files.file_model import FileModel, input_error
+from palpate.robot_io.interfaces import ForceSensor
+from palpate.robot_io.types import FloatArray, Reading, Status
+from palpate.sim_backend.scenario import Scenario, load_scenario
+from palpate.sim_backend.sensors import SensorSample, quantise
+from palpate.sim_backend.world import World, world_of
 
 _REST_RAD, _REST_RAD_S = 0.01, 0.1  # nearer and slower than this the arm is on its rest
 

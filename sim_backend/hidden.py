@@ -11,12 +11,17 @@ from zlib import crc32
 
 import numpy as np
 
-from robot_io.errors import InputError
-from sim_backend.contact_laws.standard import EngineContact
-from sim_backend.hooks import HiddenEffects
-from sim_backend.imperfection import IMPERFECTIONS, Imperfection, describe_imperfection, parse_imperfection
-from sim_backend.noise_scale import CONTACT, NoiseScale
-from sim_backend.scenario import Scenario
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.contact_laws.standard import EngineContact
+from palpate.sim_backend.hooks import HiddenEffects
+from palpate.sim_backend.imperfection import (
+    IMPERFECTIONS,
+    Imperfection,
+    describe_imperfection,
+    parse_imperfection,
+)
+from palpate.sim_backend.noise_scale import CONTACT, NoiseScale
+from palpate.sim_backend.scenario import Scenario
 
 WEAKEST, STRONGEST = 5.0, 50.0  # times the noise floor
 _STREAM = crc32(b"hidden")  # apart from the sensors' noise, which comes from the same seed

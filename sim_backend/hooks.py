@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 
 class ContactState(NamedTuple):

@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar, Self
 from numpy.random import Generator
 from pydantic import Field
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, matching, member
-from robot_io.registry import Registry
-from sim_backend.hooks import ChannelEffect, HiddenEffects, Transducer
-from sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, matching, member
+from palpate.robot_io.registry import Registry
+from palpate.sim_backend.hooks import ChannelEffect, HiddenEffects, Transducer
+from palpate.sim_backend.noise_scale import CONTACT, NoiseScale, channel_of
 
 CHANNEL_UNIT = "channel"
 _JOINTS = tuple(channel_of(joint) for joint in (1, 2, 3))
@@ -190,7 +190,7 @@ class SensorImperfection(Imperfection, ABC):
 IMPERFECTIONS: Registry[Imperfection] = Registry(
     "hidden effect",
     Imperfection,  # type: ignore[type-abstract]
-    "sim_backend.imperfections",
+    "palpate.sim_backend.imperfections",
 )
 
 

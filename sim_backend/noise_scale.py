@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from math import hypot, sqrt
 
-from robot_io.errors import InputError
-from sim_backend.contact_laws import ObjectLaw
-from sim_backend.sensors import ArmSensorSettings
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.contact_laws import ObjectLaw
+from palpate.sim_backend.sensors import ArmSensorSettings
 
 CONTACT = "contact"
 _JOINT = "joint_"

@@ -7,13 +7,13 @@ from typing import Annotated, Self
 import yaml
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, load_yaml, parse_yaml, validate
-from sim_backend.contact_laws import ObjectLaw, describe_contact_law, parse_contact_law
-from sim_backend.contact_laws.standard import EngineContact, KelvinVoigtLaw
-from sim_backend.engines import EngineName, default_engine
-from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
-from sim_backend.sensors import ArmSensorSettings
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, Number, load_yaml, parse_yaml, validate
+from palpate.sim_backend.contact_laws import ObjectLaw, describe_contact_law, parse_contact_law
+from palpate.sim_backend.contact_laws.standard import EngineContact, KelvinVoigtLaw
+from palpate.sim_backend.engines import EngineName, default_engine
+from palpate.sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+from palpate.sim_backend.sensors import ArmSensorSettings
 
 SHIPPED_DIR = Path(__file__).parent / "scenarios"
 MOST_SEED = 10**18 - 1  # the longest whole number that the YAML reader takes

@@ -9,10 +9,10 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from robot_io.clip import clip
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from robot_io.types import Status
-from sim_backend.hooks import SensorHook
+from palpate.robot_io.clip import clip
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from palpate.robot_io.types import Status
+from palpate.sim_backend.hooks import SensorHook
 
 Rate = Field(default=1000.0, gt=0, le=1e6)
 Delay = Annotated[NotNegative, Field(le=10.0)]  # [s]

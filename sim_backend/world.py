@@ -9,19 +9,19 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_io.clip import clip
-from robot_io.errors import InputError
-from robot_io.files.file_model import read_text
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, frozen_array
-from sim_backend.contact import ComplianceObject, TipContact
-from sim_backend.engines import engine_class
-from sim_backend.engines.engine import dynamics_urdf
-from sim_backend.hidden import hidden_effects
-from sim_backend.hooks import NO_EFFECTS, HiddenEffects, JointStepState
-from sim_backend.imperfections.joint import Rotors
-from sim_backend.scenario import Scenario
-from sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import read_text
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, frozen_array
+from palpate.sim_backend.contact import ComplianceObject, TipContact
+from palpate.sim_backend.engines import engine_class
+from palpate.sim_backend.engines.engine import dynamics_urdf
+from palpate.sim_backend.hidden import hidden_effects
+from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects, JointStepState
+from palpate.sim_backend.imperfections.joint import Rotors
+from palpate.sim_backend.scenario import Scenario
+from palpate.sim_backend.sensors import SimulatedEncoder, SimulatedForceSensor, SimulatedTorqueSensor
 
 
 @dataclass(frozen=True)

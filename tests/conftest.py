@@ -29,7 +29,7 @@ settings.load_profile("soon")
 
 def pytest_configure(config):
     """Read the same few files once; `make test-all`, which leaves no slow test out, tries more examples."""
-    from robot_io.files import file_model  # once the number of threads is set
+    from palpate.robot_io.files import file_model  # once the number of threads is set
 
     file_model._composed = lru_cache(maxsize=64)(file_model._composed)
     if not config.option.markexpr:

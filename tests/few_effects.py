@@ -2,8 +2,8 @@
 
 import pytest
 
-from estimation.effects import EFFECTS
-from estimation.study import study
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.study import study
 
 FEW = (
     *("cubic_stiffness", "layered_stiffness", "stress_relaxation", "contact_offset", "bias", "lag"),

@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from robot_io.session import Event, SessionMetadata, Stream, write_session
-from robot_io.session.writer import new_session_path
+from palpate.robot_io.session import Event, SessionMetadata, Stream, write_session
+from palpate.robot_io.session.writer import new_session_path
 
 
 class LogInProcess:

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.driver import DriverCatalogue, DriverContext
-from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import RobotFile, parse_robot_file
-from robot_io.types import FloatArray, Reading, Status
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue, DriverContext
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from palpate.robot_io.interfaces import Bus, Component, ForceSensor, JointEncoder, JointTorque
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import RobotFile, parse_robot_file
+from palpate.robot_io.types import FloatArray, Reading, Status
 
 LINK_LENGTHS_M = np.array([0.35, 0.30, 0.10])
 LINK_INERTIAS_KG_M2 = np.array([0.10, 0.05, 0.01])

@@ -1,6 +1,6 @@
 """Revisions as they are kept, of a contact's base model unless a test says otherwise."""
 
-from estimation.study import Revision
+from palpate.estimation.study import Revision
 
 SPRING = {
     "stiffness.k": {"value": 1.0, "std_err": None, "unit": "N/m"},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
+from palpate.control.arm.rigid_body import RigidBody
 from tests.control.reference_plant import forward_dynamics
 from tests.mock_robot import URDF, MockPlant
 

@@ -8,11 +8,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.signal import butter, filtfilt, savgol_filter
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_file import import_file
-from estimation.model import Model
-from estimation.models import MODELS
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
 
 from .read import channel, runs, signals, table
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, filtfilt, savgol_filter
 
-from estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 
 SILVERBOX_STEP_S = 2.0**14 / 1e7
 _PENDULUM_STEP_S = 0.005

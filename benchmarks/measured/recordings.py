@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimation.channel import ChannelData
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
 
 from . import joints, read, soft
 

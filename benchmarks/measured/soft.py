@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 
 from .read import channel, part, runs, signals
 

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.random import Generator
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
-from estimation.model import Model
-from estimation.models import MODELS
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
 
 from . import motion, readings
 from .contact_effects import CONTACT, CONTACT_OUTSIDE, CONTACT_PAIRS

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from estimation.diagnosis import ChannelDiagnosis, diagnose
-from estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis import ChannelDiagnosis, diagnose
+from palpate.estimation.diagnosis.candidates import effect_library
 
 from .cases import CaseSpec, GeneratedCase, make
 

@@ -23,11 +23,11 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, YamlDocument, load_yaml, matching, validate
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, frozen_array
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, Number, YamlDocument, load_yaml, matching, validate
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, frozen_array
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
 _POSTURES = 5  # besides the home position

@@ -16,10 +16,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from robot_io.clip import clip
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, frozen_array
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, frozen_array
 
 NEAR_SINGULAR = math.sin(math.radians(3.0))
 _PARALLEL = 1e-6

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from robot_io.calibration import Calibrations, load_calibrations
-from robot_io.captured import STDERR, STDOUT, captured
-from robot_io.errors import InputError
-from robot_io.files.file_model import read_text
-from robot_io.files.urdf_text import parse_urdf
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.calibration import Calibrations, load_calibrations
+from palpate.robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import read_text
+from palpate.robot_io.files.urdf_text import parse_urdf
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, frozen_array
 
 PARAMETERS_PER_LINK = 10
 LEVEL = (0.0, 0.0, -9.81)

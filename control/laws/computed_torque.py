@@ -9,12 +9,12 @@ figure 2 of "Compliance Estimation during Bilateral Teleoperation of a Robotic A
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import TrackingGains
-from control.paths.trajectory import JointMotion
-from robot_io.clip import clip
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, Measurement
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import TrackingGains
+from palpate.control.paths.trajectory import JointMotion
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, Measurement
 
 
 class Pid:

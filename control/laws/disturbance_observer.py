@@ -9,11 +9,11 @@ problem 8.13.
 
 import math
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import WitnessGains
-from control.laws.hybrid import ControlOutput
-from robot_io.errors import SafetyTripError
-from robot_io.types import Measurement
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import WitnessGains
+from palpate.control.laws.hybrid import ControlOutput
+from palpate.robot_io.errors import SafetyTripError
+from palpate.robot_io.types import Measurement
 
 _FREE_FILTER_S = 0.05  # time constant of the free-air baseline
 _MASS_TICKS = 50  # between updates of the tip's mass; the arm moves by millimetres meanwhile

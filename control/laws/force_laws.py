@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
-from control.laws.gains import ContactGains
-from control.paths.trajectory import LineState
-from robot_io.clip import clip
+from palpate.control.laws.gains import ContactGains
+from palpate.control.paths.trajectory import LineState
+from palpate.robot_io.clip import clip
 
 _STIFFNESS_BOUNDS_N_M = (50.0, 30_000.0)
 _DAMPING_BOUNDS_N_S_M = (0.0, 400.0)

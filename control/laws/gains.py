@@ -4,8 +4,8 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from robot_io.files.file_model import FileModel, NotNegative, Positive, validate
-from robot_io.robot_file import RobotFile
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Positive, validate
+from palpate.robot_io.robot_file import RobotFile
 
 Share = Annotated[NotNegative, Field(le=1.0)]
 
@@ -65,7 +65,7 @@ class ContactGains(FileModel):
 
 
 class WitnessGains(FileModel):
-    """When joint torques and force sensor contradict each other; see `control.laws.disturbance_observer`."""
+    """When joint torques and force sensor contradict each other; see `laws.disturbance_observer`."""
 
     share: Share = 0.5  # threshold as a share of the plan's force limit, plus
     floor_n: Positive = 4.0  # what weight and friction may leave unexplained [N]

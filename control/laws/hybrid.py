@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody, TipMotion
-from control.laws.computed_torque import ComputedTorque
-from control.laws.force_laws import (
+from palpate.control.arm.rigid_body import RigidBody, TipMotion
+from palpate.control.laws.computed_torque import ComputedTorque
+from palpate.control.laws.force_laws import (
     HOLD_LAWS,
     Compliance,
     Environment,
@@ -23,13 +23,13 @@ from control.laws.force_laws import (
     loading_acceleration,
     within_bounds,
 )
-from control.laws.gains import Gains, TouchGains
-from control.laws.touch import release_force_n
-from control.paths.press_line import PressLine
-from control.paths.trajectory import JointMotion, LineState
-from robot_io.clip import clip
-from robot_io.errors import InputError
-from robot_io.types import Command, FloatArray, Measurement, Status
+from palpate.control.laws.gains import Gains, TouchGains
+from palpate.control.laws.touch import release_force_n
+from palpate.control.paths.press_line import PressLine
+from palpate.control.paths.trajectory import JointMotion, LineState
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import Command, FloatArray, Measurement, Status
 
 
 class ForceGoal(NamedTuple):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from control.laws.gains import TouchGains
+    from palpate.control.laws.gains import TouchGains
 
 
 _NOISE_FACTOR = 6.0  # standard deviations of the free-air force that count as contact

@@ -7,16 +7,16 @@ from time import perf_counter
 
 import numpy as np
 
-from control.loop.result import LoopResult
-from control.loop.stop_handler import InterruptFlag, StopHandler, one_line
-from control.loop.task import Phase, Task, TaskOutput, blank_output, checked_output
-from control.loop.tick_record import NO_ESTIMATE, Journal, Observer, Tick, TickLog
-from control.loop.timing import LoopTiming, TickDurations, TickGrid
-from robot_io.clock import Clock
-from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
-from robot_io.guard import Guard
-from robot_io.robot import Robot
-from robot_io.types import Command, FloatArray, Measurement, Status
+from palpate.control.loop.result import LoopResult
+from palpate.control.loop.stop_handler import InterruptFlag, StopHandler, one_line
+from palpate.control.loop.task import Phase, Task, TaskOutput, blank_output, checked_output
+from palpate.control.loop.tick_record import NO_ESTIMATE, Journal, Observer, Tick, TickLog
+from palpate.control.loop.timing import LoopTiming, TickDurations, TickGrid
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import Robot
+from palpate.robot_io.types import Command, FloatArray, Measurement, Status
 
 FIRST_SAMPLE_S = 1.0  # longest wait for a first sample that is young enough
 READ_SHARE = 0.6  # share of the period after which reading gives up, to leave time for the command

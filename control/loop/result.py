@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from control.loop.timing import SectionTiming
-from robot_io.errors import PalpateError, SafetyTripError
+from palpate.control.loop.timing import SectionTiming
+from palpate.robot_io.errors import PalpateError, SafetyTripError
 
 
 class Outcome(StrEnum):

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Self
 
-from control.loop.result import Outcome
-from control.loop.tick_record import Journal
-from robot_io.clock import Clock
-from robot_io.errors import PalpateError
-from robot_io.guard import Guard
-from robot_io.robot import Robot
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.tick_record import Journal
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import Robot
 
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, closed terminal
 

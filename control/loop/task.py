@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from robot_io.types import Command, FloatArray, Measurement
+from palpate.robot_io.types import Command, FloatArray, Measurement
 
 if TYPE_CHECKING:
-    from control.arm.rigid_body import TipMotion
-    from control.paths.trajectory import JointMotion
+    from palpate.control.arm.rigid_body import TipMotion
+    from palpate.control.paths.trajectory import JointMotion
 
 
 class Phase(IntEnum):

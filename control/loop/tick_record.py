@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import NamedTuple, Protocol
 
-from control.loop.task import Phase, TaskOutput
-from control.loop.timing import TickDurations
-from robot_io.session import Column, Stream
-from robot_io.types import FloatArray, Measurement
+from palpate.control.loop.task import Phase, TaskOutput
+from palpate.control.loop.timing import TickDurations
+from palpate.robot_io.session import Column, Stream
+from palpate.robot_io.types import FloatArray, Measurement
 
 STREAM_NAME = "tick"
 Estimates = tuple[float, float, float]

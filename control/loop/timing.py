@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _BINS_PER_OCTAVE = 32  # a bin is 2.2 % wide, so a percentile is right to 1.1 %
 _FIRST_BIN = -24 * _BINS_PER_OCTAVE  # 60 ns: shorter ones are counted as zero

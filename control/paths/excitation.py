@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from control.paths.trajectory import PEAK_SPEED, quintic
-from robot_io.files.file_model import FileModel, Positive
+from palpate.control.paths.trajectory import PEAK_SPEED, quintic
+from palpate.robot_io.files.file_model import FileModel, Positive
 
 _RAMP_SHARE = 0.2  # of the duration, for fading in
 _PEAK_SAMPLES_PER_PERIOD = 50

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from control.arm.inverse_kinematics import NEAR_SINGULAR, Elbow, IkSolution, PlanarArm
-from control.paths.trajectory import JointMotion, LineState
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, frozen_array
+from palpate.control.arm.inverse_kinematics import NEAR_SINGULAR, Elbow, IkSolution, PlanarArm
+from palpate.control.paths.trajectory import JointMotion, LineState
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, frozen_array
 
 _REACH_STEP_M = 2e-3
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, frozen_array
 
 PEAK_SPEED = 15.0 / 8.0  # of `quintic`, over its mean
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from control.paths.excitation import Excitation
-from control.paths.trajectory import blend_distance_m
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
+from palpate.control.paths.excitation import Excitation
+from palpate.control.paths.trajectory import blend_distance_m
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
 
 Speed = Annotated[Positive, Field(le=1.0)]
 JointSpeed = Annotated[float, Field(ge=0.05, le=20.0)]
@@ -41,7 +41,7 @@ class ProbingPlan(FileModel):
     # loading ends here, and this force is held [N].
     force_limit_n: Annotated[Number, Field(ge=0.01, le=1000.0)] = 10.0
     hold_s: NotNegative = 1.0  # how long it is held [s]
-    # law that holds it, see `control.laws.force_laws`; the last two use the online estimate.
+    # law that holds it, see `palpate.control.laws.force_laws`; the last two use the online estimate.
     hold_law: Literal["admittance", "force_tracking_impedance", "constant_force"] = "admittance"
     excitation: Excitation | None = None  # profile that rides on the hold afterwards, or None
     approach_clearance_m: Positive = 0.03  # an approach starts this far before the target [m]

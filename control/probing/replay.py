@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.laws.computed_torque import ComputedTorque
-from control.laws.gains import Gains
-from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
-from control.paths.trajectory import JointMotion, JointMove
-from robot_io.errors import InputError
-from robot_io.types import Command, FloatArray, IntArray, Measurement
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.computed_torque import ComputedTorque
+from palpate.control.laws.gains import Gains
+from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
+from palpate.control.paths.trajectory import JointMotion, JointMove
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import Command, FloatArray, IntArray, Measurement
 
 SPEED_RAD_S, ACCELERATION_RAD_S2 = 0.5, 2.0  # of the way to where the references begin
 _SETTLE_S = 0.3  # standing there, and at the end
@@ -53,7 +53,7 @@ class References:
 
 
 class ReplayTask:
-    """Moves to where the references begin, follows them, and stays; see `control.loop.task.Task`.
+    """Moves to where the references begin, follows them, and stays; see `palpate.control.loop.task.Task`.
 
     Joints are followed by computed torque, which compensates the measured force as a load. No force is
     controlled: on a stiffer object it grows up to the guard's limit.

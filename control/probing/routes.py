@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.arm.inverse_kinematics import PlanarArm
-from control.arm.rigid_body import RigidBody
-from control.paths.trajectory import JointPath
-from control.probing.plan import ProbingPlan
-from control.probing.sites import ProbingSite
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.paths.trajectory import JointPath
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.sites import ProbingSite
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _STEPS = 40  # places on a route, and moments of a swing, that are checked
 _KEPT_SHARE = 0.5  # share of the clearance that a route keeps

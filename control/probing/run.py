@@ -6,15 +6,15 @@ The surface is not given: the approach ends with the touch that the force sensor
 import math
 from collections.abc import Callable
 
-from control.laws.gains import Gains
-from control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
-from control.laws.touch import RunningMean, free_air_problem, touch_force_n
-from control.loop.task import Phase, TaskEvent
-from control.paths.excitation import Profile, position_amplitude_m
-from control.paths.trajectory import LineReturn, LineState, SpeedBlend, turning_distance_m
-from control.probing.plan import ProbingPlan, ProbingRunSpec
-from control.probing.sites import ProbingSite
-from robot_io.types import Measurement
+from palpate.control.laws.gains import Gains
+from palpate.control.laws.hybrid import ControlOutput, ForceGoal, HybridController, HybridReference
+from palpate.control.laws.touch import RunningMean, free_air_problem, touch_force_n
+from palpate.control.loop.task import Phase, TaskEvent
+from palpate.control.paths.excitation import Profile, position_amplitude_m
+from palpate.control.paths.trajectory import LineReturn, LineState, SpeedBlend, turning_distance_m
+from palpate.control.probing.plan import ProbingPlan, ProbingRunSpec
+from palpate.control.probing.sites import ProbingSite
+from palpate.robot_io.types import Measurement
 
 _LOADED_SHARE = 0.95  # of the force limit, and
 _SLOW_SHARE = 0.1  # of the set speed, but at least

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.arm.inverse_kinematics import PlanarArm
-from control.paths.press_line import PressLine
-from control.paths.trajectory import LineState, blend_distance_m
-from control.probing.plan import ProbingPlan
-from robot_io.errors import InputError
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, frozen_array
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.paths.press_line import PressLine
+from palpate.control.paths.trajectory import LineState, blend_distance_m
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, frozen_array
 
 JointLimits = tuple[FloatArray, FloatArray]
 _LIFT_ROOM_M = 0.1  # least room above the highest target's clearance, for the way to the next one

@@ -12,23 +12,23 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from control.arm.inverse_kinematics import PlanarArm
-from control.arm.rigid_body import RigidBody
-from control.laws.disturbance_observer import DisturbanceObserver
-from control.laws.gains import Gains, gains_of
-from control.laws.hybrid import ControlOutput, HybridController
-from control.laws.touch import free_air_problem
-from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
-from control.loop.tick_record import Estimates
-from control.paths.trajectory import JointBrake, JointPath
-from control.probing.plan import ProbingPlan
-from control.probing.routes import Place, Route, Routes, Swing
-from control.probing.run import ProbingRun
-from control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
-from robot_io.calibration import Calibrations
-from robot_io.errors import InputError, SafetyTripError
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, Measurement, frozen_array
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.disturbance_observer import DisturbanceObserver
+from palpate.control.laws.gains import Gains, gains_of
+from palpate.control.laws.hybrid import ControlOutput, HybridController
+from palpate.control.laws.touch import free_air_problem
+from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
+from palpate.control.loop.tick_record import Estimates
+from palpate.control.paths.trajectory import JointBrake, JointPath
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.routes import Place, Route, Routes, Swing
+from palpate.control.probing.run import ProbingRun
+from palpate.control.probing.sites import check_against_guard, check_tip_speeds, probing_sites
+from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.errors import InputError, SafetyTripError
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, Measurement, frozen_array
 
 _OBSTACLE_SHARE = 0.5  # share of the force limit that counts as an obstacle while moving
 _LEAVING_SHARE = 1.5  # the same while an obstacle is being left
@@ -41,7 +41,7 @@ _REST_WAIT_S = 2.0  # longest wait for rest after a move
 
 
 class ProbingTask:
-    """Works through a `ProbingPlan`; see `control.loop.task.Task`.
+    """Works through a `ProbingPlan`; see `palpate.control.loop.task.Task`.
 
     Args:
         body: model of the arm.
@@ -163,7 +163,7 @@ class ProbingTask:
         self._begin_way()
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; see `control.loop.task.Task.step`.
+        """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
         Args:
             measurement: state of the arm.

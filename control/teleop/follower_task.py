@@ -9,17 +9,17 @@ from enum import StrEnum
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import Gains
-from control.laws.hybrid import HybridController
-from control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
-from control.paths.trajectory import JointMotion
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from control.teleop.target_queue import TargetQueue
-from robot_io.errors import InputError
-from robot_io.link import Target, TargetState, short_number
-from robot_io.types import FloatArray, Measurement
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import Gains
+from palpate.control.laws.hybrid import HybridController
+from palpate.control.loop.task import NO_RUN, Phase, TaskEvent, TaskOutput, make_output
+from palpate.control.paths.trajectory import JointMotion
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.control.teleop.target_queue import TargetQueue
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import Target, TargetState, short_number
+from palpate.robot_io.types import FloatArray, Measurement
 
 
 class OnSilence(StrEnum):
@@ -44,7 +44,9 @@ def plan_for(target: Target, plan: ProbingPlan) -> ProbingPlan:
 
 
 class FollowerTask:
-    """Works through a `TargetQueue`; see `control.loop.task.Task`. It is done when the leader has ended.
+    """Works through a `TargetQueue`; see `palpate.control.loop.task.Task`.
+
+    It is done when the leader has ended.
 
     Args:
         body: model of the arm.
@@ -86,7 +88,7 @@ class FollowerTask:
         self._hold.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """Compute one tick; see `control.loop.task.Task.step`.
+        """Compute one tick; see `palpate.control.loop.task.Task.step`.
 
         Args:
             measurement: state of the arm.

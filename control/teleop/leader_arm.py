@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody, TipMotion
-from robot_io.clock import Clock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, LifecycleError, SafetyTripError
-from robot_io.files.file_model import FileModel, Positive
-from robot_io.guard import Guard
-from robot_io.operator.device import HandState, OperatorDevice
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Command, FloatArray, Measurement, Status
+from palpate.control.arm.rigid_body import RigidBody, TipMotion
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import DeviceError, LifecycleError, SafetyTripError
+from palpate.robot_io.files.file_model import FileModel, Positive
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.operator.device import HandState, OperatorDevice
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Command, FloatArray, Measurement, Status
 
 _WAIT_S = 1.0  # for the first sample
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from math import nan
 
-from control.teleop.peer import Arrival, Peer, PeerLimits
-from robot_io.clock import Clock
-from robot_io.link import FrameError, Line, Message
-from robot_io.session import Column, Stream
+from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.link import FrameError, Line, Message
+from palpate.robot_io.session import Column, Stream
 
 STREAM_NAME = "link"
 LINK_STREAM = Stream(

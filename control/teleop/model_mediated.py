@@ -13,7 +13,7 @@ from math import inf
 
 import numpy as np
 
-from control.teleop.couplings import (
+from palpate.control.teleop.couplings import (
     DIRECT,
     FOUR_CHANNEL,
     TIME_DOMAIN,
@@ -24,9 +24,9 @@ from control.teleop.couplings import (
     DevicePort,
     Packet,
 )
-from control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.control.teleop.virtual_object import ForceLaw, VirtualObject, kelvin_voigt
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 _TOUCH_N = 0.3

@@ -1,16 +1,16 @@
-"""Registry of operator devices; a new one is one new file in `robot_io.operator`."""
+"""Registry of operator devices; a new one is one new file in `palpate.robot_io.operator`."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from robot_io.clock import Clock
-from robot_io.errors import InputError
-from robot_io.files.file_model import YamlDocument, load_yaml, validate
-from robot_io.operator.device import OperatorDevice
-from robot_io.registry import Registry
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import YamlDocument, load_yaml, validate
+from palpate.robot_io.operator.device import OperatorDevice
+from palpate.robot_io.registry import Registry
 
 # The leader arm needs kinematics, which `robot_io` does not know.
-_PLACES = ("robot_io.operator", "control.teleop.leader_arm")
+_PLACES = ("palpate.robot_io.operator", "palpate.control.teleop.leader_arm")
 
 OPERATOR_DEVICES = Registry("operator device", OperatorDevice, *_PLACES)  # type: ignore[type-abstract]
 _DEVICE = "device"  # key of a file that names one, with its settings beside it

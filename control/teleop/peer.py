@@ -18,8 +18,8 @@ from enum import StrEnum
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
-from robot_io.errors import InputError
-from robot_io.link import Frame
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import Frame
 
 _WINDOW_S = 2.0
 _MOST = 512

@@ -6,8 +6,8 @@ target's number is its identity; a target that was probed is not probed again.
 
 import threading
 
-from robot_io.link import Intent, Target, TargetState
-from robot_io.link.messages import MOST_TARGETS
+from palpate.robot_io.link import Intent, Target, TargetState
+from palpate.robot_io.link.messages import MOST_TARGETS
 
 _OVER = (TargetState.DONE, TargetState.REFUSED, TargetState.CANCELLED, TargetState.FAILED)
 

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from control.arm.inverse_kinematics import PlanarArm
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 
 class VirtualArm:

@@ -25,9 +25,9 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from robot_io.clip import clip
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.clip import clip
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, frozen_array
 
 # force_n = law(depth_m, rate_m_s, dt_s): compression positive, 0 for depth <= 0. It is called once in each
 # step, touched or not, so that a law may have a memory.

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from control.arm.rigid_body import RigidBody
+    from palpate.control.arm.rigid_body import RigidBody
 
 _POSTURES = 200
 _INDEPENDENT = (
@@ -33,7 +33,7 @@ class BaseParameters:
     (2002), ch. 9.
     """
 
-    # Of the regressor (see `control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
+    # Of the regressor (see `palpate.control.arm.rigid_body.RigidBody.regressor`), ascending, shape (b,).
     columns: IntArray
     grouping: FloatArray  # shape (b, 10 links)
     felt: BoolArray  # joints whose torque depends on each, shape (joints, b)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.arm.base_parameters import BaseParameters
-from estimation.arm.pseudo_inertia import Divergence, nearest_bodies
-from estimation.information import Information
-from robot_io.types import FloatArray
+from palpate.estimation.arm.base_parameters import BaseParameters
+from palpate.estimation.arm.pseudo_inertia import Divergence, nearest_bodies
+from palpate.estimation.information import Information
+from palpate.robot_io.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def information_of_others(joints: Sequence[JointMoments], prior: Information) ->
     Args:
         joints: their moments, with the same folds.
         prior: of the shared parameters, matrix (s, s) or (1 + folds, s, s), such as that of
-            `estimation.arm.consistent_fit`.
+            `palpate.estimation.arm.consistent_fit`.
 
     Returns:
         One a joint, matrix (1 + folds, s, s) and vector (1 + folds, s): [0] from all folds, [1 + f] from
@@ -90,9 +90,9 @@ URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by 
 def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
     """The pull of the base parameters to the URDF: `URDF_SPREAD`^-2 D, to second order.
 
-    D is the entropic divergence of `estimation.arm.pseudo_inertia`, whose pull is the same in every unit
-    and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows are
-    profiled out.
+    D is the entropic divergence of `palpate.estimation.arm.pseudo_inertia`, whose pull is the same in every
+    unit and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows
+    are profiled out.
 
     Args:
         base: the arm's base parameters.
@@ -143,7 +143,7 @@ def fit_bodies(information: Information, divergence: Divergence, precision: floa
     Args:
         information: A (10 links, 10 links) and b (10 links,): what the data say, see `Information`.
         divergence: from the bodies that the parameters are drawn to.
-        precision: weight of D, see `estimation.arm.consistent_fit`.
+        precision: weight of D, see `palpate.estimation.arm.consistent_fit`.
 
     Returns:
         Shape (10 links,); every link a body.

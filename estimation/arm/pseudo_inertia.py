@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 PARAMETERS = 10
 _LEAST_MASS_SHARE = 1e-3  # of the heaviest link: a link that the URDF gives no mass

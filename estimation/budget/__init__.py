@@ -1,6 +1,6 @@
 """Error budget: how much of a model's error each kind of effect accounts for."""
 
-from estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
-from estimation.budget.held_out import HeldOutError
+from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
+from palpate.estimation.budget.held_out import HeldOutError
 
 __all__ = ["BudgetEntry", "ErrorBudget", "HeldOutError", "error_budget"]

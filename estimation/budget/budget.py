@@ -12,9 +12,9 @@ from math import factorial
 
 import numpy as np
 
-from estimation.budget.held_out import Kinds, SquaredErrors
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.budget.held_out import Kinds, SquaredErrors
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 _TELLING = (
     0.02  # of the base model's squared error: a kind that explains less alone and beside all is left out

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimation.budget.laws import Law
-from estimation.fit.blocks import BlockedData
-from estimation.kinds import Kind
-from estimation.statistics.least_squares import solve_within_bounds
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.budget.laws import Law
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.kinds import Kind
+from palpate.estimation.statistics.least_squares import solve_within_bounds
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)  # of the mean square of a column
 _COLLINEAR = 1e-9  # the same for the base model, which is not shrunken

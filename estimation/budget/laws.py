@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelKind
-from estimation.fit.blocks import BlockedData
-from estimation.fit.smooth_features import curves, hats, reversal_memory
-from estimation.kinds import Kind
-from estimation.signals.blocks import rows_of_runs
-from estimation.signals.exponential_memory import low_pass, relax
-from estimation.signals.free_air import is_one_way, zero_in_free_air
-from estimation.signals.runwise import derivative, running_max, sample_time
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.smooth_features import curves, hats, reversal_memory
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.exponential_memory import low_pass, relax
+from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.signals.runwise import derivative, running_max, sample_time
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
 _DIRECTIONS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
@@ -55,7 +55,7 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
 
     Returns:
         At most one law for each kind or pair of kinds. Differences between runs have no columns, see
-        `estimation.budget.held_out`.
+        `palpate.estimation.budget.held_out`.
     """
     data, run = blocked.data, blocked.run
     is_contact = data.kind is ChannelKind.CONTACT

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw, check_samples
-from estimation.estimator import OnlineEstimator
-from estimation.estimators.recursive import Ewrls, Sprls
-from estimation.fit.irls import IrlsResult, irls
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw, check_samples
+from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimators.recursive import Ewrls, Sprls
+from palpate.estimation.fit.irls import IrlsResult, irls
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _FIRST_EXPONENT = 1.3
 _EXPONENT_RANGE = (0.5, 4.0)
@@ -196,7 +196,7 @@ class ModelReference(OnlineContactLaw):
     while nothing moves nothing is learnt. What damping adds to the force passes for stiffness.
 
     Source: K. S. Narendra, A. M. Annaswamy, Stable Adaptive Systems (1989), ch. 3; for force control see
-    `control.laws.force_laws`.
+    `palpate.control.laws.force_laws`.
 
     Args:
         rate: of the adaptation, in (0, 1).

@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from estimation.data.column_names import parse_role
-from estimation.data.file_columns import FileColumns, check_size
-from robot_io.errors import InputError
+from palpate.estimation.data.column_names import parse_role
+from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.robot_io.errors import InputError
 
 _LEAST_CELL = 4  # bytes of a value, of whatever type
 _BATCH_ROWS = 256

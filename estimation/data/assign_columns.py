@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 
-from estimation.data.choose_columns import (
+from palpate.estimation.data.choose_columns import (
     DISPLACEMENT,
     EFFORTS,
     FORCE,
@@ -25,7 +25,7 @@ from estimation.data.choose_columns import (
     joint_shift,
     unit_of,
 )
-from estimation.data.column_names import (
+from palpate.estimation.data.column_names import (
     PHASE,
     RUN,
     Role,
@@ -34,12 +34,12 @@ from estimation.data.column_names import (
     role_of_option,
     unit_in_name,
 )
-from estimation.data.import_options import ImportOptions
-from estimation.data.presses import FEWEST_ROWS, press_sides
-from estimation.data.table import Table
-from estimation.data.units import dimension_of
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
+from palpate.estimation.data.table import Table
+from palpate.estimation.data.units import dimension_of
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 
 @dataclass(frozen=True)

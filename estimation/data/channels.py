@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from control.loop.tick_record import STREAM_NAME
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_file import Imported, with_arm
-from estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
-from estimation.data.units import FINEST_S, fault_of, more_like_it, useless_rows
-from estimation.signals.runwise import sample_time
-from robot_io.errors import InputError, SessionError
-from robot_io.session import Column, Samples, Session, Stream
+from palpate.control.loop.tick_record import STREAM_NAME
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_file import Imported, with_arm
+from palpate.estimation.data.tick_channels import checked_ticks, contact_channels, joined, joint_channels
+from palpate.estimation.data.units import FINEST_S, fault_of, more_like_it, useless_rows
+from palpate.estimation.signals.runwise import sample_time
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.session import Column, Samples, Session, Stream
 
 RUN_LABELS = "run_labels"  # key in the session's metadata of what the data file called its runs, as JSON
 _NUMBER = re.compile("[0-9]{1,18}$")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.data.column_names import (
+from palpate.estimation.data.column_names import (
     OF_JOINTS,
     QUANTITIES,
     STANDS_FOR,
@@ -20,10 +20,10 @@ from estimation.data.column_names import (
     unit_in_name,
     unknown_unit,
 )
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import Table
-from estimation.data.table_layout import clocks_of
-from estimation.data.units import (
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import Table
+from palpate.estimation.data.table_layout import clocks_of
+from palpate.estimation.data.units import (
     SI,
     dimension_of,
     factor_to_si,
@@ -33,9 +33,9 @@ from estimation.data.units import (
     read_as,
     scaled_unit,
 )
-from estimation.statistics.correlation import correlation_coefficient
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 Key = tuple[str, int]  # quantity and number of the joint, 0 where there is none
 TIME, DISPLACEMENT, FORCE = ("time", 0), ("displacement", 0), ("force", 0)

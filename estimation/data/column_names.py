@@ -5,8 +5,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from estimation.data.units import SI, dimension_of, normalise, read_as
-from robot_io.errors import InputError
+from palpate.estimation.data.units import SI, dimension_of, normalise, read_as
+from palpate.robot_io.errors import InputError
 
 RUN, PHASE = "run", "phase"
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from control.laws.touch import touch_force_n
-from control.loop.task import Phase
-from estimation.signals.blocks import block_index
-from estimation.statistics.least_squares import solve
-from estimation.statistics.noise import sum_covariance
-from estimation.statistics.uncertainty import common_error_covariance, sandwich
-from estimation.surface import FEWEST_STEPS, Surface
-from estimation.tare import Tare
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.control.laws.touch import touch_force_n
+from palpate.control.loop.task import Phase
+from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
+from palpate.estimation.surface import FEWEST_STEPS, Surface
+from palpate.estimation.tare import Tare
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _LASTING = 3  # samples in a row
 _FREE = (Phase.FREE_AIR, Phase.APPROACH)  # the first of these that a run has tells its noise
@@ -47,7 +47,7 @@ def find_contacts(force_n: FloatArray, run: IntArray, phase: IntArray) -> tuple[
     Args:
         force_n: shape (n,), positive in compression [N].
         run: shape (n,).
-        phase: shape (n,), numbers of `control.loop.task.Phase`.
+        phase: shape (n,), numbers of `palpate.control.loop.task.Phase`.
     """
     return tuple(
         _contact_of(int(number), np.flatnonzero(run == number), force_n, phase) for number in np.unique(run)
@@ -60,7 +60,7 @@ def contact_rows(force_n: FloatArray, run: IntArray, phase: IntArray) -> BoolArr
     Args:
         force_n: shape (n,), positive in compression [N].
         run: shape (n,).
-        phase: shape (n,), numbers of `control.loop.task.Phase`.
+        phase: shape (n,), numbers of `palpate.control.loop.task.Phase`.
     """
     mask = np.zeros(len(force_n), dtype=np.bool_)
     for contact in find_contacts(force_n, run, phase):

@@ -22,10 +22,10 @@ from math import factorial
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData
-from estimation.signals.blocks import blocks
-from estimation.signals.cache_by_array import cache_by_channel_arrays
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOWS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80)
 _TOLERANCE = 1.1  # a wider window is taken if its error is at most 10 % more: it calms the derivatives

@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow as pa
 from python_calamine import CalamineSheet, CalamineWorkbook
 
-from estimation.data.file_columns import FileColumns, check_size
-from estimation.data.table_layout import with_run
-from estimation.data.text_dialect import commas_decide, find_layout, preamble_words
-from robot_io.errors import InputError
+from palpate.estimation.data.file_columns import FileColumns, check_size
+from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.text_dialect import commas_decide, find_layout, preamble_words
+from palpate.robot_io.errors import InputError
 
 _LOOKED_AT = 200  # rows of a sheet, among which its table begins
 _MOST_CELLS = 30_000_000  # of a sheet, empty ones included: the reader keeps them all

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from robot_io.errors import InputError
-from robot_io.files.whole_file import most_unpacked
-from robot_io.types import IntArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.whole_file import most_unpacked
+from palpate.robot_io.types import IntArray
 
 BAGS = (".mcap", ".db3")  # of ROS 2
 MOST_BYTES = 2**30  # ten hours at 1 kHz; more is refused before the memory is full

@@ -7,21 +7,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.assign_columns import Columns, assign_columns
-from estimation.data.choose_columns import TIME, Key, units_meant
-from estimation.data.column_names import Role
-from estimation.data.derivatives import differentiate
-from estimation.data.import_options import ImportOptions
-from estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
-from estimation.data.presses import press_phases
-from estimation.data.table import Table, read_table
-from estimation.data.units import SLOWEST_S, likely_time_unit
-from estimation.signals.blocks import block_index, blocks, number_pieces
-from estimation.signals.runwise import sample_time
-from estimation.statistics.correlation import correlation_coefficient
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.assign_columns import Columns, assign_columns
+from palpate.estimation.data.choose_columns import TIME, Key, units_meant
+from palpate.estimation.data.column_names import Role
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_rows
+from palpate.estimation.data.presses import press_phases
+from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.data.units import SLOWEST_S, likely_time_unit
+from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
+from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, IntArray
 
 OF_THE_ARM = ("joint_position", "joint_velocity", "joint_acceleration")
 # Derived signals of a joint: a column of that name, perhaps a mass, would pass for what a model needs.

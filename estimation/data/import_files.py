@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.data.file_columns import counted, is_bag
-from estimation.data.import_file import Imported, import_table
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import ENDINGS, read_table
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.file_columns import counted, is_bag
+from palpate.estimation.data.import_file import Imported, import_table
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import ENDINGS, read_table
+from palpate.robot_io.errors import InputError
 
 _MOST_FILES = 2000
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from robot_io.errors import InputError
+from palpate.robot_io.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from control.loop.task import Phase
-from estimation.data.assign_columns import Columns
-from estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
-from estimation.data.presses import cut_into, cut_presses, restarts
-from estimation.data.table import Table
-from estimation.data.units import FINEST_S
-from estimation.signals.blocks import time_in_run
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, IntArray
+from palpate.control.loop.task import Phase
+from palpate.estimation.data.assign_columns import Columns
+from palpate.estimation.data.choose_columns import DISPLACEMENT, FORCE, TIME
+from palpate.estimation.data.presses import cut_into, cut_presses, restarts
+from palpate.estimation.data.table import Table
+from palpate.estimation.data.units import FINEST_S
+from palpate.estimation.signals.blocks import time_in_run
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, IntArray
 
 UNKNOWN_PHASE = -1
 _LONGEST_NUMBER = 18  # digits; what is longer is a name, as are serial numbers
@@ -26,7 +26,7 @@ class Rows:
     order: IntArray  # index in the table of each row, shape (n,)
     time_s: FloatArray  # shape (n,), strictly increasing within a run [s]
     run: IntArray  # shape (n,)
-    phase: IntArray  # shape (n,), numbers of `control.loop.task.Phase`, or -1 where unknown
+    phase: IntArray  # shape (n,), numbers of `palpate.control.loop.task.Phase`, or -1 where unknown
     labels: dict[int, str]  # what the file calls each run
     note: str = ""  # how the runs were found, if the file does not say them; or empty
 

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from control.loop.task import Phase
-from estimation.signals.blocks import blocks
-from estimation.statistics.correlation import correlation_coefficient
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.control.loop.task import Phase
+from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 FEWEST_ROWS = 20  # of a run that nobody named: a press that is cut out, or a block of equal numbers
 _MOST_RUNS = 500  # that presses are cut into: of more, several are one run
@@ -166,7 +166,7 @@ def press_phases(
     run: IntArray,
     pressed: BoolArray | None = None,
 ) -> IntArray:
-    """Numbers of `control.loop.task.Phase`, shape (n,).
+    """Numbers of `palpate.control.loop.task.Phase`, shape (n,).
 
     What is pressed is below the surface, if the displacement says where that is, or else has a force.
 

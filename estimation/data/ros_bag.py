@@ -17,9 +17,9 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from numpy.typing import NDArray
 
-from estimation.data.file_columns import BAGS, FileColumns, check_size, counted
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.data.file_columns import BAGS, FileColumns, check_size, counted
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _MOST_MESSAGE_BYTES = 1 << 20
 

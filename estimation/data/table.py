@@ -13,13 +13,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from estimation.data.array_files import read_npz, read_parquet
-from estimation.data.file_columns import BAGS, FileColumns, is_bag
-from estimation.data.table_layout import find_tests, is_filled, is_text, one_below_the_other, with_seconds
-from estimation.data.text_table import number_of, read_text_table
-from estimation.data.units import fault_of, more_like_it, useless_rows
-from robot_io.errors import InputError, UnknownNameError
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.data.array_files import read_npz, read_parquet
+from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
+from palpate.estimation.data.table_layout import (
+    find_tests,
+    is_filled,
+    is_text,
+    one_below_the_other,
+    with_seconds,
+)
+from palpate.estimation.data.text_table import number_of, read_text_table
+from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
+from palpate.robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
@@ -263,13 +269,13 @@ def table_of(
 
 
 def _read_excel(path: Path) -> FileColumns:
-    from estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
+    from palpate.estimation.data.excel_table import read_excel_table  # noqa: PLC0415, seldom needed
 
     return read_excel_table(path)
 
 
 def _read_ros(path: Path) -> FileColumns:
-    from estimation.data.ros_bag import read_ros_table  # noqa: PLC0415, seldom needed
+    from palpate.estimation.data.ros_bag import read_ros_table  # noqa: PLC0415, seldom needed
 
     return read_ros_table(path)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from estimation.data.column_names import RUN, guess_columns, split_unit
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.data.column_names import RUN, guess_columns, split_unit
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _FEWEST = 2  # columns that each test has of its own: one that is there twice is a mistake
 _NUMBER = re.compile(r"[ _.(#-]*\d+\)?\s*$")

@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from estimation.data.column_names import parse_role
-from estimation.data.units import dimension_of, normalise
+from palpate.estimation.data.column_names import parse_role
+from palpate.estimation.data.units import dimension_of, normalise
 
 NUMBER = {  # by the decimal mark; thousands may be grouped by the other one
     ".": re.compile(

@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from estimation.data.file_columns import FileColumns, check_size, most_bytes
-from estimation.data.table_layout import with_run
-from estimation.data.text_dialect import (
+from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
+from palpate.estimation.data.table_layout import with_run
+from palpate.estimation.data.text_dialect import (
     BLANKS,
     DELIMITERS,
     TextDialect,
@@ -21,8 +21,8 @@ from estimation.data.text_dialect import (
     find_dialect,
     is_footer,
 )
-from robot_io.errors import InputError
-from robot_io.types import IntArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import IntArray
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused

@@ -8,8 +8,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 _STANDARD_GRAVITY = 9.80665  # m/s^2: what a gram or a kilogram weighs where it stands for a force

@@ -1,6 +1,6 @@
 """Checks before fitting: whether a recording can be judged, and what in it is implausible."""
 
-from estimation.data_quality.checks import (
+from palpate.estimation.data_quality.checks import (
     SINGLE_RUN,
     checklist,
     contaminated,

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data_quality.motion_and_effort import (
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality.motion_and_effort import (
     angle_in_degrees,
     late_touch,
     misaligned,
@@ -19,7 +19,7 @@ from estimation.data_quality.motion_and_effort import (
     no_contact,
     unrelated,
 )
-from estimation.data_quality.readings import (
+from palpate.estimation.data_quality.readings import (
     at_lower_end,
     copied,
     copied_runs,
@@ -31,12 +31,12 @@ from estimation.data_quality.readings import (
     too_coarse,
     unchanging,
 )
-from estimation.data_quality.timing import lost_rows, time_offset
-from estimation.fit.ar_noise import ORDER, ArNoise
-from estimation.fit.blocks import PIECES, block_average, block_length
-from estimation.model import Model
-from estimation.signals.runwise import apply_per_run, sample_time
-from robot_io.types import BoolArray
+from palpate.estimation.data_quality.timing import lost_rows, time_offset
+from palpate.estimation.fit.ar_noise import ORDER, ArNoise
+from palpate.estimation.fit.blocks import PIECES, block_average, block_length
+from palpate.estimation.model import Model
+from palpate.estimation.signals.runwise import apply_per_run, sample_time
+from palpate.robot_io.types import BoolArray
 
 LEAST_SAMPLES = 100
 SINGLE_RUN = "a single run"  # how the reason begins where only the division into runs is missing

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_file import mistaken_scale
-from estimation.fit.joint_load import HEAVY
-from estimation.model import Model
-from estimation.signals.runwise import sample_time
-from estimation.statistics.correlation import correlation_coefficient
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_file import mistaken_scale
+from palpate.estimation.fit.joint_load import HEAVY
+from palpate.estimation.model import Model
+from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.statistics.correlation import correlation_coefficient
+from palpate.robot_io.types import FloatArray
 
 _LONGEST_CONTACT_M = 0.2  # deeper indentations than this are a mistaken unit
 _STIFFEST_N_M = 1e7

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.signals.blocks import rows_of_runs
-from estimation.signals.cache_by_array import cache_by_channel_arrays
-from estimation.signals.runwise import apply_per_run
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.estimation.signals.runwise import apply_per_run
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _STUCK_SHARE = 0.3  # of the loaded samples at one extreme value: the sensor was at its end
 _STILL = 1e-3  # of the range of positions, that a held one stays within

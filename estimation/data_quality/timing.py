@@ -6,13 +6,13 @@ import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.model import Model
-from estimation.signals.blocks import blocks
-from estimation.signals.runwise import is_even, sample_time, shift
-from estimation.statistics.least_squares import solve
-from estimation.statistics.misfit import Misfit, misfit
-from robot_io.types import BoolArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.signals.runwise import is_even, sample_time, shift
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.misfit import Misfit, misfit
+from palpate.robot_io.types import BoolArray
 
 _FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # that is looked for; samples
 _COARSE = 21  # shifts that are tried first

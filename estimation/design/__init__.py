@@ -1,5 +1,5 @@
 """Which experiment would tell explanations apart that the data so far do not."""
 
-from estimation.design.discrimination import Choice, Experiment, Rivals, choose
+from palpate.estimation.design.discrimination import Choice, Experiment, Rivals, choose
 
 __all__ = ["Choice", "Experiment", "Rivals", "choose"]

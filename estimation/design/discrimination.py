@@ -4,8 +4,8 @@
 
 with y_i what was measured so far together with what rival i, as it is fitted now, expects of the experiment,
 and the noise that is left now. It is the figure by which a diagnosis tells one effect from another
-(`estimation.diagnosis.bootstrap.gained`); what it is for the data so far is taken off. With models that are
-linear around their parameters, and n s^2 for the
+(`palpate.estimation.diagnosis.bootstrap.gained`); what it is for the data so far is taken off. With models
+that are linear around their parameters, and n s^2 for the
 noise, E_j^2 - E_i^2 is the criterion of T-optimality (A. C. Atkinson, V. V. Fedorov, The design of
 experiments for discriminating between two rival models, Biometrika 62 (1975) 57): `Rivals.promised`, a
 matter of milliseconds. `Rivals.expected` draws the noise and fits all models again, inner parameters too.
@@ -16,18 +16,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.data.import_files import joined_channels
-from estimation.effect import Effect
-from estimation.fit.blocks import block_average, decimate
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.inner_search import refine_inner, search_inner
-from estimation.fit.joint_load import with_load
-from estimation.fit.measurement_model import shuffle_noise
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.import_files import joined_channels
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.blocks import block_average, decimate
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.fit.inner_search import refine_inner, search_inner
+from palpate.estimation.fit.joint_load import with_load
+from palpate.estimation.fit.measurement_model import shuffle_noise
+from palpate.robot_io.types import BoolArray, FloatArray
 
-SMALL = 0.05  # of an error: a smaller lead decides nothing, see `estimation.diagnosis.bootstrap`
+SMALL = 0.05  # of an error: a smaller lead decides nothing, see `palpate.estimation.diagnosis.bootstrap`
 CLEAR = 3.0 * SMALL  # a lead that needs no more data
 _STEP = 1e-3  # of an inner parameter, over which a slope is taken
 
@@ -181,7 +181,7 @@ class Experiment:
     words: str  # what an experimenter does
     duration_s: float  # how long that takes [s]
     # For each undecided channel, the expected lead of each rival over each other, shape (r, r) each; see
-    # `estimation.design.discrimination`.
+    # `palpate.estimation.design.discrimination`.
     leads: tuple[FloatArray, ...]
     evidence: float = 0.0  # what it weighs, where that is known; see `Rivals.evidence`
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data_quality import SINGLE_RUN
-from estimation.design import Experiment, Rivals, choose
-from estimation.effect import Effect
-from estimation.fit.fit_result import FitResult
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality import SINGLE_RUN
+from palpate.estimation.design import Experiment, Rivals, choose
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_result import FitResult
 
 if TYPE_CHECKING:
-    from control.probing.plan import ProbingPlan
+    from palpate.control.probing.plan import ProbingPlan
 
 LONGEST_S = 120.0  # time that an experiment of a probing arm may take [s]
 _OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2}  # derivatives of position

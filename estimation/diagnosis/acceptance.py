@@ -2,7 +2,7 @@
 
 Effects of a complete model are accepted where each is needed. Those of an incomplete model are accepted
 where each takes most of what a flexible law of its kind takes, beside flexible laws of the other kinds
-(`estimation.diagnosis.forms`).
+(`palpate.estimation.diagnosis.forms`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -12,18 +12,18 @@ from statistics import NormalDist
 
 import numpy as np
 
-from estimation.budget import BudgetEntry
-from estimation.data.derivatives import grid_step
-from estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
-from estimation.diagnosis.candidates import Candidate, parameter_count
-from estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
-from estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
-from estimation.effect import Effect
-from estimation.fit.fit_result import FitResult, final_solution
-from estimation.fit.intervals import estimate_parameters
-from estimation.fit.measurement_model import MeasurementModel
-from estimation.fit.measurement_noise import measurement_noise
-from estimation.kinds import Kind
+from palpate.estimation.budget import BudgetEntry
+from palpate.estimation.data.derivatives import grid_step
+from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
+from palpate.estimation.diagnosis.candidates import Candidate, parameter_count
+from palpate.estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
+from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_result import FitResult, final_solution
+from palpate.estimation.fit.intervals import estimate_parameters
+from palpate.estimation.fit.measurement_model import MeasurementModel
+from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.kinds import Kind
 
 AS_GOOD = 0.9  # of the squared error that names leave, that a law without a name must not get below
 Complete = Callable[[FitResult], bool]

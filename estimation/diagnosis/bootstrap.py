@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData
-from estimation.data.derivatives import grid_step
-from estimation.effect import Effect
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.fit_result import FitResult
-from estimation.fit.flexible_regression import fit_flexible
-from estimation.fit.inner_search import optimize_inner, search_inner
-from estimation.fit.measurement_model import MeasurementModel, shuffle_noise
-from estimation.model import Model
-from estimation.signals.runwise import shifted_motion
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.derivatives import grid_step
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.flexible_regression import fit_flexible
+from palpate.estimation.fit.inner_search import optimize_inner, search_inner
+from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise
+from palpate.estimation.model import Model
+from palpate.estimation.signals.runwise import shifted_motion
+from palpate.robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller change is told, and changes no verdict
 DRAWS = 19  # at most: of 20 data sets, one is the largest by chance once in twenty

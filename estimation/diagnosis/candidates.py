@@ -5,18 +5,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import reading_error
-from estimation.effect import Effect, Inner, SensorEffect
-from estimation.effects import EFFECTS
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.fit_result import FitResult
-from estimation.fit.inner_search import GridSearch, grid_search, optimize_inner, refine_inner, search_inner
-from estimation.fit.intervals import inner_slopes
-from estimation.fit.joint_load import HEAVY
-from estimation.model import Model
-from estimation.signals.runwise import finest_step
-from robot_io.types import BoolArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import reading_error
+from palpate.estimation.effect import Effect, Inner, SensorEffect
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.inner_search import (
+    GridSearch,
+    grid_search,
+    optimize_inner,
+    refine_inner,
+    search_inner,
+)
+from palpate.estimation.fit.intervals import inner_slopes
+from palpate.estimation.fit.joint_load import HEAVY
+from palpate.estimation.model import Model
+from palpate.estimation.signals.runwise import finest_step
+from palpate.robot_io.types import BoolArray
 
 PROMISING = 0.3  # of what the best candidate takes away at its starts; those below are not refined
 REFINED = 5  # candidates that are refined in any case

@@ -8,30 +8,36 @@ from zlib import crc32
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.data_quality import reject_reason, usable
-from estimation.design.next_experiment import FEW_READINGS
-from estimation.diagnosis.acceptance import (
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data_quality import reject_reason, usable
+from palpate.estimation.design.next_experiment import FEW_READINGS
+from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
     acceptance_criteria,
     most_parsimonious,
     smallest_sufficient_model,
 )
-from estimation.diagnosis.bootstrap import SMALL, encoder_step_error, lack_of_fit_test
-from estimation.diagnosis.candidates import effect_library
-from estimation.diagnosis.forms import FormTest, PartiallyLinear, analyse_kinds, form_tests, named_forms
-from estimation.diagnosis.random_effects import add_run_variation
-from estimation.diagnosis.residual_checks import ResidualFinding, check_residuals
-from estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
-from estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
-from estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
-from estimation.effect import Effect
-from estimation.end_workers import end_when_told, end_workers
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.model import Model
-from estimation.shared_gains import with_shared_gains
+from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, lack_of_fit_test
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.forms import (
+    FormTest,
+    PartiallyLinear,
+    analyse_kinds,
+    form_tests,
+    named_forms,
+)
+from palpate.estimation.diagnosis.random_effects import add_run_variation
+from palpate.estimation.diagnosis.residual_checks import ResidualFinding, check_residuals
+from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
+from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
+from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
+from palpate.estimation.effect import Effect
+from palpate.estimation.end_workers import end_when_told, end_workers
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.model import Model
+from palpate.estimation.shared_gains import with_shared_gains
 
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 

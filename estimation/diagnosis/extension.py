@@ -3,18 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from estimation.channel import ChannelData
-from estimation.data_quality import usable
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.diagnosis.candidates import screen_effects
-from estimation.effect import Effect
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import FitProblem, Solution
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.inner_search import GridSearch
-from estimation.fit.joint_load import LOAD, LUMPED
-from estimation.fit.threads import single_threaded
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data_quality import usable
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.diagnosis.candidates import screen_effects
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_problem import FitProblem, Solution
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.fit.inner_search import GridSearch
+from palpate.estimation.fit.joint_load import LOAD, LUMPED
+from palpate.estimation.fit.threads import single_threaded
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _MOST_STARTS = 3  # physically plausible starts from which a fit is repeated
 

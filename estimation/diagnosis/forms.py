@@ -1,8 +1,8 @@
 """Forms of effects within a kind, beside flexible laws of the other kinds.
 
-What is missing is first told by kind (`estimation.budget`). Then each kind's forms are compared with the
-kind's own flexible law, on what flexible laws of the other kinds cannot explain (partially linear model, P.
-M. Robinson, Econometrica 56 (1988)). So a form need not wait until all other effects have a name, and it
+What is missing is first told by kind (`palpate.estimation.budget`). Then each kind's forms are compared with
+the kind's own flexible law, on what flexible laws of the other kinds cannot explain (partially linear model,
+P. M. Robinson, Econometrica 56 (1988)). So a form need not wait until all other effects have a name, and it
 need not be exact.
 """
 
@@ -12,22 +12,22 @@ from enum import StrEnum
 
 import numpy as np
 
-from estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
-from estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
-from estimation.budget.laws import Law, flexible_laws
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
-from estimation.diagnosis.search import Search
-from estimation.effect import Effect
-from estimation.effects.run_differences import RunVariation
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.fit_result import FitResult
-from estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
-from estimation.fit.normal_equations import held_out_sse, solve_normal_equations
-from estimation.fit.nuisance import nuisance_of
-from estimation.fit.run_heterogeneity import run_heterogeneity
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
+from palpate.estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
+from palpate.estimation.budget.laws import Law, flexible_laws
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
+from palpate.estimation.diagnosis.search import Search
+from palpate.estimation.effect import Effect
+from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
+from palpate.estimation.fit.normal_equations import held_out_sse, solve_normal_equations
+from palpate.estimation.fit.nuisance import nuisance_of
+from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 _RIDGES = (1e-6, 1e-4, 1e-2)
 _COLLINEAR = 1e-9

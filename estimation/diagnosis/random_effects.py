@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from estimation.diagnosis.result import ParameterValue
-from estimation.diagnosis.search import Search
-from estimation.effects.run_differences import RunGain, RunOffset, RunVariation
-from estimation.fit.fit_result import FitResult
-from estimation.fit.run_heterogeneity import run_heterogeneity
+from palpate.estimation.diagnosis.result import ParameterValue
+from palpate.estimation.diagnosis.search import Search
+from palpate.estimation.effects.run_differences import RunGain, RunOffset, RunVariation
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 
 
 def add_run_variation(search: Search, found: FitResult) -> FitResult:

@@ -9,19 +9,19 @@ from itertools import islice
 
 import numpy as np
 
-from estimation.budget.held_out import fit_each_run
-from estimation.budget.laws import periodic_columns
-from estimation.channel import ChannelKind
-from estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
-from estimation.fit.blocks import BlockedData, is_moving
-from estimation.fit.fit_problem import held_out_residual, rmse
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_model import MeasurementModel
-from estimation.fit.measurement_noise import free_air_noise
-from estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
-from estimation.signals.periodicity import strongest_frequency
-from estimation.signals.runwise import sample_time
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.budget.held_out import fit_each_run
+from palpate.estimation.budget.laws import periodic_columns
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis.bootstrap import SMALL, bootstrap_samples, sequential_test
+from palpate.estimation.fit.blocks import BlockedData, is_moving
+from palpate.estimation.fit.fit_problem import held_out_residual, rmse
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_model import MeasurementModel
+from palpate.estimation.fit.measurement_noise import free_air_noise
+from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
+from palpate.estimation.signals.periodicity import strongest_frequency
+from palpate.estimation.signals.runwise import sample_time
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _CLEARLY = 0.5  # of what a smooth law would leave: what each run leaves by itself
 _ABOVE_AIR = 3.0  # times what draws show, or what is left beside a swing

@@ -7,13 +7,13 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
-from estimation.design.next_experiment import NextExperiment
-from estimation.diagnosis.extension import PackedFit
-from estimation.diagnosis.forms import Form
-from estimation.estimate import ParameterEstimate
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_noise import NoiseSource
-from estimation.kinds import Kind
+from palpate.estimation.design.next_experiment import NextExperiment
+from palpate.estimation.diagnosis.extension import PackedFit
+from palpate.estimation.diagnosis.forms import Form
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import NoiseSource
+from palpate.estimation.kinds import Kind
 
 
 class Verdict(StrEnum):
@@ -78,7 +78,7 @@ class Accepted(_Entry):
 class BudgetShare(_Entry):
     """What one kind of effect accounts for, as shares of the base model's squared error in held-out runs."""
 
-    kind: Kind  # see `estimation.kinds`
+    kind: Kind  # see `palpate.estimation.kinds`
     share: float  # Shapley value among the kinds that are listed
     interval: tuple[float, float]  # 95 %, over runs
     necessary: float  # lost when the kind is left out of all

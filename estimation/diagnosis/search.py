@@ -11,9 +11,9 @@ from itertools import islice
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.diagnosis.candidates import (
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.diagnosis.candidates import (
     Candidate,
     applicable_effects,
     is_misnamed,
@@ -21,17 +21,17 @@ from estimation.diagnosis.candidates import (
     parameter_count,
     screen_effects,
 )
-from estimation.effect import Effect, Inner, SensorEffect
-from estimation.effects.run_differences import RunVariation
-from estimation.fit.blocks import BlockedData, decimate, merge_blocks
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import Solution, columns_at, solve_gains
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.permutation import COUNT, null_improvements
-from estimation.model import Model
-from estimation.signals.blocks import rows_of_runs
-from estimation.signals.runwise import sample_time
-from robot_io.types import BoolArray
+from palpate.estimation.effect import Effect, Inner, SensorEffect
+from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.blocks import BlockedData, decimate, merge_blocks
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_problem import Solution, columns_at, solve_gains
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.fit.permutation import COUNT, null_improvements
+from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.runwise import sample_time
+from palpate.robot_io.types import BoolArray
 
 TIE = 0.02  # of the squared error in held-out runs, that equally good models may differ by
 LEVEL = 0.01  # of false alarms, over all candidates of a step

@@ -7,16 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimation.budget.budget import error_budget
-from estimation.channel import ChannelData
-from estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
-from estimation.diagnosis.acceptance import indistinguishable_models, models_by_importance, similar_forms
-from estimation.diagnosis.bootstrap import SMALL, encoder_step_error
-from estimation.diagnosis.extension import fit_extended
-from estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
-from estimation.diagnosis.random_effects import run_standard_deviation
-from estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
-from estimation.diagnosis.result import (
+from palpate.estimation.budget.budget import error_budget
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
+from palpate.estimation.diagnosis.acceptance import (
+    indistinguishable_models,
+    models_by_importance,
+    similar_forms,
+)
+from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error
+from palpate.estimation.diagnosis.extension import fit_extended
+from palpate.estimation.diagnosis.forms import Form, FormTest, NamedError, PartiallyLinear, closest_forms
+from palpate.estimation.diagnosis.random_effects import run_standard_deviation
+from palpate.estimation.diagnosis.residual_checks import ResidualFinding, periodic_component
+from palpate.estimation.diagnosis.result import (
     Accepted,
     BudgetShare,
     ChannelDiagnosis,
@@ -28,12 +32,12 @@ from estimation.diagnosis.result import (
     Verdict,
     stage_numbers,
 )
-from estimation.diagnosis.search import Search
-from estimation.effects.run_differences import RunVariation
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_model import MeasurementModel
-from estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
-from estimation.kinds import Kind, separating_experiment
+from palpate.estimation.diagnosis.search import Search
+from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_model import MeasurementModel
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, free_air_noise, measurement_noise
+from palpate.estimation.kinds import Kind, separating_experiment
 
 _MOST_RANKED = 3  # candidates that are fitted alone beside the base model
 _PEAKED = 0.8  # of the square of an error, in its largest twentieth; of normal noise that is 0.28

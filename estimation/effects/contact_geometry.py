@@ -5,12 +5,12 @@ from itertools import product
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter
-from estimation.kinds import Kind
-from estimation.signals.blocks import runs_by_time
-from estimation.signals.runwise import running_max
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Inner, MotionEffect, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import runs_by_time
+from palpate.estimation.signals.runwise import running_max
+from palpate.robot_io.types import FloatArray
 
 
 class ContactOffset(MotionEffect):

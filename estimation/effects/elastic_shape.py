@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import Motion, differentiate
-from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
-from estimation.kinds import Kind
-from estimation.signals.blocks import number_stretches
-from estimation.signals.cache_by_array import cache_by_channel_arrays
-from estimation.signals.runwise import shifted_motion
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import Motion, differentiate
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import number_stretches
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.estimation.signals.runwise import shifted_motion
+from palpate.robot_io.types import FloatArray
 
 
 class Stiffness(AdditiveEffect):

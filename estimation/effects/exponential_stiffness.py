@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 _STEEPEST = 50.0  # b |x| beyond which nothing is computed
 _STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|

@@ -4,11 +4,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 
 class KnownRigidBody(AdditiveEffect):
@@ -42,8 +42,8 @@ class RigidBodyFitted(AdditiveEffect):
     The gains are base parameters of the whole arm: of one name in all its joints, they are one parameter.
 
     Args:
-        chosen: columns of the regressor, ten a link (`control.arm.rigid_body.RigidBody.regressor`), of the
-            arm's base parameters that the joint feels (`estimation.arm.base_parameters`).
+        chosen: columns of the regressor, ten a link (`palpate.control.arm.rigid_body.RigidBody.regressor`),
+            of the arm's base parameters that the joint feels (`palpate.estimation.arm.base_parameters`).
         arm: all base parameters of the arm; None where joints are fitted each by itself.
         urdf: inertial parameters of its URDF, shape (10 links,).
     """

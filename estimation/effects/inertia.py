@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Errors, Inner, Parameter
-from estimation.kinds import Kind
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.types import FloatArray
 
 
 class Inertia(AdditiveEffect):

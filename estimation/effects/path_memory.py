@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
-from estimation.kinds import Kind
-from estimation.signals.blocks import number_stretches
-from estimation.signals.runwise import bouc_wen, direction, play, shifted_motion, smooth_jitter
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import number_stretches
+from palpate.estimation.signals.runwise import bouc_wen, direction, play, shifted_motion, smooth_jitter
+from palpate.robot_io.types import FloatArray
 
 _PLAIN = 1e-3  # of its energy, that plain friction leaves where the path is too short to be seen
 

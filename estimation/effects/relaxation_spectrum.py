@@ -4,12 +4,12 @@ from itertools import combinations
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Inner, MemoryEffect, Parameter
-from estimation.kinds import Kind
-from estimation.signals.exponential_memory import fading_memory
-from estimation.signals.runwise import finest_step
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import Inner, MemoryEffect, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.exponential_memory import fading_memory
+from palpate.estimation.signals.runwise import finest_step
+from palpate.robot_io.types import FloatArray
 
 _SHARES = (0.15, 0.4)
 

@@ -5,12 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Inner, Parameter, SensorEffect
-from estimation.effects.torque_ripple import TorqueRipple
-from estimation.kinds import Kind
-from estimation.signals.blocks import block_index
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import Inner, Parameter, SensorEffect
+from palpate.estimation.effects.torque_ripple import TorqueRipple
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import block_index
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TELLING = 0.25  # of a run's samples, from its start, that tell the run's own value
 _FEWEST_RUNS = 3

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
-from estimation.kinds import Kind
-from estimation.signals.exponential_memory import low_pass
-from estimation.signals.free_air import is_one_way, zero_in_free_air
-from estimation.signals.runwise import sample_time, shift
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.exponential_memory import low_pass
+from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.signals.runwise import sample_time, shift
+from palpate.robot_io.types import FloatArray
 
 
 class Delay(SensorEffect):

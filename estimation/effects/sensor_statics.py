@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
-from estimation.kinds import Kind
-from estimation.signals.blocks import block_index
-from estimation.signals.runwise import play
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter, SensorEffect
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.runwise import play
+from palpate.robot_io.types import FloatArray
 
 
 class Bias(AdditiveEffect):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter
-from estimation.kinds import Kind
-from estimation.signals.exponential_memory import relax, springpot
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Inner, MemoryEffect, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.exponential_memory import relax, springpot
+from palpate.robot_io.types import FloatArray
 
 
 class StressRelaxation(AdditiveEffect):

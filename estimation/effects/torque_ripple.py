@@ -4,11 +4,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Inner, Parameter
-from estimation.kinds import Kind
-from estimation.signals.periodicity import harmonics
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.periodicity import harmonics
+from palpate.robot_io.types import FloatArray
 
 _LEAST_WAVES = 1.5  # within the range of motion; less of a wave could be any curve
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.estimate import Estimate
-from estimation.estimator import Estimator
-from estimation.estimators.recursive import INITIAL_VARIANCE, Rls
-from estimation.fit.irls import Loss
-from estimation.regression import Regression
-from estimation.statistics.least_squares import solve
-from estimation.statistics.noise import robust_sigma
-from estimation.statistics.subsets import solve_subsets
-from estimation.statistics.uncertainty import Covariance, sandwich
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.estimate import Estimate
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.estimators.recursive import INITIAL_VARIANCE, Rls
+from palpate.estimation.fit.irls import Loss
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import robust_sigma
+from palpate.estimation.statistics.subsets import solve_subsets
+from palpate.estimation.statistics.uncertainty import Covariance, sandwich
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _FAR_ABOVE = 100.0  # times the noise: no sample is beyond
 _FAR_BELOW = 0.45  # threshold over noise under which refining ends too far from where it converges

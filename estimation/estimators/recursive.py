@@ -4,13 +4,13 @@ from abc import abstractmethod
 
 import numpy as np
 
-from estimation.estimate import Estimate
-from estimation.estimator import OnlineEstimator
-from estimation.regression import Regression
-from estimation.statistics.noise import sum_covariance
-from estimation.statistics.uncertainty import Covariance
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.estimate import Estimate
+from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.estimation.statistics.uncertainty import Covariance
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 INITIAL_VARIANCE = 1e8  # of a gain before any sample: a stiffness of 10 000 N/m is no surprise
 _INITIAL_EFFORT = (

@@ -7,10 +7,10 @@ Fuller, Measurement Error Models (1987)). But integrated twice, it must lead alo
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.signals.blocks import blocks
-from estimation.signals.runwise import shifted_motion
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.blocks import blocks
+from palpate.estimation.signals.runwise import shifted_motion
+from palpate.robot_io.types import FloatArray
 
 _REACH_S = 0.03  # to either side, that positions are compared over: noise of an encoder counts little there
 _LEAST = 3  # samples

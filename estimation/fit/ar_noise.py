@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 ORDER = 4
 

@@ -7,15 +7,15 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import reading_error
-from estimation.effect import AdditiveEffect, Inner
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.joint_load import LOAD
-from estimation.signals.blocks import rows_of_runs
-from estimation.signals.cache_by_array import IdentityKey
-from estimation.signals.runwise import sample_time
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import reading_error
+from palpate.estimation.effect import AdditiveEffect, Inner
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.joint_load import LOAD
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.cache_by_array import IdentityKey
+from palpate.estimation.signals.runwise import sample_time
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 # Blocks per second aimed at; slower data is taken as it is. A joint's effort goes with an acceleration
 # that was derived twice from an encoder: what of it is noise lies above this rate.

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from threading import Lock
 
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 MOST_BYTES = 64_000_000
 

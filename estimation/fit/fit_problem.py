@@ -8,16 +8,21 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
-from estimation.fit.ar_noise import WHITE, ArNoise
-from estimation.fit.blocks import BlockedData
-from estimation.fit.normal_equations import LinearFit, NormalEquations, gram_matrices, solve_normal_equations
-from estimation.fit.nuisance import Nuisance
-from estimation.information import Information
-from estimation.model import Model, Parts, own
-from estimation.statistics.least_squares import solve_within_bounds
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
+from palpate.estimation.fit.ar_noise import WHITE, ArNoise
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.normal_equations import (
+    LinearFit,
+    NormalEquations,
+    gram_matrices,
+    solve_normal_equations,
+)
+from palpate.estimation.fit.nuisance import Nuisance
+from palpate.estimation.information import Information
+from palpate.estimation.model import Model, Parts, own
+from palpate.estimation.statistics.least_squares import solve_within_bounds
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 NOT_HELD: Mapping[str, float] = MappingProxyType({})
 NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})

@@ -6,27 +6,27 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.display import DisplayTable, TableDisplay, interval_text
-from estimation.estimate import ParameterEstimate
-from estimation.fit.ar_noise import WHITE, estimate_ar_noise
-from estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
-from estimation.fit.flexible_regression import (
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.display import DisplayTable, TableDisplay, interval_text
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.ar_noise import WHITE, estimate_ar_noise
+from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
+from palpate.estimation.fit.flexible_regression import (
     DifferentiationFilter,
     FlexibleRegression,
     fit_flexible,
     is_plausible_bias,
     smoothing_bias,
 )
-from estimation.fit.inner_search import optimize_inner
-from estimation.fit.intervals import estimate_parameters
-from estimation.fit.joint_load import with_load
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.fit.threads import single_threaded
-from estimation.model import Model
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.fit.inner_search import optimize_inner
+from palpate.estimation.fit.intervals import estimate_parameters
+from palpate.estimation.fit.joint_load import with_load
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.threads import single_threaded
+from palpate.estimation.model import Model
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9
 _NAMED_SHARE = 0.4  # a signal is named if it explains this share of what the strongest signal explains

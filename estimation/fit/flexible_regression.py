@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.fit.blocks import BlockedData
-from estimation.fit.fit_problem import FitProblem, Solution
-from estimation.fit.normal_equations import (
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.fit_problem import FitProblem, Solution
+from palpate.estimation.fit.normal_equations import (
     NormalEquations,
     held_out_gains,
     held_out_sse,
     solve_normal_equations,
 )
-from estimation.fit.smooth_features import smooth_features
-from estimation.signals.blocks import equal_length_blocks
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.fit.smooth_features import smooth_features
+from palpate.estimation.signals.blocks import equal_length_blocks
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _RIDGES = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 _MOST_SIGNALS = 4  # that are taken one by one

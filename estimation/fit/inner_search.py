@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.effect import Effect, Parameter
-from estimation.fit.fit_problem import (
+from palpate.estimation.effect import Effect, Parameter
+from palpate.estimation.fit.fit_problem import (
     FitProblem,
     LinearisedParts,
     Solution,
@@ -15,8 +15,8 @@ from estimation.fit.fit_problem import (
     residual_slopes,
     solve_gains,
 )
-from estimation.model import Model
-from robot_io.types import FloatArray
+from palpate.estimation.model import Model
+from palpate.robot_io.types import FloatArray
 
 _HALVINGS = 3
 _PARABOLAS = 3

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.effect import Parameter
-from estimation.estimate import ParameterEstimate
-from estimation.fit.acceleration_noise import inflate_acceleration_noise
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_problem import FitProblem, Solution
-from estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
-from estimation.statistics.noise import sum_covariance
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.effect import Parameter
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.acceleration_noise import inflate_acceleration_noise
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_problem import FitProblem, Solution
+from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.robot_io.types import FloatArray, IntArray
 
 SIGMAS_95 = 1.96
 _READINGS, _SEED = 8, 1  # of the motion, drawn again

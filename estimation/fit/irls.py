@@ -12,9 +12,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from estimation.statistics.least_squares import solve
-from estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
+from palpate.robot_io.types import BoolArray, FloatArray
 
 CUT = 5.5  # of the biweight, in sigmas: 97.5 % efficient at Gaussian noise
 _CAUCHY_CUT = 2.385  # in sigmas: 95 % efficient at Gaussian noise

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.model import Model
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.model import Model
 
 LOAD = "load"
 LUMPED = "lumped_inertia_effort"  # part of the load, of which the drive's rotor may take some before the gear

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.blocks import BlockedData, block_length, decimate
-from estimation.signals.blocks import blocks, rows_of_runs
-from estimation.signals.runwise import sample_time
-from robot_io.types import BoolArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.fit.blocks import BlockedData, block_length, decimate
+from palpate.estimation.signals.blocks import blocks, rows_of_runs
+from palpate.estimation.signals.runwise import sample_time
+from palpate.robot_io.types import BoolArray, IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
 _ENOUGH = 25_000  # samples that need not be made fewer

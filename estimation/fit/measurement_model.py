@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from estimation.channel import ChannelData
-from estimation.data.derivatives import (
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.derivatives import (
     HALF_WINDOWS,
     grid_step,
     local_derivative,
@@ -23,10 +23,10 @@ from estimation.data.derivatives import (
     uneven_derivative_operator,
     wider_window,
 )
-from estimation.signals.blocks import blocks, equal_length_blocks
-from estimation.signals.cache_by_array import IdentityKey, cache_by_channel_arrays
-from estimation.signals.runwise import is_even, shifted_motion
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.signals.blocks import blocks, equal_length_blocks
+from palpate.estimation.signals.cache_by_array import IdentityKey, cache_by_channel_arrays
+from palpate.estimation.signals.runwise import is_even, shifted_motion
+from palpate.robot_io.types import FloatArray, IntArray
 
 _MOST_WEIGHTS = 4_000_000  # of an operator that is kept
 _PASSED_ON = 0.5  # of the error that a window passes on, that its derivative may differ by

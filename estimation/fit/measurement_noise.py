@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.fit.fit_problem import rmse
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.fit.run_heterogeneity import run_heterogeneity
-from estimation.signals.blocks import rows_of_runs
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.fit.fit_problem import rmse
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import FloatArray
 
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _LEAST = 50  # samples

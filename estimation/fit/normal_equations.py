@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.information import Information
-from estimation.statistics.least_squares import solve_definite
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.information import Information
+from palpate.estimation.statistics.least_squares import solve_definite
+from palpate.robot_io.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)

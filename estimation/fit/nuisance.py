@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.signals.blocks import rows_of_runs
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _INDEPENDENT = 1e-4  # of the largest singular value of columns of unit size
 

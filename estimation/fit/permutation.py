@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 COUNT = 199
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.fit.blocks import BlockedData
-from estimation.fit.fit_problem import Solution, held_out_residual, rmse
-from estimation.signals.blocks import rows_of_runs
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.fit_problem import Solution, held_out_residual, rmse
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import FloatArray, IntArray
 
 APART = 1.25  # times the error by itself: less is told by draws alone, and changes little
 _ROWS = 30  # samples for each gain, with which a run can be fitted by itself

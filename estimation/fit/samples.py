@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.fit.ar_noise import WHITE
-from estimation.fit.blocks import BlockedData
-from estimation.fit.fit_problem import FitProblem, Solution, solve_gains
-from estimation.fit.inner_search import optimize_inner
-from estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
-from estimation.model import Model
-from estimation.statistics.noise import robust_sigma
-from estimation.statistics.uncertainty import Covariance, sandwich
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.fit.ar_noise import WHITE
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
+from palpate.estimation.fit.inner_search import optimize_inner
+from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
+from palpate.estimation.model import Model
+from palpate.estimation.statistics.noise import robust_sigma
+from palpate.estimation.statistics.uncertainty import Covariance, sandwich
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _ROUNDS = 40
 _ABSOLUTE_ROUNDS = 5

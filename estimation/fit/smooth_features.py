@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.channel import ChannelKind
-from estimation.fit.blocks import BlockedData
-from estimation.signals.blocks import time_in_run
-from estimation.signals.exponential_memory import low_pass, relax
-from estimation.signals.runwise import derivative, play, running_max, sample_time, shift
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.signals.blocks import time_in_run
+from palpate.estimation.signals.exponential_memory import low_pass, relax
+from palpate.estimation.signals.runwise import derivative, play, running_max, sample_time, shift
+from palpate.robot_io.types import FloatArray, IntArray
 
 _KNOTS = 9  # at quantiles, where the samples are
 _EVEN_KNOTS = 13  # over the whole range, also where samples are few

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.base_model import BaseModel, ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.contact_geometry import ContactOffset
-from estimation.effects.elastic_shape import Stiffness
-from estimation.effects.inertia import Inertia
-from estimation.effects.rate_dependence import Damping, HuntCrossley
-from estimation.model import Model
-from estimation.statistics.correlation import correlation_coefficient
+from palpate.estimation.base_model import BaseModel, ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effects.contact_geometry import ContactOffset
+from palpate.estimation.effects.elastic_shape import Stiffness
+from palpate.estimation.effects.inertia import Inertia
+from palpate.estimation.effects.rate_dependence import Damping, HuntCrossley
+from palpate.estimation.model import Model
+from palpate.estimation.statistics.correlation import correlation_coefficient
 
 
 class KelvinVoigt(BaseModel):

@@ -2,18 +2,18 @@
 
 from typing import TYPE_CHECKING
 
-from estimation.arm.base_parameters import base_parameters
-from estimation.base_model import BaseModel, ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effects.gravity_load import KnownRigidBody, Pendulum, RigidBodyFitted
-from estimation.effects.inertia import Inertia
-from estimation.effects.rate_dependence import ViscousFriction
-from estimation.model import Model
-from estimation.signals.arm_signals import with_rigid_body
-from robot_io.errors import InputError
+from palpate.estimation.arm.base_parameters import base_parameters
+from palpate.estimation.base_model import BaseModel, ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effects.gravity_load import KnownRigidBody, Pendulum, RigidBodyFitted
+from palpate.estimation.effects.inertia import Inertia
+from palpate.estimation.effects.rate_dependence import ViscousFriction
+from palpate.estimation.model import Model
+from palpate.estimation.signals.arm_signals import with_rigid_body
+from palpate.robot_io.errors import InputError
 
 if TYPE_CHECKING:
-    from control.arm.rigid_body import RigidBody
+    from palpate.control.arm.rigid_body import RigidBody
 
 
 class InertiaModel(BaseModel):
@@ -48,7 +48,7 @@ def arm_of(context: ModelContext, model: str) -> tuple["RigidBody", int]:
     """
     if not context.urdf or context.joint is None:
         raise InputError(f"model '{model}' needs a joint channel and the arm's URDF (--urdf FILE)")
-    from control.arm.rigid_body import RigidBody  # noqa: PLC0415, needs Pinocchio
+    from palpate.control.arm.rigid_body import RigidBody  # noqa: PLC0415, needs Pinocchio
 
     body = RigidBody.from_urdf(
         context.urdf,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.runwise import BY_ACCELERATION, BY_POSITION, smooth_jitter
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 if TYPE_CHECKING:
-    from control.arm.rigid_body import RigidBody
+    from palpate.control.arm.rigid_body import RigidBody
 
 TORQUE = "rigid_body_torque"
 REGRESSOR = "rigid_body_regressor"

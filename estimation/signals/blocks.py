@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimation.signals.cache_by_array import cache_by_array
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _GAP = 3.5  # median steps; jitter and one or two lost samples make shorter gaps
 

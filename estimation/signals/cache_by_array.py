@@ -7,7 +7,7 @@ from typing import Any, TypeVar, cast
 
 from numpy.typing import NDArray
 
-from estimation.channel import ChannelData
+from palpate.estimation.channel import ChannelData
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")

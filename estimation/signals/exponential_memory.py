@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimation.signals.blocks import block_index, runs_by_time
-from estimation.signals.cache_by_array import cache_by_array
-from estimation.signals.runwise import is_even, sample_time
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.signals.blocks import block_index, runs_by_time
+from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.estimation.signals.runwise import is_even, sample_time
+from palpate.robot_io.types import FloatArray, IntArray
 
 _LENGTH = 32  # samples of a piece, whose memory is one product of matrices
 _LADDER = 1.4  # step of log(rate): five rates in three decades are off by less than 1e-3

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.signals.blocks import rows_of_runs
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import FloatArray, IntArray
 
 _FREE = 0.9  # of the samples before a touch; the last of them may already belong to it
 _WINDOW = 50  # readings at most, at the end of a run

@@ -4,10 +4,10 @@ from math import gcd
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.signals.blocks import block_index, blocks, number_pieces
-from estimation.signals.cache_by_array import cache_by_channel_arrays
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
+from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
+from palpate.robot_io.types import FloatArray, IntArray
 
 _SLOWEST = 3.0  # least periods within the longest piece
 _FASTEST = 0.4  # most periods in a step

@@ -9,10 +9,10 @@ from math import perm
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.signals.blocks import block_index, blocks, split_columns
-from estimation.signals.cache_by_array import cache_by_array
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.signals.blocks import block_index, blocks, split_columns
+from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.robot_io.types import FloatArray, IntArray
 
 _WINDOW = 5  # samples over which a derivative is smoothed
 _EVEN = 0.01  # of the usual step, by which steps may differ in even sampling

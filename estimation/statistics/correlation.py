@@ -10,8 +10,8 @@ from statistics import NormalDist
 import numpy as np
 import scipy
 
-from estimation.signals.blocks import rows_of_runs
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.robot_io.types import FloatArray, IntArray
 
 SIGMAS_99 = NormalDist().inv_cdf(0.995)
 

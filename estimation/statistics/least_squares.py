@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 # Above this condition number the normal equations lose half of the digits; an orthogonal solution is used.
 _SAFE_CONDITION = 1e6

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _SHARE = 0.9  # of the residuals; the largest, at kinks of the motion, say nothing about the model
 _SIGMAS = 1.6448536269514722  # that quantile of the magnitude of Gaussian noise

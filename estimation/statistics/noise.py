@@ -7,8 +7,8 @@ from statistics import NormalDist
 import numpy as np
 import scipy
 
-from estimation.signals.blocks import blocks
-from robot_io.types import FloatArray, IntArray
+from palpate.estimation.signals.blocks import blocks
+from palpate.robot_io.types import FloatArray, IntArray
 
 # Standard deviation over median absolute deviation of Gaussian noise.
 MAD_TO_SIGMA = 1.0 / NormalDist().inv_cdf(0.75)

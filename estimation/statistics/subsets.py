@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.errors import InputError
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray, IntArray
 
 _DEGENERATE = 1e-12  # least ratio of the smallest to the largest eigenvalue of a subset's scaled X'X
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
-from estimation.statistics.least_squares import condition_of_gram, solve
-from estimation.statistics.noise import sum_covariance
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
+from palpate.estimation.statistics.least_squares import condition_of_gram, solve
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 CONFIDENCE = 0.95
 _SINGULAR = 1e8  # condition number beyond which double precision leaves no correct digit

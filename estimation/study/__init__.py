@@ -1,13 +1,13 @@
 """One study of one measurement."""
 
-from estimation.study.arm import Arm
-from estimation.study.channels import StudyChannel
-from estimation.study.comparison import Comparison
-from estimation.study.estimates import ChannelEstimates
-from estimation.study.patterns import Part
-from estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
-from estimation.study.revisions import Revision, Revisions
-from estimation.study.study import ModelStudy
+from palpate.estimation.study.arm import Arm
+from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.comparison import Comparison
+from palpate.estimation.study.estimates import ChannelEstimates
+from palpate.estimation.study.patterns import Part
+from palpate.estimation.study.results import Change, ChannelResult, Stage, StudyDiagnosis
+from palpate.estimation.study.revisions import Revision, Revisions
+from palpate.estimation.study.study import ModelStudy
 
 __all__ = [
     "Arm",

@@ -3,8 +3,8 @@
 import re
 from dataclasses import dataclass
 
-from estimation.base_model import LEVEL_GRAVITY_M_S2, ModelContext
-from estimation.channel import ChannelData
+from palpate.estimation.base_model import LEVEL_GRAVITY_M_S2, ModelContext
+from palpate.estimation.channel import ChannelData
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import Effect
-from estimation.model import Model
-from estimation.models import MODELS
-from estimation.study.arm import Arm
-from estimation.study.source import Source
-from robot_io.errors import InputError
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import Effect
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
+from palpate.estimation.study.arm import Arm
+from palpate.estimation.study.source import Source
+from palpate.robot_io.errors import InputError
 
 CONTACT_MODEL = "kelvin_voigt"
 ARM_MODEL = "rigid_body"

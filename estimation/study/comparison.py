@@ -5,19 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.budget import BudgetEntry, error_budget
-from estimation.channel import ChannelKind
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.diagnosis.forms import error_of_kinds
-from estimation.display import DisplayTable, TableDisplay
-from estimation.estimate import ParameterEstimate
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_noise import MeasurementNoise
-from estimation.fit.threads import single_threaded
-from estimation.physical import UNPHYSICAL
-from estimation.study.patterns import Part, Pattern, patterns, splits
-from robot_io.errors import InputError, UnknownNameError
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.budget import BudgetEntry, error_budget
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.diagnosis.forms import error_of_kinds
+from palpate.estimation.display import DisplayTable, TableDisplay
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
+from palpate.estimation.fit.threads import single_threaded
+from palpate.estimation.physical import UNPHYSICAL
+from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
+from palpate.robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.types import BoolArray, FloatArray
 
 AT_NOISE = 1.1  # times the noise, below which an error passes for noise
 _MOST_SPLITS = 3  # that are put into words

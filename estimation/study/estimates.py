@@ -5,21 +5,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.display import DisplayTable, TableDisplay, interval_text
-from estimation.estimate import Estimate, Identifiability
-from estimation.estimate_channel import estimate_channel, fitting_rows
-from estimation.estimators import ESTIMATORS
-from estimation.fit.fit_problem import Solution
-from estimation.fit.measurement_noise import MeasurementNoise
-from estimation.model import Model
-from estimation.models import MODELS
-from estimation.statistics.misfit import residual_scale
-from estimation.study.arm import NO_ARM, Arm
-from estimation.study.source import Source
-from estimation.surface import Surface
-from robot_io.errors import InputError
-from robot_io.types import BoolArray, FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.display import DisplayTable, TableDisplay, interval_text
+from palpate.estimation.estimate import Estimate, Identifiability
+from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.fit.fit_problem import Solution
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
+from palpate.estimation.statistics.misfit import residual_scale
+from palpate.estimation.study.arm import NO_ARM, Arm
+from palpate.estimation.study.source import Source
+from palpate.estimation.surface import Surface
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import BoolArray, FloatArray
 
 BEST = ("robust", "weighted", "lsq")  # whose estimate is shown where there is room for one
 MOST = 0.8  # of the samples

@@ -10,18 +10,18 @@ from multiprocessing import current_process
 
 import numpy as np
 
-from estimation import diagnosis
-from estimation.channel import ChannelData
-from estimation.data_quality import reject_reason, usable
-from estimation.diagnosis import Diagnosis
-from estimation.diagnosis.candidates import extended_models
-from estimation.effect import Effect
-from estimation.fit.fit_problem import solve_gains
-from estimation.fit.fit_result import FitResult, Validation, fit_model
-from estimation.fit.inner_search import optimize_inner, search_inner
-from estimation.fit.threads import single_threaded
-from estimation.model import Model
-from robot_io.errors import InputError
+from palpate.estimation import diagnosis
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data_quality import reject_reason, usable
+from palpate.estimation.diagnosis import Diagnosis
+from palpate.estimation.diagnosis.candidates import extended_models
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
+from palpate.estimation.fit.inner_search import optimize_inner, search_inner
+from palpate.estimation.fit.threads import single_threaded
+from palpate.estimation.model import Model
+from palpate.robot_io.errors import InputError
 
 SEED = 1  # of all random draws of a diagnosis
 _PREVIEW_STARTS = 6  # starts of a preview, or somewhat more
@@ -98,7 +98,7 @@ def diagnose(
         file: name of the data, for the result.
     """
     # A sweep's worker may start no processes; effects of a user's file are unknown in other processes.
-    own = all(type(effect).__module__.startswith("estimation.") for effect in effects)
+    own = all(type(effect).__module__.startswith("palpate.estimation.") for effect in effects)
     processes = os.cpu_count() or 1 if own and not current_process().daemon else 1
     with single_threaded():
         return diagnosis.diagnose(

@@ -3,16 +3,16 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.effects.time_memory import StressRelaxation
-from estimation.model import Model
-from estimation.models import MODELS
-from estimation.signals.blocks import time_in_run
-from estimation.study.channels import StudyChannel
-from estimation.study.fitting import fit_base
-from estimation.study.study import ModelStudy
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.effects.time_memory import StressRelaxation
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
+from palpate.estimation.signals.blocks import time_in_run
+from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.fitting import fit_base
+from palpate.estimation.study.study import ModelStudy
+from palpate.robot_io.errors import InputError
 
 FAR_BETTER = 0.5  # of the error in held-out runs
 _NO_WORSE = 1.02  # times the error of a model that is complete

@@ -6,21 +6,21 @@ from functools import cached_property
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.display import DisplayTable, TableDisplay
-from estimation.estimate import ParameterEstimate
-from estimation.fit.intervals import SIGMAS_95
-from estimation.fit.samples import slopes_of
-from estimation.signals.blocks import rows_of_runs
-from estimation.signals.runwise import sample_time
-from estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
-from estimation.statistics.misfit import fit_percent
-from estimation.statistics.uncertainty import sandwich
-from estimation.study.channels import StudyChannel
-from estimation.study.comparison import Comparison
-from estimation.study.study import ModelStudy
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.display import DisplayTable, TableDisplay
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.fit.samples import slopes_of
+from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.runwise import sample_time
+from palpate.estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
+from palpate.estimation.statistics.misfit import fit_percent
+from palpate.estimation.statistics.uncertainty import sandwich
+from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.comparison import Comparison
+from palpate.estimation.study.study import ModelStudy
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 
 Grown = Sequence[tuple[StudyChannel, Sequence[str]]]  # channels with what was added to their base models
 _LONGEST, _FEWEST, _MOST = 0.1, 25, 400  # lags: share of the median run, and samples

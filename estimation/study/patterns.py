@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from control.loop.task import Phase
-from estimation.channel import ChannelData
-from robot_io.types import BoolArray, FloatArray
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelData
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _TOLD = 0.5  # share of the error that the parts' means must make, to be called a pattern
 _TURNS = 0.3  # the same where the error only changes with the direction
@@ -54,7 +54,7 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     """What the parts of an error have in common, the plainest first; empty where nothing stands out.
 
     Args:
-        parts: the error by way of splitting, see `estimation.study.comparison`.
+        parts: the error by way of splitting, see `palpate.estimation.study.comparison`.
         rmse: the whole error, in the unit of the effort.
     """
     one_sided = _share_of_mean(parts, rmse)

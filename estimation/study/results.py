@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from estimation.diagnosis import ChannelDiagnosis, Diagnosis
-from estimation.display import DisplayTable, TableDisplay
-from estimation.estimate import ParameterEstimate
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_noise import MeasurementNoise
-from estimation.study.channels import StudyChannel
-from estimation.study.comparison import Comparison
-from estimation.study.revisions import Revision
+from palpate.estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from palpate.estimation.display import DisplayTable, TableDisplay
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
+from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.comparison import Comparison
+from palpate.estimation.study.revisions import Revision
 
 
 @dataclass(frozen=True, eq=False)

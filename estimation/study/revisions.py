@@ -7,14 +7,14 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from estimation.base_model import ModelContext
-from estimation.data.units import LARGEST
-from estimation.diagnosis.result import ParameterValue
-from estimation.effects import EFFECTS
-from estimation.models import MODELS
-from estimation.study.saved_diagnosis import read_kept, with_checksum
-from robot_io.errors import InputError
-from robot_io.files.whole_file import whole_file
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.data.units import LARGEST
+from palpate.estimation.diagnosis.result import ParameterValue
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.models import MODELS
+from palpate.estimation.study.saved_diagnosis import read_kept, with_checksum
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.whole_file import whole_file
 
 FOLDER = "revisions"
 MOST = 999_999  # a number beyond was not given by palpate

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from estimation.diagnosis import ChannelDiagnosis, Diagnosis
-from estimation.study.channels import StudyChannel
-from robot_io.errors import InputError
+from palpate.estimation.diagnosis import ChannelDiagnosis, Diagnosis
+from palpate.estimation.study.channels import StudyChannel
+from palpate.robot_io.errors import InputError
 
 RESULT = "diagnosis.json"
 _SAME = 1e-3  # share of a value, or of its standard error, that two fits of the same data may differ by

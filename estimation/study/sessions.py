@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.channel import ChannelData
-from estimation.data.channels import run_labels, session_channels
-from estimation.data.column_names import RUN
-from estimation.data.import_file import chosen_texts
-from estimation.study.arm import Arm
-from robot_io.calibration import parse_calibrations
-from robot_io.errors import InputError
-from robot_io.robot_file import parse_robot_file
-from robot_io.session import Session
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.channels import run_labels, session_channels
+from palpate.estimation.data.column_names import RUN
+from palpate.estimation.data.import_file import chosen_texts
+from palpate.estimation.study.arm import Arm
+from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.session import Session
 
 
 def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData, ...]]:

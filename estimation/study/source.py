@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from estimation.channel import ChannelData
-from estimation.data.array_files import arrow_of
-from estimation.data.column_names import RUN
-from estimation.data.file_columns import is_session
-from estimation.data.import_file import Imported, import_file, import_table
-from estimation.data.import_files import data_files, import_files, joined_channels
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import table_of
-from estimation.fit.long_data import shortened
-from estimation.study.arm import NO_ARM, Arm
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.array_files import arrow_of
+from palpate.estimation.data.column_names import RUN
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_file import Imported, import_file, import_table
+from palpate.estimation.data.import_files import data_files, import_files, joined_channels
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import table_of
+from palpate.estimation.fit.long_data import shortened
+from palpate.estimation.study.arm import NO_ARM, Arm
+from palpate.robot_io.errors import InputError
 
 if TYPE_CHECKING:
-    from robot_io.session import Session
+    from palpate.robot_io.session import Session
 
 NO_OPTIONS = ImportOptions()
 IN_MEMORY = "data"  # what measurements without a file are called
@@ -49,7 +49,7 @@ class Source:
     @property
     def probed(self) -> bool:
         """Whether an arm was to touch something."""
-        from control.loop.tick_record import STREAM_NAME  # noqa: PLC0415, needs the MCAP library
+        from palpate.control.loop.tick_record import STREAM_NAME  # noqa: PLC0415, needs the MCAP library
 
         return self.session is not None and STREAM_NAME in self.session.stream_names
 
@@ -89,7 +89,7 @@ class Source:
         """The channels with the force in free air taken off that of a probing, which a stiffness needs."""
         if self.session is None:
             return self.channels
-        from estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
+        from palpate.estimation.data.channels import session_channels  # noqa: PLC0415, needs the MCAP library
 
         tared = session_channels(self.session, *self.more, tared=True)
         chosen = (channel.of_runs(np.array(self.runs)) for channel in tared)
@@ -189,7 +189,7 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
             raise InputError(f"{path}: is a folder of sessions; such options were given at their import")
-        from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
+        from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)
         return Source(path.name, channels, sessions.arm_of(first), path, first, more=tuple(more))
@@ -202,7 +202,7 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
             f"{path}: is a session, which takes --where run=0,2; "
             "--column, --unit, --context, --runs and --fresh-runs are for data files"
         )
-    from estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
+    from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
     session, channels = sessions.read_session(path, runs or "")
     cut_off = "the session is cut off: what follows is from what was written until then"

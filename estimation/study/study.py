@@ -12,24 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_options import ImportOptions
-from estimation.data_quality import quality_warnings, reject_reason
-from estimation.design.next_experiment import LONGEST_S, NextProbe
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.candidates import effect_library
-from estimation.diagnosis.extension import PackedFit, fit_extended
-from estimation.diagnosis.result import ParameterValue
-from estimation.display import DisplayTable, TableDisplay
-from estimation.effect import Effect
-from estimation.effects.run_differences import RunVariation
-from estimation.fit.fit_problem import NOT_HELD
-from estimation.fit.fit_result import FitResult
-from estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
-from estimation.shared_gains import with_shared_gains
-from estimation.study import fitting
-from estimation.study.arm import Arm
-from estimation.study.channels import (
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data_quality import quality_warnings, reject_reason
+from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
+from palpate.estimation.diagnosis.result import ParameterValue
+from palpate.estimation.display import DisplayTable, TableDisplay
+from palpate.estimation.effect import Effect
+from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.fit_problem import NOT_HELD
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
+from palpate.estimation.shared_gains import with_shared_gains
+from palpate.estimation.study import fitting
+from palpate.estimation.study.arm import Arm
+from palpate.estimation.study.channels import (
     ALL_CHANNELS,
     FITTED_ARM_MODEL,
     ChannelKey,
@@ -41,13 +41,19 @@ from estimation.study.channels import (
     unapplicable,
     usual_model,
 )
-from estimation.study.comparison import Comparison, Comparisons, compare
-from estimation.study.estimates import USUAL, ChannelEstimates, choose_estimators, estimate_with, only_runs
-from estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
-from estimation.study.revisions import KeptParameter, Revision, Revisions
-from estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
-from estimation.study.source import NO_OPTIONS, limit_length, open_source
-from robot_io.errors import InputError
+from palpate.estimation.study.comparison import Comparison, Comparisons, compare
+from palpate.estimation.study.estimates import (
+    USUAL,
+    ChannelEstimates,
+    choose_estimators,
+    estimate_with,
+    only_runs,
+)
+from palpate.estimation.study.results import Change, ChannelResult, RevisionTable, Stage, StudyDiagnosis
+from palpate.estimation.study.revisions import KeptParameter, Revision, Revisions
+from palpate.estimation.study.saved_diagnosis import RESULT, diagnosis_data, is_other, read_diagnosis
+from palpate.estimation.study.source import NO_OPTIONS, limit_length, open_source
+from palpate.robot_io.errors import InputError
 
 # Time that an experiment may take, and diagnoses as far as a plan depends on them.
 _ProbeKey = tuple[float, tuple[tuple[ChannelKey, Verdict, tuple[str, ...]], ...]]
@@ -65,7 +71,7 @@ class ModelStudy(TableDisplay):
     several threads.
 
     Args:
-        data: see `estimation.study.source.open_source`.
+        data: see `palpate.estimation.study.source.open_source`.
         model: base model; None for the usual one of each channel.
         options: how to read a file or table.
         arm: the arm that the channels belong to, where the data does not say.

@@ -4,20 +4,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.bootstrap import SMALL
-from estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
-from estimation.diagnosis.result import Accepted, Fitted, stage_numbers
-from estimation.diagnosis.verdict import error_decrease
-from estimation.effect import Effect
-from estimation.fit.blocks import decimate
-from estimation.fit.fit_cache import FitCache
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.joint_load import with_load
-from estimation.model import Model
-from estimation.study.channels import StudyChannel
-from estimation.study.study import ModelStudy
-from robot_io.errors import InputError
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.bootstrap import SMALL
+from palpate.estimation.diagnosis.candidates import applicable_effects, is_misnamed, screen_effects
+from palpate.estimation.diagnosis.result import Accepted, Fitted, stage_numbers
+from palpate.estimation.diagnosis.verdict import error_decrease
+from palpate.estimation.effect import Effect
+from palpate.estimation.fit.blocks import decimate
+from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.fit.joint_load import with_load
+from palpate.estimation.model import Model
+from palpate.estimation.study.channels import StudyChannel
+from palpate.estimation.study.study import ModelStudy
+from palpate.robot_io.errors import InputError
 
 MOST = 6  # rivals that are compared with each other
 _ALONE = 4  # the same where it is not known what is missing, the established model among them

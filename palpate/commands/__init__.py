@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from palpate.common.failures import OneLineGroup
-from robot_io.errors import InputError
+from palpate.robot_io.errors import InputError
 
 COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of commands says; in that order
     "demo": ("demo", "Everything once, without asking anything."),

@@ -9,13 +9,19 @@ from typing import Annotated, NamedTuple
 import typer
 from plotly.graph_objects import Figure
 
-from calibration.arm_fit import ArmFit
-from calibration.force import STANDARD_GRAVITY_M_S2, ForceFit, fit_force, read_reference_file, read_weighing
-from estimation.data.import_options import parse_pairs
+from palpate.calibration.arm_fit import ArmFit
+from palpate.calibration.force import (
+    STANDARD_GRAVITY_M_S2,
+    ForceFit,
+    fit_force,
+    read_reference_file,
+    read_weighing,
+)
 from palpate.common import console
 from palpate.common.console import AT_REST, command_group, shown
 from palpate.common.files import different_files, existing_file, output_file, output_session, whole_set
 from palpate.common.options import takes
+from palpate.estimation.data.import_options import parse_pairs
 from palpate.render.calibration import (
     arm_figure,
     encoder_figure,
@@ -24,6 +30,8 @@ from palpate.render.calibration import (
     print_calibration,
 )
 from palpate.render.progress import motion_progress, weighing_progress
+from palpate.robot_io.calibration import Calibration
+from palpate.robot_io.errors import InputError, PalpateError
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import NamedRobot, say_how_to_use_it
@@ -39,8 +47,6 @@ from palpate.runs.options import (
     stops_of,
     without_question,
 )
-from robot_io.calibration import Calibration
-from robot_io.errors import InputError, PalpateError
 
 CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01

@@ -7,20 +7,21 @@ from typing import Annotated, Any
 
 import typer
 
-from estimation.study import ChannelResult, Comparison
-from estimation.study.channels import ALL_CHANNELS
-from estimation.study.model_suggestions import FAR_BETTER, better_model
-from estimation.study.paired_comparison import Grown, side_by_side
-from estimation.study.revisions import Revision, own_effects
 from palpate.common import console
 from palpate.common.console import safe, shown, typed
 from palpate.common.files import folder_to_fill, folder_to_read, output_folder, spare_files, whole_set
 from palpate.common.options import model_names
+from palpate.estimation.study import ChannelResult, Comparison
+from palpate.estimation.study.channels import ALL_CHANNELS
+from palpate.estimation.study.model_suggestions import FAR_BETTER, better_model
+from palpate.estimation.study.paired_comparison import Grown, side_by_side
+from palpate.estimation.study.revisions import Revision, own_effects
 from palpate.render.build import NAMES, REPORT, result_view, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.paired import PairView, as_data, print_pair, sides_view
 from palpate.render.terminal import print_comparison, print_files
 from palpate.render.view import FAR
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workflows.data_options import (
     DataArguments,
@@ -30,7 +31,6 @@ from palpate.workflows.data_options import (
     ModelOption,
     takes_data,
 )
-from robot_io.errors import InputError
 
 RESULT, RECORDING = "comparison.json", "sides.rrd"
 PAIR_FILES = (RESULT, REPORT, RECORDING)  # of what `write_pair` may write

@@ -16,6 +16,10 @@ from palpate.render.estimates import as_data, print_estimates
 from palpate.render.progress import diagnosis_progress, probing_progress
 from palpate.render.terminal import print_files, print_stages
 from palpate.runs.options import ENGINE
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.engines import EngineName
+from palpate.sim_backend.hidden import sealed_path
+from palpate.sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
 from palpate.workflows.demo import (
     HIDDEN_PLAN,
     PLAN,
@@ -27,10 +31,6 @@ from palpate.workflows.demo import (
     show_demo,
     solve,
 )
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.engines import EngineName
-from sim_backend.hidden import sealed_path
-from sim_backend.scenario import MOST_SEED, Scenario, load_scenario, shipped_scenarios
 
 DEFAULT = "default"
 

@@ -6,26 +6,26 @@ from typing import Annotated
 
 import typer
 
-from estimation.channel import ChannelKind
-from estimation.diagnosis import Verdict
-from estimation.estimators import ESTIMATORS
-from estimation.study import StudyDiagnosis
-from estimation.study.channels import ALL_CHANNELS
-from estimation.study.estimates import ALL, USUAL
-from estimation.study.model_suggestions import better_explanation, explained_by_fresh_runs
-from estimation.study.saved_diagnosis import RESULT
 from palpate.common import console
 from palpate.common.console import as_shell_word, count, safe, shown, typed
 from palpate.common.console import typed as path_typed
 from palpate.common.files import folder_to_fill, output_folder
 from palpate.common.options import estimator_names
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis import Verdict
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.study import StudyDiagnosis
+from palpate.estimation.study.channels import ALL_CHANNELS
+from palpate.estimation.study.estimates import ALL, USUAL
+from palpate.estimation.study.model_suggestions import better_explanation, explained_by_fresh_runs
+from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import NAMES, view_of, write_outcome
 from palpate.render.build import as_json as json_text
 from palpate.render.estimates import as_data, calibration_remark, print_estimates
 from palpate.render.terminal import print_diagnosis, print_files
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
 from palpate.workflows.data_options import DataArguments, ForceOption, JsonOption, ModelOption, takes_data
-from robot_io.errors import InputError
 
 PLAN = "next-experiment.yaml"
 EXIT_CODES = {Verdict.MISSING: 10, Verdict.UNEXPLAINED: 11, Verdict.INSUFFICIENT: 12}  # 1 to 3 are failures

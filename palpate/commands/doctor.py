@@ -10,9 +10,9 @@ from palpate.common import console
 from palpate.common.console import AT_REST, FIRST_PROBE, as_shell_word, count, safe
 from palpate.doctor.arm import NOT_POWERED, ArmCheck, examine_arm
 from palpate.doctor.machine import examine_all, memory_lock, real_time
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.examination import Finding, Level
 from palpate.runs.robots import find_robot, importable, is_simulated, robot_names, wires_in_words
-from robot_io.errors import InputError
-from robot_io.examination import Finding, Level
 
 MARKS = {
     Level.OK: "[green]ok[/green]",

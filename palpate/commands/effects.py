@@ -5,16 +5,16 @@ from typing import Annotated
 
 import typer
 
-from estimation.effect import Effect
-from estimation.effects import EFFECTS
 from palpate.common import console
 from palpate.common.console import typed
 from palpate.common.files import existing_data
 from palpate.common.options import effect_names
+from palpate.estimation.effect import Effect
+from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import Example, as_data, kind_of, library, print_effect, print_library
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.imperfection import IMPERFECTIONS
 from palpate.workflows.data_options import JsonOption
-from robot_io.errors import InputError
-from sim_backend.imperfection import IMPERFECTIONS
 
 
 def effects_command(

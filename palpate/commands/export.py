@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from estimation.study.revisions import own_effects
 from palpate.common import console
 from palpate.common.console import count, safe, shown, typed
 from palpate.common.files import (
@@ -18,11 +17,12 @@ from palpate.common.files import (
     output_file,
     write_text,
 )
+from palpate.estimation.study.revisions import own_effects
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
 from palpate.render.terminal import print_files
+from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import DataArguments, FolderOption, JsonOption, ModelOption, takes_data
-from robot_io.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.study import Study

@@ -11,24 +11,24 @@ import numpy as np
 import typer
 from rich.table import Table as Printed
 
-from control.loop.task import Phase
-from estimation.data.channels import import_extra, import_streams
-from estimation.data.file_columns import is_session
-from estimation.data.import_file import Imported, import_table
-from estimation.data.import_files import data_files, import_files
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import Table, read_table
-from estimation.data_quality import quality_warnings
-from estimation.signals.runwise import sample_time
 from palpate.common import console
 from palpate.common.console import as_command, count, duration, safe, shown, typed
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import takes
+from palpate.control.loop.task import Phase
+from palpate.estimation.data.channels import import_extra, import_streams
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_file import Imported, import_table
+from palpate.estimation.data.import_files import data_files, import_files
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.data_quality import quality_warnings
+from palpate.estimation.signals.runwise import sample_time
 from palpate.render.palette import phase
 from palpate.render.progress import import_progress
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import SessionMetadata, write_session
 from palpate.workflows.data_options import ReadOptions, retyped
-from robot_io.errors import InputError
-from robot_io.session import SessionMetadata, write_session
 
 _READ = 0.6  # of the time that an import takes, on reading
 _MOST_NAMES = 5  # of files, that the session keeps

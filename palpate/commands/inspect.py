@@ -16,10 +16,10 @@ from palpate.common.files import (
 )
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.file import open_window, take_picture
+from palpate.robot_io.errors import InputError
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.merged_sessions import merge_sessions
 from palpate.teleop.recording import record_both
-from robot_io.errors import InputError
 
 if TYPE_CHECKING:
     pass

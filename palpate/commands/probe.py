@@ -10,13 +10,15 @@ import numpy as np
 import typer
 from rich.markup import escape
 
-from control.loop.result import Outcome
-from control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.common import console
 from palpate.common.console import count, duration, safe, shown, typed
 from palpate.common.files import existing_file, open_session, output_session
 from palpate.common.options import takes
+from palpate.control.loop.result import Outcome
+from palpate.control.probing.plan import ProbingPlan, load_probing_plan
 from palpate.render.progress import diagnosis_progress, motion_progress, probing_progress
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
 from palpate.runs.hidden_effects import scenario_of
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, motion_in_words, numbers
 from palpate.runs.probing import (
@@ -31,8 +33,6 @@ from palpate.runs.probing import (
 )
 from palpate.runs.robots import wires_in_words
 from palpate.runs.session import raise_for_end
-from robot_io.errors import InputError
-from robot_io.files.file_model import validate
 
 if TYPE_CHECKING:
     from palpate.workflows.resolve import Decision

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import typer
 
-from estimation.study import Revisions
-from estimation.study.channels import ALL_CHANNELS
-from estimation.study.comparison import AT_NOISE
-from estimation.study.revisions import own_effects
 from palpate.common import console
 from palpate.common.console import safe
 from palpate.common.files import existing_data, folder_to_fill, folder_to_read, output_folder
 from palpate.common.options import effect_names
+from palpate.estimation.study import Revisions
+from palpate.estimation.study.channels import ALL_CHANNELS
+from palpate.estimation.study.comparison import AT_NOISE
+from palpate.estimation.study.revisions import own_effects
 from palpate.render.build import NAMES, result_view, write_outcome
 from palpate.render.terminal import print_files, print_revisions, print_stages
 from palpate.workflows.data_options import (

@@ -12,21 +12,21 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.channels import RUN_LABELS, session_channels
-from estimation.data.tick_channels import joined
-from estimation.effects import EFFECTS
 from palpate.common import console
 from palpate.common.console import as_command, count, duration, safe, shown, significant, typed
 from palpate.common.files import open_session, output_session
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.channels import RUN_LABELS, session_channels
+from palpate.estimation.data.tick_channels import joined
+from palpate.estimation.effects import EFFECTS
+from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Session, SessionMetadata, Stream, write_session
 from palpate.runs.hidden_effects import SEAL, open_answer, was_sealed
 from palpate.runs.session import NOT_WHOLE, SOURCE
+from palpate.sim_backend.hidden import SealedAnswer
+from palpate.sim_backend.imperfection import Imperfection
 from palpate.workflows.data_options import JsonOption
-from robot_io.calibration import parse_calibrations
-from robot_io.errors import InputError
-from robot_io.session import Session, SessionMetadata, Stream, write_session
-from sim_backend.hidden import SealedAnswer
-from sim_backend.imperfection import Imperfection
 
 MOST_EVENTS = 40  # shown; --json prints all
 

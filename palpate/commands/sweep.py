@@ -11,7 +11,7 @@ from palpate.common import console
 from palpate.common.console import count, duration, shown, typed
 from palpate.common.files import existing_file, output_folder
 from palpate.render.progress import sweep_progress
-from robot_io.errors import InputError, PalpateError
+from palpate.robot_io.errors import InputError, PalpateError
 
 PAPER = "paper"
 RESULTS = "results"

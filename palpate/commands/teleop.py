@@ -8,28 +8,28 @@ from typing import Annotated
 
 import typer
 
-from control.loop.result import Outcome
-from control.probing.plan import ProbingPlan, load_probing_plan
-from control.teleop.follower_task import OnSilence
-from control.teleop.leader_arm import LeaderArm
-from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
 from palpate.common import console
 from palpate.common.console import as_command, command_group, count, safe, shown, typed
 from palpate.common.files import existing_file, output_session
 from palpate.common.options import scenario_names, takes
+from palpate.control.loop.result import Outcome
+from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.teleop.follower_task import OnSilence
+from palpate.control.teleop.leader_arm import LeaderArm
+from palpate.control.teleop.operator_devices import OPERATOR_DEVICES, build_operator
 from palpate.render.terminal import print_files
+from palpate.robot_io.clock import MonotonicClock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import Impairment, LineSettings, load_seal
+from palpate.robot_io.robot_file import load_robot_file
 from palpate.runs.options import SESSIONS, RunOptions, YesOption, ask_for_power, numbers
 from palpate.runs.robots import find_robot, robot_names
 from palpate.runs.session import raise_for_end
+from palpate.sim_backend.scenario import load_scenario, shipped_scenarios
 from palpate.teleop.demo import run_demo
 from palpate.teleop.follower import FollowerJob, FollowerOutcome, run_follower
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob, leader_metadata, run_leader
-from robot_io.clock import MonotonicClock
-from robot_io.errors import InputError
-from robot_io.link import Impairment, LineSettings, load_seal
-from robot_io.robot_file import load_robot_file
-from sim_backend.scenario import load_scenario, shipped_scenarios
 
 MILLI, PERCENT = 1e-3, 0.01
 # It begins well above the place: who has felt nothing yet may take the surface for lower than it is.

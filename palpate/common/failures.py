@@ -23,8 +23,8 @@ from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from palpate.common.preflight import library_remedy
-from robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
-from robot_io.files.file_model import one_line
+from palpate.robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
+from palpate.robot_io.files.file_model import one_line
 
 BAD_INPUT = 2
 FAILED = 1

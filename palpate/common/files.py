@@ -11,13 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from estimation.data.file_columns import is_session
 from palpate.common.console import typed
 from palpate.common.failures import make_folder
-from robot_io.errors import InputError, SessionError
-from robot_io.files.whole_file import as_utf8
-from robot_io.files.whole_file import whole_file as written_whole
-from robot_io.session import Session
+from palpate.estimation.data.file_columns import is_session
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.files.whole_file import whole_file as written_whole
+from palpate.robot_io.session import Session
 
 SESSION = ".mcap"
 
@@ -225,7 +225,7 @@ def folder_to_fill(path: Path, out: Path | None, names: Iterable[str], *, force:
     Raises:
         InputError: a file is there that may not be replaced.
     """
-    from estimation.study import Revisions  # noqa: PLC0415, takes half a second
+    from palpate.estimation.study import Revisions  # noqa: PLC0415, takes half a second
 
     folder, own = out or derived_folder(path), out is None or Revisions(out).is_there
     spare_files(folder, names, force=force or own, keep=[path])

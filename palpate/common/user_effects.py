@@ -15,13 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.units import LARGEST
-from estimation.effect import AdditiveEffect, Effect, MemoryEffect, MotionEffect, Parameter, SensorEffect
-from estimation.effects import EFFECTS
 from palpate.common.files import existing_file
-from robot_io.errors import InputError, describe_error
-from robot_io.types import FloatArray
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.units import LARGEST
+from palpate.estimation.effect import (
+    AdditiveEffect,
+    Effect,
+    MemoryEffect,
+    MotionEffect,
+    Parameter,
+    SensorEffect,
+)
+from palpate.estimation.effects import EFFECTS
+from palpate.robot_io.errors import InputError, describe_error
+from palpate.robot_io.types import FloatArray
 
 LIMIT_S = 30.0  # for loading, and for trying each method once; a search calls them thousands of times
 

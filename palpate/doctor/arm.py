@@ -8,24 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.loop import READ_SHARE
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.loop import READ_SHARE
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.machine import can_interface, serial_port
 from palpate.doctor.signs import EmulatedHand, Hand, count_down, examine_powered, examine_signs
+from palpate.robot_io.calibration import doubtful, load_calibrations
+from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import DeviceError, InputError, PalpateError, describe_error
+from palpate.robot_io.examination import Examinable, Finding, Level, fail, graded, warn
+from palpate.robot_io.interfaces import Component, undo_all
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, Measurement, Status
 from palpate.runs.robots import DEFAULT_SCENARIO, emulate, is_simulated
 from palpate.runs.session import SIMULATED_DRIVERS
-from robot_io.calibration import doubtful, load_calibrations
-from robot_io.clock import Clock, MonotonicClock, SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, InputError, PalpateError, describe_error
-from robot_io.examination import Examinable, Finding, Level, fail, graded, warn
-from robot_io.interfaces import Component, undo_all
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, Measurement, Status
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 
 _HELP = "see docs/how-to/hardware.md, 'First power-up'"
 _WIRING = "see docs/how-to/hardware.md, 'Wiring'"

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from robot_io.drivers.serial_force.stream import newtons_per
-from robot_io.examination import Finding, Level, fail, graded, ok
-from robot_io.guard import Limits
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.drivers.serial_force.stream import newtons_per
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok
+from palpate.robot_io.guard import Limits
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray
 
 POSES = 400
 _AGE_TICKS = 2.0  # a velocity is about so old when the arm acts on it
@@ -94,7 +94,7 @@ def random_poses_rad(limits: Limits) -> FloatArray:
 
 
 def _brake(robot_file: RobotFile, body: RigidBody, poses_rad: FloatArray) -> Finding:
-    """See `robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
+    """See `palpate.robot_io.guard.SafeState`: a brake that is too strong for its own delay shakes the arm."""
     lag_s = (1 + _AGE_TICKS) / robot_file.control_rate_hz
     effective = [1.0 / np.diag(np.linalg.inv(body.mass_matrix(pose))) for pose in poses_rad]
     most = np.min(effective, axis=0) / lag_s

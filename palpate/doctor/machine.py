@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 
 from palpate.common import preflight
 from palpate.common.console import has_display
-from robot_io.examination import Finding, Level, fail, graded, ok, warn
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok, warn
 
 CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"
 GRAVITY = 9.81  # [m/s2]
@@ -80,7 +80,7 @@ def _installed_version(name: str) -> str | None:
 
 def physics_engines() -> Iterator[Finding]:
     """Every physics engine that is installed does its work: a dropped mass falls as it should."""
-    from sim_backend.engines import engine_class, installed_engines  # noqa: PLC0415, a failing import is a finding
+    from palpate.sim_backend.engines import engine_class, installed_engines  # noqa: PLC0415, a failing import is a finding
 
     engines = installed_engines()
     if not engines:

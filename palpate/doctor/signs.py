@@ -4,23 +4,23 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calibration.arm_motion import FreeMotion
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.loop import run_loop
-from control.loop.result import LoopResult, Outcome
-from control.loop.task import Phase, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.paths.trajectory import JointMotion
+from palpate.calibration.arm_motion import FreeMotion
 from palpate.common import console
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.loop.task import Phase, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.control.paths.trajectory import JointMotion
 from palpate.doctor.limits import random_poses_rad
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok
+from palpate.robot_io.guard import Guard, Limits
+from palpate.robot_io.robot import Robot
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray, Measurement, Status
 from palpate.runs.probing import TickRecords
-from robot_io.examination import Finding, Level, fail, graded, ok
-from robot_io.guard import Guard, Limits
-from robot_io.robot import Robot
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray, Measurement, Status
-from sim_backend.emulators.bench import Plant
+from palpate.sim_backend.emulators.bench import Plant
 
 _MOVED_RAD = 0.12  # of a turn that is asked to be twice that
 _PRESSED_N = 2.0
@@ -300,7 +300,7 @@ class NudgeTask:
         self._middle_rad = (np.array(limits.position_min_rad) + np.array(limits.position_max_rad)) / 2.0
 
     def start(self, measurement: Measurement) -> None:
-        """See `control.loop.task.Task`; each joint is moved to the side with more room.
+        """See `palpate.control.loop.task.Task`; each joint is moved to the side with more room.
 
         Args:
             measurement: of the first tick.
@@ -311,7 +311,7 @@ class NudgeTask:
         self._free.start(measurement)
 
     def step(self, measurement: Measurement, dt_s: float) -> TaskOutput:
-        """See `control.loop.task.Task`; trips where something touches the tool.
+        """See `palpate.control.loop.task.Task`; trips where something touches the tool.
 
         Args:
             measurement: of this tick.

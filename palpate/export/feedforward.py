@@ -8,12 +8,12 @@ from pathlib import Path
 
 import yaml
 
-from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
-from estimation.estimate import ParameterEstimate
-from estimation.fit.fit_result import FitResult
-from estimation.kinds import Kind
 from palpate.common.files import write_text
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.kinds import Kind
 
 EQUATION = (
     "effort = gravity.sine sin(q) + gravity.cosine cos(q) + inertia a + viscous v "

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import atan2, hypot
 
-from estimation.study import Revision
-from estimation.surface import Surface
-from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from sim_backend.imperfection import Imperfection, parse_imperfection
-from sim_backend.scenario import Scenario
+from palpate.estimation.study import Revision
+from palpate.estimation.surface import Surface
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
+from palpate.sim_backend.imperfection import Imperfection, parse_imperfection
+from palpate.sim_backend.scenario import Scenario
 
 Values = Mapping[str, float]  # fitted parameters of one effect, by their own names
 Entry = dict[str, object]  # of a scenario's section `hidden`, without the place

@@ -13,15 +13,15 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from control.loop.task import Phase
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.file_columns import is_session
-from estimation.data.import_options import ImportOptions
-from estimation.study.source import open_source
 from palpate.common.files import whole_file
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.study.source import open_source
 from palpate.render import palette
-from robot_io.errors import InputError
-from robot_io.session import Column, Samples, Session, Stream
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Column, Samples, Session, Stream
 
 EVENTS = "events"
 _CHANNEL = re.compile(r"contact(_\d+)?|joint_\d+")

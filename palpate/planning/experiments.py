@@ -16,18 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.loop.task import TaskOutput
-from control.loop.tick_record import tick_stream
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from estimation.design.next_experiment import LONGEST_S
-from estimation.end_workers import end_when_told, end_workers
-from robot_io.errors import InputError, PalpateError
-from robot_io.files.file_model import validate
-from robot_io.robot_file import RobotFile, parse_robot_file
-from robot_io.session import Samples
-from robot_io.types import FloatArray, Measurement, Status
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.task import TaskOutput
+from palpate.control.loop.tick_record import tick_stream
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.estimation.design.next_experiment import LONGEST_S
+from palpate.estimation.end_workers import end_when_told, end_workers
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.files.file_model import validate
+from palpate.robot_io.robot_file import RobotFile, parse_robot_file
+from palpate.robot_io.session import Samples
+from palpate.robot_io.types import FloatArray, Measurement, Status
 
 _FORCE_MARGIN = 1.2  # of the guard's force, that a press stays below
 _TILT_RAD = 0.35  # of the tool in the arm's plane

@@ -9,18 +9,18 @@ from itertools import chain, combinations
 import numpy as np
 import yaml
 
-from control.loop.tick_record import STREAM_NAME
-from control.probing.plan import ProbingPlan
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
-from estimation.design import Experiment, Rivals, choose
-from estimation.design.discrimination import NEARLY, SMALL
-from estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.study import ModelStudy, StudyChannel
-from estimation.study.channels import channel_of
-from estimation.study.undecided_models import rivals_of
 from palpate.common.console import as_shell_word
+from palpate.control.loop.tick_record import STREAM_NAME
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.tick_channels import DIRECTION, contact_channels, joint_channels
+from palpate.estimation.design import Experiment, Rivals, choose
+from palpate.estimation.design.discrimination import NEARLY, SMALL
+from palpate.estimation.design.next_experiment import FEW_READINGS, LONGEST_S, NextExperiment, NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.study import ModelStudy, StudyChannel
+from palpate.estimation.study.channels import channel_of
+from palpate.estimation.study.undecided_models import rivals_of
 from palpate.planning.experiments import (
     ArmText,
     CandidatePlan,
@@ -30,12 +30,12 @@ from palpate.planning.experiments import (
     candidates,
     rehearse_all,
 )
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import one_line, parse_yaml, validate
+from palpate.robot_io.session import Samples, Session
+from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
-from robot_io.errors import InputError
-from robot_io.files.file_model import one_line, parse_yaml, validate
-from robot_io.session import Samples, Session
-from robot_io.types import FloatArray
 
 FITTED = 6  # experiments that promise most, for which all models are fitted again
 PAIRED = 3  # two of these as one experiment, those that tell most together
@@ -83,8 +83,8 @@ def next_probe(
 
     Where nothing could be judged, it is one that makes up for what the data lack. Else each plan that the arm
     can do within its limits is rehearsed, data are drawn on that motion from each model that is left, and all
-    are fitted again; see `estimation.design`. None is run a second time: what it shows is in the data. What
-    saved diagnoses state already is not planned again.
+    are fitted again; see `palpate.estimation.design`. None is run a second time: what it shows is in the
+    data. What saved diagnoses state already is not planned again.
 
     Args:
         study: what was measured so far.

@@ -8,24 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from control.loop.task import Phase
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.result import ParameterValue
-from estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
-from estimation.estimate import ParameterEstimate
-from estimation.fit.intervals import SIGMAS_95
-from estimation.fit.measurement_noise import MeasurementNoise
-from estimation.model import Model
-from estimation.signals.blocks import block_index, blocks, time_in_run
-from estimation.study import ChannelResult, ModelStudy
-from estimation.study.patterns import Part
 from palpate.common import console
 from palpate.common.console import count
 from palpate.common.files import whole_set
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.result import ParameterValue
+from palpate.estimation.effect import AdditiveEffect, MemoryEffect, MotionEffect, SensorEffect
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.fit.measurement_noise import MeasurementNoise
+from palpate.estimation.model import Model
+from palpate.estimation.signals.blocks import block_index, blocks, time_in_run
+from palpate.estimation.study import ChannelResult, ModelStudy
+from palpate.estimation.study.patterns import Part
 from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
 from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
-from robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _MILLI = 1e3
 _GAP = 0.05  # of the mean run, left between two runs on the time axis

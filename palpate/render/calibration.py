@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 from rich.console import Console
 
-from calibration.arm_fit import ArmFit
-from calibration.encoder import EncoderFit
-from calibration.force import ForceFit
+from palpate.calibration.arm_fit import ArmFit
+from palpate.calibration.encoder import EncoderFit
+from palpate.calibration.force import ForceFit
 from palpate.common.console import safe, significant, table
 from palpate.render import palette
 from palpate.render.report import PLOT_CONFIG, styled
-from robot_io.calibration import Calibration, Quantities, Quantity, doubtful
+from palpate.robot_io.calibration import Calibration, Quantities, Quantity, doubtful
 
 _MILLI = 1e3
 _BRANCHES = (

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from html import escape
 from math import nan
 
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.diagnosis.forms import Form
-from estimation.effects import EFFECTS
-from estimation.kinds import Kind
-from estimation.physical import UNPHYSICAL
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.forms import Form
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.kinds import Kind
+from palpate.estimation.physical import UNPHYSICAL
 from palpate.render import palette
 from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
 

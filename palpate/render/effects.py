@@ -9,16 +9,16 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import AdditiveEffect, Effect, SensorEffect
-from estimation.effects import EFFECTS
-from estimation.effects.run_differences import RunVariation
-from estimation.fit.fit_result import FitResult
-from estimation.model import Model
 from palpate.common.console import safe, table
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Effect, SensorEffect
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.model import Model
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
-from robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _TIME_S, _PLAIN_S = 0.01, 2.0  # step and length of the plain motion
 _SHARE = 0.35  # of the effort without it, that an effect is drawn with

@@ -10,18 +10,18 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from estimation.data_quality import contaminated
-from estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
-from estimation.fit.intervals import SIGMAS_95
-from estimation.rounding import in_steps, steps_spanned
-from estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
-from estimation.surface import FEWEST_STEPS
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
+from palpate.estimation.data_quality import contaminated
+from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.rounding import in_steps, steps_spanned
+from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
+from palpate.estimation.surface import FEWEST_STEPS
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
+from palpate.robot_io.calibration import parse_calibrations
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE
-from robot_io.calibration import parse_calibrations
-from robot_io.session import Session
 
 MILLI = 1e3
 PERCENT = 100.0

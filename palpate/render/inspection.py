@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.channels import session_channels
-from estimation.study.channels import CONTACT_MODEL
-from estimation.study.estimates import BEST, ChannelEstimates, estimate_with
 from palpate.common.console import count
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.channels import session_channels
+from palpate.estimation.study.channels import CONTACT_MODEL
+from palpate.estimation.study.estimates import BEST, ChannelEstimates, estimate_with
 from palpate.render.build import channel_view
 from palpate.render.estimates import estimates_view, markdown_summary
 from palpate.render.recording.revisions import record_rerun
@@ -20,10 +20,10 @@ from palpate.render.recording.scene import Columns, Scene, has_ticks, last_known
 from palpate.render.recording.session import record_session
 from palpate.render.report import write_report
 from palpate.render.view import ChannelView, StudyView, VerdictView
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import SURFACE, true_parameters
-from robot_io.errors import InputError
-from robot_io.files.whole_file import as_utf8
-from robot_io.session import Session
 
 RECORDING = "recording.rrd"  # its name in a session's folder, if nobody says another
 PLOTS = "plots.html"  # what `Inspection.plot` writes

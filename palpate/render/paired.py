@@ -10,9 +10,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from estimation.statistics.correlation import Correlation
-from estimation.study.paired_comparison import ParameterDifference, Side, Sides
 from palpate.common.console import natural_width, safe, significant, table
+from palpate.estimation.statistics.correlation import Correlation
+from palpate.estimation.study.paired_comparison import ParameterDifference, Side, Sides
 from palpate.render.terminal import safe_text
 from palpate.render.view import FAR, ChannelView
 

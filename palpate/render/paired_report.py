@@ -10,8 +10,8 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from estimation.estimate import ParameterEstimate
 from palpate.common.console import significant
+from palpate.estimation.estimate import ParameterEstimate
 from palpate.render import palette
 from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on

@@ -1,7 +1,7 @@
 """One palette for every medium: middle tones that read on light and on dark. A colour means one thing."""
 
-from control.loop.task import Phase
-from estimation.kinds import Kind
+from palpate.control.loop.task import Phase
+from palpate.estimation.kinds import Kind
 
 MEASURED = "#3f86c8"
 BASE = "#8d99a6"  # revision 0, and what was commanded

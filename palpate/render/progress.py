@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from control.loop.task import Phase, TaskOutput
-from control.probing.plan import ProbingPlan
 from palpate.common import console
 from palpate.common.console import count, duration
+from palpate.control.loop.task import Phase, TaskOutput
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.types import Measurement
 from palpate.runs.probing import Watcher
-from robot_io.types import Measurement
 
 Report = Callable[[str, float], None]  # what is done, and the share of it that is done
 MakeWatcher = Callable[[float], Watcher]  # from the duration of a motion [s]

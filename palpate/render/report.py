@@ -16,15 +16,15 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from estimation.signals.blocks import blocks
 from palpate.common.console import chance
 from palpate.common.files import write_text
+from palpate.estimation.signals.blocks import blocks
 from palpate.render import palette
 from palpate.render.diagnosis import budget_picture
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import joined, rows_by_run, run_curves
 from palpate.render.view import ChannelView, StageView, StudyView, residual_map
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 _HERE = Path(__file__).parent
 _STYLE = _HERE / "report.css"

@@ -10,9 +10,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from estimation.diagnosis.forms import Form
-from estimation.effects.contact_geometry import ContactOffset
-from estimation.study import Revision
 from palpate.common.console import (
     AT_BOUND,
     NOT_DETERMINED,
@@ -23,6 +20,9 @@ from palpate.common.console import (
     significant,
     table,
 )
+from palpate.estimation.diagnosis.forms import Form
+from palpate.estimation.effects.contact_geometry import ContactOffset
+from palpate.estimation.study import Revision
 from palpate.render.view import (
     FAR,
     NOISE,

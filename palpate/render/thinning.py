@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 MOST_POINTS = 4000
 _MOST_RUNS = 60

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimation.design.next_experiment import NextExperiment
-from estimation.diagnosis.result import Accepted, Ranked
-from estimation.effect import Effect
-from estimation.study.patterns import Part
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.estimation.design.next_experiment import NextExperiment
+from palpate.estimation.diagnosis.result import Accepted, Ranked
+from palpate.estimation.effect import Effect
+from palpate.estimation.study.patterns import Part
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 NOISE = 1.1  # times the noise level, below which an error passes for noise
 _MOST_PARTS = 8

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from calibration.arm_fit import GravityBodies
-from calibration.arm_motion import (
+from palpate.calibration.arm_fit import GravityBodies
+from palpate.calibration.arm_motion import (
     GRAVITY_MOTION,
     TORQUE_MOTION,
     ExcitationSettings,
@@ -17,20 +17,20 @@ from calibration.arm_motion import (
     paced,
     travel_speed_rad_s,
 )
-from calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
-from calibration.force import check_references, weigh
-from calibration.standstill import StillRobot
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.realtime import realtime
-from control.loop.result import Outcome
-from control.loop.task import Task
+from palpate.calibration.encoder import PUSH_SHARE, StopSettings, StopTask, plan_stops, with_room_for_stops
+from palpate.calibration.force import check_references, weigh
+from palpate.calibration.standstill import StillRobot
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.realtime import realtime
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import Task
+from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.guard import Guard, Limits
+from palpate.robot_io.types import FloatArray
 from palpate.runs.probing import NOBODY, Watcher
 from palpate.runs.session import ArmJob, ArmSession, arm_session, checked_body
-from robot_io.calibration import load_calibrations
-from robot_io.errors import InputError
-from robot_io.guard import Guard, Limits
-from robot_io.types import FloatArray
 
 KIND = "calibration_kind"  # key of what was calibrated in the session's metadata
 MOTIONS = {"torque": TORQUE_MOTION, "gravity": GRAVITY_MOTION}

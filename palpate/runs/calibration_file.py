@@ -10,19 +10,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from calibration.arm_fit import ArmFit, GravityBodies, fit_arm, motion_of
-from calibration.encoder import EncoderFit, fit_pose, fit_stops
-from calibration.force import ForceFit
-from calibration.standstill import UncertainValue
-from control.loop.tick_record import STREAM_NAME
-from estimation.data.tick_channels import checked_ticks
+from palpate.calibration.arm_fit import ArmFit, GravityBodies, fit_arm, motion_of
+from palpate.calibration.encoder import EncoderFit, fit_pose, fit_stops
+from palpate.calibration.force import ForceFit
+from palpate.calibration.standstill import UncertainValue
 from palpate.common import console
 from palpate.common.console import FIRST_PROBE, as_shell_word, safe, shown, typed
 from palpate.common.files import open_session
-from palpate.runs.calibration import KIND
-from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
-from palpate.runs.session import SOURCE
-from robot_io.calibration import (
+from palpate.control.loop.tick_record import STREAM_NAME
+from palpate.estimation.data.tick_channels import checked_ticks
+from palpate.robot_io.calibration import (
     Calibration,
     EncoderCalibration,
     ForceCalibration,
@@ -34,11 +31,14 @@ from robot_io.calibration import (
     parse_calibrations,
     urdf_sha256,
 )
-from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from robot_io.robot_file import RobotFile, parse_robot_file
-from robot_io.session import Session
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
+from palpate.robot_io.robot_file import RobotFile, parse_robot_file
+from palpate.robot_io.session import Session
+from palpate.robot_io.types import FloatArray
+from palpate.runs.calibration import KIND
+from palpate.runs.robots import EMULATED, is_simulated, shipped_robots
+from palpate.runs.session import SOURCE
 
 _FAMILY = {"gravity": "torque"}  # kinds whose sessions serve each other
 

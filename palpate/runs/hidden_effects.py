@@ -6,13 +6,13 @@ from pathlib import Path
 from palpate.common.console import as_command
 from palpate.common.files import existing_file
 from palpate.common.options import own_files
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, load_yaml, validate
-from robot_io.session import Session, SessionMetadata
-from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
-from sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.scenario import Hidden, Scenario, parse_scenario
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, load_yaml, validate
+from palpate.robot_io.session import Session, SessionMetadata
+from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
+from palpate.sim_backend.imperfection import IMPERFECTIONS
+from palpate.sim_backend.scenario import Hidden, Scenario, parse_scenario
 
 RANDOM = "random"
 SEALED = "(sealed)"  # what stands in a command line for what is hidden

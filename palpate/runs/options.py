@@ -12,18 +12,18 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from control.arm.rigid_body import RigidBody
-from control.probing.plan import ProbingPlan
 from palpate.common import console
 from palpate.common.console import count, safe
 from palpate.common.options import scenario_names
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import command_line, hidden_names
 from palpate.runs.robots import DEFAULT, find_robot, importable, robot_names, shipped_robots
-from robot_io.errors import InputError
-from robot_io.robot_file import RobotFile
-from robot_io.types import FloatArray
-from sim_backend.engines import EngineName
-from sim_backend.scenario import MOST_SEED, load_scenario, shipped_scenarios
+from palpate.sim_backend.engines import EngineName
+from palpate.sim_backend.scenario import MOST_SEED, load_scenario, shipped_scenarios
 
 SESSIONS = Path("sessions")
 YEAR_DAYS = 365.0

@@ -8,35 +8,35 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.loop import run_loop
-from control.loop.realtime import realtime
-from control.loop.result import LoopResult
-from control.loop.task import NO_RUN, Phase, Task, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, Observer, tick_stream
-from control.probing.plan import ProbingPlan
-from control.probing.replay import References, ReplayTask
-from control.probing.task import ProbingTask
-from estimation.contact_estimator import OnlineContactLaw
-from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.estimator import OnlineEstimator
-from estimation.estimators import ESTIMATORS
-from estimation.online import OnlineContactEstimator
 from palpate.common.console import count
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.realtime import realtime
+from palpate.control.loop.result import LoopResult
+from palpate.control.loop.task import NO_RUN, Phase, Task, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, Estimates, Observer, tick_stream
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.replay import References, ReplayTask
+from palpate.control.probing.task import ProbingTask
+from palpate.estimation.contact_estimator import OnlineContactLaw
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimator import OnlineEstimator
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.online import OnlineContactEstimator
+from palpate.robot_io.calibration import Calibrations, load_calibrations
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.session import Samples, Session
+from palpate.robot_io.types import Measurement
 from palpate.runs.robots import is_simulated
 from palpate.runs.session import SIMULATED_DRIVERS, SOURCE, ArmJob, arm_session, checked_body, raise_for_end
-from robot_io.calibration import Calibrations, load_calibrations
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError, PalpateError
-from robot_io.guard import Guard
-from robot_io.robot import build_robot
-from robot_io.robot_file import RobotFile
-from robot_io.session import Samples, Session
-from robot_io.types import Measurement
-from sim_backend.drivers import SimulatedBus
-from sim_backend.scenario import Scenario
+from palpate.sim_backend.drivers import SimulatedBus
+from palpate.sim_backend.scenario import Scenario
 
 PLAN = "plan"  # key of the plan's text in the session's metadata
 MOST_TICKS = 10_000_000  # of up to 400 bytes: a session of more than 4 GiB is not read
@@ -262,7 +262,7 @@ def _check_arm(body: RigidBody, recorded: Session) -> None:
 
 
 class TickRecords:
-    """A log of ticks in memory; see `control.loop.tick_record.TickLog`."""
+    """A log of ticks in memory; see `palpate.control.loop.tick_record.TickLog`."""
 
     dropped = 0
     failure = None

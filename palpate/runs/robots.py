@@ -9,17 +9,17 @@ from typing import Any
 
 import yaml
 
-import sim_backend
+from palpate import sim_backend
 from palpate.common.options import own_files
 from palpate.common.user_effects import foreign_code
-from robot_io.clock import Clock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError
-from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
-from sim_backend.drivers import SimulatedBus
-from sim_backend.emulators.faults import Faults
-from sim_backend.emulators.wiring import WiredArm, wire_up
-from sim_backend.scenario import Scenario
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from palpate.sim_backend.drivers import SimulatedBus
+from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
+from palpate.sim_backend.scenario import Scenario
 
 ARMS = Path(sim_backend.__file__).parent / "arms"
 DEFAULT = "follower"

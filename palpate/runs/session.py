@@ -9,30 +9,30 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from control.arm.dh import check_dh_table
-from control.arm.rigid_body import RigidBody
-from control.loop.loop import run_loop
-from control.loop.result import LoopResult, Outcome
-from control.loop.task import Task
-from control.loop.tick_record import Observer, tick_stream
 from palpate.common.console import as_shell_word
+from palpate.control.arm.dh import check_dh_table
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.loop.task import Task
+from palpate.control.loop.tick_record import Observer, tick_stream
+from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.session import SessionMetadata, SessionWriter, Stream
 from palpate.runs.hidden_effects import SEAL, hide, seal_hidden
 from palpate.runs.options import Permission, without_question
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
-from robot_io.calibration import Calibrations
-from robot_io.clock import Clock, MonotonicClock, SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, InputError
-from robot_io.guard import Guard
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import RobotFile
-from robot_io.session import SessionMetadata, SessionWriter, Stream
-from sim_backend.drivers import SimulatedBus
-from sim_backend.engines import EngineName
-from sim_backend.scenario import Scenario, load_scenario
-from sim_backend.world import World
+from palpate.sim_backend.drivers import SimulatedBus
+from palpate.sim_backend.engines import EngineName
+from palpate.sim_backend.scenario import Scenario, load_scenario
+from palpate.sim_backend.world import World
 
-SIMULATED_DRIVERS = "sim_backend.drivers"
+SIMULATED_DRIVERS = "palpate.sim_backend.drivers"
 SOURCE = "source"  # key of where the samples come from, in the session's metadata
 NOT_WHOLE = "not_whole"  # key of the sessions, of those that were merged, that lacked something
 

@@ -25,15 +25,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from palpate.common.failures import make_folder
-from robot_io.errors import InputError
-from robot_io.files.file_model import one_line
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import one_line
+from palpate.robot_io.types import FloatArray
 
 Row = dict[str, Any]
 Work = Callable[[Mapping[str, Any], int], list[Row]]
 """Parameters and seed in, rows of scalars out; equal arguments give equal rows."""
 
-_PHYSICS = ("robot_io", "control", "estimation", "sim_backend")
+_PHYSICS = ("palpate.robot_io", "palpate.control", "palpate.estimation", "palpate.sim_backend")
 _LIBRARIES = ("numpy", "scipy", "pin", "pybullet", "mujoco-core")
 _ENDINGS = {".py", ".urdf", ".yaml"}
 

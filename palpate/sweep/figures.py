@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from control.loop.task import Phase
+from palpate.control.loop.task import Phase
 from palpate.render.palette import BASE, JOINTS, MEASURED, MODEL, NOISE, TRUTH
 from palpate.sweep.case import BOUND, Row, column, errors_of, estimated, grouped, parameters_of
 

@@ -13,14 +13,14 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from control.probing.plan import ProbingPlan
-from estimation.models import MODELS
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.models import MODELS
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
 from palpate.runs.robots import find_robot
+from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw
 from palpate.sweep.case import Case
 from palpate.sweep.works.probing import NOTHING, estimators_for, made_estimator, world
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, load_yaml, validate
-from sim_backend.contact_laws.standard import HuntCrossleyLaw
 
 SHIPPED = Path(__file__).parent / "grids"
 ESTIMATE, DIAGNOSE = "palpate.sweep.works.probing:estimate", "palpate.sweep.works.probing:diagnosed"

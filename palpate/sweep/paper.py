@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.task import Phase
+from palpate.control.loop.task import Phase
 from palpate.sweep import figures
 from palpate.sweep.case import (
     BOUND,

@@ -21,9 +21,9 @@ from uuid import uuid4
 
 from threadpoolctl import threadpool_limits
 
-from estimation.end_workers import end_with_parent
+from palpate.estimation.end_workers import end_with_parent
+from palpate.robot_io.errors import InputError, PalpateError, describe_error
 from palpate.sweep.case import Case, ResultStore, code_version
-from robot_io.errors import InputError, PalpateError, describe_error
 
 _MOST_ENDS = 4  # of workers by one case, before it is given up
 _END_LIMIT_S = 5.0  # for a worker to end that was told to

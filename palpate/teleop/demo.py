@@ -17,12 +17,12 @@ import yaml
 from palpate.common.console import count
 from palpate.common.failures import INTERRUPTED
 from palpate.common.files import output_file, output_folder, write_text
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.session import Session
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.scenario import ObjectSettings, Scenario
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions, merge_sessions
 from palpate.teleop.recording import draw, record_both
-from robot_io.errors import PalpateError
-from robot_io.session import Session
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.scenario import ObjectSettings, Scenario
 
 _GUESS = KelvinVoigtLaw(stiffness_n_m=300.0, damping_n_s_m=5.0)  # felt before anything was probed,
 _GUESS_ABOVE_M = 0.003  # and the surface is thought to be so much higher [m]

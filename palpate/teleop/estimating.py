@@ -16,21 +16,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.loop.stop_handler import one_line
-from estimation.channel import ChannelData
-from estimation.data.contact import find_contacts
-from estimation.data.tick_channels import contact_channels
-from estimation.study import Revision
-from estimation.study.revisions import KeptParameter
+from palpate.control.loop.stop_handler import one_line
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.contact import find_contacts
+from palpate.estimation.data.tick_channels import contact_channels
+from palpate.estimation.study import Revision
+from palpate.estimation.study.revisions import KeptParameter
 from palpate.export.scenario import FittedChannel, export_scenario
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import EstimatedParameter, ObjectEstimate
+from palpate.robot_io.link.messages import MOST_TEXT
+from palpate.robot_io.session import Column, Samples, Stream
+from palpate.robot_io.types import FloatArray
+from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
 from palpate.teleop.virtual_object import terms_of
-from robot_io.errors import InputError
-from robot_io.link import EstimatedParameter, ObjectEstimate
-from robot_io.link.messages import MOST_TEXT
-from robot_io.session import Column, Samples, Stream
-from robot_io.types import FloatArray
-from sim_backend.scenario import Scenario
 
 _MODELS = ("kelvin_voigt", "hunt_crossley")
 _ESTIMATORS = "weighted,lsq"

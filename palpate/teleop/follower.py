@@ -16,28 +16,24 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.laws.touch import RunningMean
-from control.loop.realtime import realtime
-from control.loop.result import LoopResult
-from control.loop.stop_handler import one_line
-from control.loop.task import NO_RUN, Phase, TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.probing.plan import ProbingPlan
-from control.probing.sites import check_against_guard
-from control.probing.task import ProbingTask
-from control.teleop.follower_task import FollowerTask, OnSilence, plan_for
-from control.teleop.messaging import LINK_STREAM, Messaging
-from control.teleop.target_queue import TargetQueue
-from palpate.runs.probing import PLAN
-from palpate.runs.session import ArmJob, arm_session, checked_body
-from palpate.teleop.estimating import ObjectEstimator, sample_stream
-from palpate.teleop.virtual_object import summarize_estimate
-from robot_io.calibration import load_calibrations
-from robot_io.clock import Clock
-from robot_io.guard import Guard
-from robot_io.link import (
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.laws.touch import RunningMean
+from palpate.control.loop.realtime import realtime
+from palpate.control.loop.result import LoopResult
+from palpate.control.loop.stop_handler import one_line
+from palpate.control.loop.task import NO_RUN, Phase, TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.sites import check_against_guard
+from palpate.control.probing.task import ProbingTask
+from palpate.control.teleop.follower_task import FollowerTask, OnSilence, plan_for
+from palpate.control.teleop.messaging import LINK_STREAM, Messaging
+from palpate.control.teleop.target_queue import TargetQueue
+from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.link import (
     Intent,
     Line,
     LineSettings,
@@ -48,9 +44,13 @@ from robot_io.link import (
     TargetState,
     short_number,
 )
-from robot_io.link.messages import MOST_TARGETS, MOST_TEXT
-from robot_io.session import RecordArray, Samples, SessionWriter, Stream
-from robot_io.types import Measurement
+from palpate.robot_io.link.messages import MOST_TARGETS, MOST_TEXT
+from palpate.robot_io.session import RecordArray, Samples, SessionWriter, Stream
+from palpate.robot_io.types import Measurement
+from palpate.runs.probing import PLAN
+from palpate.runs.session import ArmJob, arm_session, checked_body
+from palpate.teleop.estimating import ObjectEstimator, sample_stream
+from palpate.teleop.virtual_object import summarize_estimate
 
 _MESSAGE_PERIOD_S = 0.02  # between two reports
 _RESEND_S = 0.2  # of an estimate that the leader has not seen
@@ -260,7 +260,7 @@ class Observer:
         self._record_s = 0.0
 
     def observe(self, measurement: Measurement, output: TaskOutput) -> Estimates:
-        """See `control.loop.tick_record.Observer`."""
+        """See `palpate.control.loop.tick_record.Observer`."""
         if output.phase is Phase.FREE_AIR:
             if self._phase is not Phase.FREE_AIR:
                 self._air = RunningMean()

@@ -14,23 +14,23 @@ from pathlib import Path
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.loop.realtime import realtime
-from control.loop.stop_handler import one_line
-from control.loop.timing import Histogram, SectionTiming, TickGrid
-from control.teleop.messaging import LINK_STREAM
-from control.teleop.operator_devices import build_operator
-from control.teleop.virtual_arm import VirtualArm
-from control.teleop.virtual_object import VirtualObject
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.realtime import realtime
+from palpate.control.loop.stop_handler import one_line
+from palpate.control.loop.timing import Histogram, SectionTiming, TickGrid
+from palpate.control.teleop.messaging import LINK_STREAM
+from palpate.control.teleop.operator_devices import build_operator
+from palpate.control.teleop.virtual_arm import VirtualArm
+from palpate.control.teleop.virtual_object import VirtualObject
+from palpate.robot_io.clock import Clock, MonotonicClock
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.link import ObjectEstimate, short_number
+from palpate.robot_io.operator.device import OperatorDevice
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.session import Column, SessionMetadata, SessionWriter, Stream
 from palpate.runs.robots import find_robot
+from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.virtual_object import felt_data, force_law, summarize_estimate, terms_of
-from robot_io.clock import Clock, MonotonicClock
-from robot_io.errors import InputError, PalpateError
-from robot_io.link import ObjectEstimate, short_number
-from robot_io.operator.device import OperatorDevice
-from robot_io.robot_file import RobotFile
-from robot_io.session import Column, SessionMetadata, SessionWriter, Stream
-from sim_backend.scenario import Scenario
 
 _DOWN = np.array((0.0, 0.0, -1.0))  # the scene's object is pressed downwards
 GUESS = -1  # revision of the scene's own object, before anything was probed

@@ -14,14 +14,11 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 
-from control.loop.timing import SectionTiming
-from control.teleop.messaging import Messaging
-from palpate.runs.session import SOURCE
-from palpate.teleop.haptics import HapticCommands, HapticJob, HapticReport, run_haptics
-from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
-from robot_io.clock import Clock, MonotonicClock
-from robot_io.errors import InputError, PalpateError
-from robot_io.link import (
+from palpate.control.loop.timing import SectionTiming
+from palpate.control.teleop.messaging import Messaging
+from palpate.robot_io.clock import Clock, MonotonicClock
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.link import (
     Intent,
     Line,
     LineSettings,
@@ -33,10 +30,13 @@ from robot_io.link import (
     short_number,
     target_number,
 )
-from robot_io.link.messages import MOST_TARGETS
-from robot_io.robot_file import RobotFile
-from robot_io.session import SessionMetadata
-from sim_backend.scenario import Scenario
+from palpate.robot_io.link.messages import MOST_TARGETS
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.session import SessionMetadata
+from palpate.runs.session import SOURCE
+from palpate.sim_backend.scenario import Scenario
+from palpate.teleop.haptics import HapticCommands, HapticJob, HapticReport, run_haptics
+from palpate.teleop.virtual_object import DOWN, TargetStates, summarize_estimate
 
 MESSAGE_PERIOD_S = 0.02  # between two intents
 _LINK_RECORD_S, _SHOW_S = 0.1, 0.5

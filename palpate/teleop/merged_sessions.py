@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.task import Phase
-from control.loop.tick_record import STREAM_NAME as TICK
-from control.teleop.messaging import STREAM_NAME as LINK
 from palpate.common.console import significant
+from palpate.control.loop.task import Phase
+from palpate.control.loop.tick_record import STREAM_NAME as TICK
+from palpate.control.teleop.messaging import STREAM_NAME as LINK
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import short_number
+from palpate.robot_io.session import Event, Samples, Session
+from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.follower import ESTIMATE
 from palpate.teleop.haptics import FEEL, GUESS
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.virtual_object import force_law, terms_in, terms_of
-from robot_io.errors import InputError
-from robot_io.link import short_number
-from robot_io.session import Event, Samples, Session
-from robot_io.types import BoolArray, FloatArray
-from sim_backend.scenario import Scenario
 
 TOUCH_S = 0.005  # in which a damper's jump at touch is rendered only as far as passivity allows
 _TICK_S = 1e-3

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.task import Phase
-from control.teleop.force_mismatch import MismatchMonitor
-from control.teleop.virtual_object import ForceLaw
 from palpate.common.console import count, significant
-from robot_io.errors import InputError
-from robot_io.link import ContactModel, ObjectEstimate, Report, short_number
-from robot_io.link.messages import MOST_TARGETS
-from sim_backend.contact import ObjectResponse
-from sim_backend.contact_laws import describe_contact_law, parse_contact_law
-from sim_backend.hidden import hidden_effects
-from sim_backend.hooks import ContactState
-from sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
-from sim_backend.scenario import Scenario
+from palpate.control.loop.task import Phase
+from palpate.control.teleop.force_mismatch import MismatchMonitor
+from palpate.control.teleop.virtual_object import ForceLaw
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import ContactModel, ObjectEstimate, Report, short_number
+from palpate.robot_io.link.messages import MOST_TARGETS
+from palpate.sim_backend.contact import ObjectResponse
+from palpate.sim_backend.contact_laws import describe_contact_law, parse_contact_law
+from palpate.sim_backend.hidden import hidden_effects
+from palpate.sim_backend.hooks import ContactState
+from palpate.sim_backend.imperfection import Imperfection, describe_imperfection, parse_imperfection
+from palpate.sim_backend.scenario import Scenario
 
 _ONE_JOINT = 1  # contact effects ask for none
 
@@ -39,7 +39,7 @@ def terms_of(scenario: Scenario) -> tuple[ContactModel, ...]:
 
 
 def force_law(terms: Sequence[ContactModel]) -> ForceLaw:
-    """The law of an object, with a memory of its own; for `control.teleop.virtual_object.VirtualObject`.
+    """The law of an object, with a memory of its own; for `control`'s `VirtualObject`.
 
     Args:
         terms: contact law first, then effects.

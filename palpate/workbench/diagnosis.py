@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 from nicegui import ui
 
-from estimation.study.saved_diagnosis import RESULT
 from palpate.common.files import output_folder, write_text
+from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import as_json
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.robots import DEFAULT_SCENARIO
+from palpate.sim_backend.scenario import load_scenario
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.processes import DiagnosisProcess
 from palpate.workbench.state import WorkbenchState
-from robot_io.errors import InputError, PalpateError
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
 
 _POLL_S = 0.2
 _PICTURE_WIDTH = 340  # [px], at which it is drawn; the column's width scales it

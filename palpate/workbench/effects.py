@@ -10,18 +10,18 @@ import numpy as np
 from nicegui import events, ui
 from nicegui.element import Element
 
-from estimation.channel import ChannelKind
-from estimation.effect import Effect, Parameter
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import Effect, Parameter
 from palpate.render import palette
 from palpate.render.build import axes_of
 from palpate.render.effects import Example
+from palpate.robot_io.errors import PalpateError
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import DrawnMotion, near, picked
 from palpate.workbench.processes import FitPrefetcher
 from palpate.workbench.startup import picture
 from palpate.workbench.state import TELLING, EffectEvidence, WorkbenchState, evidence_of, groups
-from robot_io.errors import PalpateError
 
 _BAR_PX = 44  # what takes all of the error away
 _PAUSE_S = 0.1  # between looks whether another model was chosen

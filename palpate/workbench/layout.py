@@ -10,12 +10,13 @@ from pathlib import Path
 
 from nicegui import run, ui
 
-from estimation.data.file_columns import is_session
-from estimation.data.import_options import ImportOptions
 from palpate.common import console
 from palpate.common.console import safe
 from palpate.common.files import output_folder, write_text
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.planning.next_probe import plan_text, same_world
+from palpate.robot_io.errors import PalpateError
 from palpate.runs.options import SESSIONS
 from palpate.workbench import elements
 from palpate.workbench.diagnosis import DiagnosisCard, RiddleCard
@@ -25,7 +26,6 @@ from palpate.workbench.page import Page
 from palpate.workbench.sources import FileDrop, Live, newest_growing, run_command
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
-from robot_io.errors import PalpateError
 
 _NEXT = "next-experiment.yaml"
 _CODE_DIGITS = 6

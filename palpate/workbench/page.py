@@ -13,13 +13,13 @@ from nicegui import events, ui
 
 from palpate.common.files import derived_folder, output_folder
 from palpate.render.build import REPORT, axes_of
+from palpate.robot_io.errors import InputError, PalpateError
 from palpate.workbench import elements
 from palpate.workbench.effects import Effects
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.parameters import ErrorCard, JudgedFit, Lines, Parameters
 from palpate.workbench.plots import PlotPanel, UseRuns
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState, describe_kind
-from robot_io.errors import InputError, PalpateError
 
 _FOLLOW_S = 0.5
 _NEXT_S = 0.03  # for the browser to draw what was sent before
@@ -336,7 +336,7 @@ def _button(text: str, icon: str, work: Callable[[], object], about: str, look: 
 
 def gates(state: WorkbenchState) -> None:
     """The checklist of the gate."""
-    from estimation.data_quality import checklist  # noqa: PLC0415
+    from palpate.estimation.data_quality import checklist  # noqa: PLC0415
 
     reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):

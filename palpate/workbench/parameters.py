@@ -7,14 +7,14 @@ from html import escape
 
 from nicegui import events, ui
 
-from estimation.estimate import ParameterEstimate
 from palpate.common.console import NOT_DETERMINED
+from palpate.estimation.estimate import ParameterEstimate
 from palpate.render.diagnosis import impossible
 from palpate.render.view import NOISE
+from palpate.robot_io.errors import InputError
 from palpate.workbench import elements
 from palpate.workbench.elements import heading, set_props
 from palpate.workbench.state import DisplayedFit, ModelSelection, WorkbenchState
-from robot_io.errors import InputError
 
 Choose = Callable[[ModelSelection], Awaitable[None]]
 _STEPS = 200  # of a slider

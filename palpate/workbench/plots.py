@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.render import palette
 from palpate.render.build import axes_of, one_after_the_other
 from palpate.render.thinning import peaks
 from palpate.render.view import Axes, ResidualMap, residual_map
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 from palpate.workbench import elements
 from palpate.workbench.elements import Figure, Plot, Restyle, axis, curve, heading, layout_of, set_props
 from palpate.workbench.state import DisplayedFit, WorkbenchState
-from robot_io.types import BoolArray, FloatArray, IntArray
 
 MOST_POINTS = 1200  # of a curve over time
 MOST_OF_STATE = 900

@@ -8,17 +8,17 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Event
 
-from estimation.channel import ChannelData
-from estimation.diagnosis import Diagnosis
-from estimation.diagnosis.extension import PackedFit, fit_extended
-from estimation.effect import Effect
-from estimation.end_workers import end_with_parent, end_workers
-from estimation.fit.fit_result import FitResult
-from estimation.model import Model
-from estimation.study import StudyChannel, fitting
-from estimation.study.fitting import fit_base
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.diagnosis import Diagnosis
+from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
+from palpate.estimation.effect import Effect
+from palpate.estimation.end_workers import end_with_parent, end_workers
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.model import Model
+from palpate.estimation.study import StudyChannel, fitting
+from palpate.estimation.study.fitting import fit_base
+from palpate.robot_io.errors import PalpateError
 from palpate.study import Study
-from robot_io.errors import PalpateError
 
 _POLL_S = 0.1
 
@@ -107,7 +107,9 @@ class FitPrefetcher:
 
     def __init__(self, study: Study, channel: StudyChannel) -> None:
         self._study, self._channel = study, channel
-        own = [effect for effect in study.effects if type(effect).__module__.startswith("estimation.")]
+        own = [
+            effect for effect in study.effects if type(effect).__module__.startswith("palpate.estimation.")
+        ]
         self._names = {effect.name for effect in own}
         _working.add(self)
         self._pool = ProcessPoolExecutor(

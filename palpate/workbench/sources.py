@@ -14,21 +14,21 @@ from typing import Any
 import numpy as np
 from nicegui import events, ui
 
-from control.loop.tick_record import STREAM_NAME
-from estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns, si_unit
-from estimation.data.file_columns import is_session
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import Table, read_table
-from estimation.data.table_layout import clocks_of
-from estimation.data.units import SI
 from palpate.common.files import output_folder, whole_file
+from palpate.control.loop.tick_record import STREAM_NAME
+from palpate.estimation.data.column_names import QUANTITIES, RUN, Guess, guess_columns, si_unit
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import Table, read_table
+from palpate.estimation.data.table_layout import clocks_of
+from palpate.estimation.data.units import SI
 from palpate.render import palette
 from palpate.render.thinning import peaks
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.session import Follower, Samples, Session
+from palpate.robot_io.types import FloatArray
 from palpate.workbench.elements import Figure, Plot, axis, curve, heading, layout_of, set_props
 from palpate.workbench.plots import picked
-from robot_io.errors import InputError, PalpateError
-from robot_io.session import Follower, Samples, Session
-from robot_io.types import FloatArray
 
 DROPPED = Path("sessions")  # where a dropped file is kept, beside what is probed and imported
 MOST_BYTES = 500_000_000

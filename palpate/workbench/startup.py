@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.data.import_options import ImportOptions
+from palpate.estimation.data.import_options import ImportOptions
 from palpate.render import palette
 from palpate.render.thinning import peaks
-from robot_io.errors import PalpateError
-from robot_io.session import Session
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.session import Session
+from palpate.robot_io.types import FloatArray
 
 if TYPE_CHECKING:
     from palpate.workbench.sources import Feed

@@ -8,18 +8,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from estimation.channel import ChannelKind
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.candidates import applicable_effects
-from estimation.effect import Effect, Parameter
-from estimation.fit.fit_result import FitResult
-from estimation.study import Revision, StudyChannel
-from estimation.study.source import Source, joined, open_source
 from palpate.common.console import as_shell_word
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis.candidates import applicable_effects
+from palpate.estimation.effect import Effect, Parameter
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.study import Revision, StudyChannel
+from palpate.estimation.study.source import Source, joined, open_source
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
 from palpate.study import Study
 from palpate.workbench.processes import DiagnosisProcess
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
 
 Value = TypeVar("Value")
 Bounds = tuple[float, float]

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from estimation.data.import_options import ImportOptions, parse_pairs
 from palpate.common import console
 from palpate.common.console import as_shell_word, typed
 from palpate.common.files import existing_data
 from palpate.common.options import model_names, takes
-from robot_io.errors import InputError
+from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.robot_io.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.study import Study
@@ -149,7 +149,7 @@ class DataArguments(ReadOptions):
         Raises:
             InputError: it is so.
         """
-        from estimation.models import MODELS  # noqa: PLC0415, as above
+        from palpate.estimation.models import MODELS  # noqa: PLC0415, as above
 
         _run_numbers(self.held_out)
         if model is not None:

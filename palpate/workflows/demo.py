@@ -5,24 +5,24 @@ from pathlib import Path
 
 import numpy as np
 
-from control.probing.plan import ProbingPlan
-from estimation.study import ChannelEstimates, ChannelResult
-from estimation.study.channels import CONTACT_MODEL
-from estimation.study.fitting import Progress
-from estimation.study.saved_diagnosis import RESULT
 from palpate.common.console import typed
 from palpate.common.files import output_folder
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.study import ChannelEstimates, ChannelResult
+from palpate.estimation.study.channels import CONTACT_MODEL
+from palpate.estimation.study.fitting import Progress
+from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.render.build import as_json, write_outcome
 from palpate.render.inspection import RECORDING, look_into
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import DEFAULT, find_robot
+from palpate.sim_backend.hidden import SealedAnswer, noise_scale
+from palpate.sim_backend.imperfection import IMPERFECTIONS
+from palpate.sim_backend.noise_scale import CONTACT
+from palpate.sim_backend.scenario import Scenario
 from palpate.study import Study
-from robot_io.session import Session
-from sim_backend.hidden import SealedAnswer, noise_scale
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.noise_scale import CONTACT
-from sim_backend.scenario import Scenario
 
 PLAN = ProbingPlan()  # the paper's three speeds
 HIDDEN_PLAN = ProbingPlan(repeats=2)

@@ -8,18 +8,18 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from control.probing.plan import ProbingPlan
-from estimation.design.next_experiment import LONGEST_S, NextProbe
-from estimation.diagnosis import ChannelDiagnosis, Verdict
-from estimation.study.fitting import Progress
-from estimation.study.saved_diagnosis import RESULT
-from estimation.study.undecided_models import is_undecided, with_the_simplest
 from palpate.common.console import count
 from palpate.common.files import output_folder, write_text
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.design.next_experiment import LONGEST_S, NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.study.fitting import Progress
+from palpate.estimation.study.saved_diagnosis import RESULT
+from palpate.estimation.study.undecided_models import is_undecided, with_the_simplest
 from palpate.render.build import as_json
+from palpate.robot_io.errors import InputError
 from palpate.runs.probing import NOBODY, ProbingJob, Watcher, run_probing
 from palpate.study import Study
-from robot_io.errors import InputError
 
 DECISIONS = "decisions.jsonl"
 Design = Callable[[Study, Sequence[ChannelDiagnosis], float, Progress], NextProbe | None]

@@ -1,6 +1,6 @@
 """Calibrations: the file, its checks, and the devices that it corrects."""
 
-from robot_io.calibration.applied import (
+from palpate.robot_io.calibration.applied import (
     NO_CALIBRATIONS,
     Calibrations,
     device_identity,
@@ -10,7 +10,7 @@ from robot_io.calibration.applied import (
     parse_calibrations,
     urdf_sha256,
 )
-from robot_io.calibration.file import (
+from palpate.robot_io.calibration.file import (
     Calibration,
     EncoderCalibration,
     ForceCalibration,

@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_io.calibration.file import (
+from palpate.robot_io.calibration.file import (
     CALIBRATION_KINDS,
     MAX_BYTES,
     Calibration,
@@ -28,13 +28,13 @@ from robot_io.calibration.file import (
     TorqueCalibration,
     calibration_from,
 )
-from robot_io.errors import InputError
-from robot_io.examination import Examinable, Finding
-from robot_io.files.file_model import input_error, load_yaml, parse_yaml
-from robot_io.guard import Limits
-from robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
-from robot_io.robot_file import DeviceSection, RobotFile
-from robot_io.types import FloatArray, Reading, frozen_array
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.examination import Examinable, Finding
+from palpate.robot_io.files.file_model import input_error, load_yaml, parse_yaml
+from palpate.robot_io.guard import Limits
+from palpate.robot_io.interfaces import Component, ForceSensor, JointEncoder, JointTorque
+from palpate.robot_io.robot_file import DeviceSection, RobotFile
+from palpate.robot_io.types import FloatArray, Reading, frozen_array
 
 # Settings that affect when a sample comes or is refused, not its value; a calibration survives their change.
 _PASSING = frozenset(

@@ -11,8 +11,8 @@ import yaml
 from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import (
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import (
     FileModel,
     NotNegative,
     Number,

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from math import inf
 from typing import ClassVar
 
-from robot_io.driver import DriverContext
-from robot_io.files.file_model import FileModel, input_error
-from robot_io.interfaces import Bus, JointEncoder, JointTorque
-from robot_io.types import FloatArray, Reading
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.files.file_model import FileModel, input_error
+from palpate.robot_io.interfaces import Bus, JointEncoder, JointTorque
+from palpate.robot_io.types import FloatArray, Reading
 
 
 def check_one_per_joint(context: DriverContext, count: int, devices: str) -> None:

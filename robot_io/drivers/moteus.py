@@ -16,15 +16,15 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import Field, model_validator
 
-from robot_io.clip import clip
-from robot_io.driver import DriverContext
-from robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
-from robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
-from robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from robot_io.errors import DeviceError, InputError, ProtocolError
-from robot_io.examination import Finding, fail, ok, warn
-from robot_io.files.file_model import Number
-from robot_io.guard.limits import Torque
+from palpate.robot_io.clip import clip
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings, expect_length
+from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus, MotorMounting
+from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
+from palpate.robot_io.examination import Finding, fail, ok, warn
+from palpate.robot_io.files.file_model import Number
+from palpate.robot_io.guard.limits import Torque
 
 
 class MoteusMotor(MotorMounting):

@@ -23,18 +23,18 @@ from typing import Annotated, Final, NamedTuple
 
 from pydantic import AfterValidator, Field
 
-from robot_io.drivers.serial_force.line import (
+from palpate.robot_io.drivers.serial_force.line import (
     AxisForceSettings,
     ForceLine,
     ForceLineSettings,
     SerialForceSensor,
     SerialReader,
 )
-from robot_io.drivers.serial_force.stream import OwnTime, known_unit, newtons_per
-from robot_io.drivers.servo.stream import bit_names
-from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Examinable
-from robot_io.files.file_model import Positive, matching
+from palpate.robot_io.drivers.serial_force.stream import OwnTime, known_unit, newtons_per
+from palpate.robot_io.drivers.servo.stream import bit_names
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.examination import Examinable
+from palpate.robot_io.files.file_model import Positive, matching
 
 _REQUEST: Final = struct.Struct(">HHI")
 _RECORD: Final = struct.Struct(">3I6i")

@@ -11,16 +11,22 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from robot_io.driver import DriverContext
-from robot_io.drivers import odrive_protocol as odrive
-from robot_io.drivers.can.line import CanFrame, CanLineSettings
-from robot_io.drivers.can.motors import MotorBus, MotorMounting
-from robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from robot_io.drivers.odrive_protocol import MAX_NODE_ID, AxisState, Firmware, Heartbeat, OdriveCommand
-from robot_io.errors import DeviceError
-from robot_io.examination import Finding, fail, ok, warn
-from robot_io.files.file_model import Positive, TorqueConstant
-from robot_io.guard.limits import Torque
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers import odrive_protocol as odrive
+from palpate.robot_io.drivers.can.line import CanFrame, CanLineSettings
+from palpate.robot_io.drivers.can.motors import MotorBus, MotorMounting
+from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.drivers.odrive_protocol import (
+    MAX_NODE_ID,
+    AxisState,
+    Firmware,
+    Heartbeat,
+    OdriveCommand,
+)
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.examination import Finding, fail, ok, warn
+from palpate.robot_io.files.file_model import Positive, TorqueConstant
+from palpate.robot_io.guard.limits import Torque
 
 
 class OdriveAxis(MotorMounting):

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from math import isfinite
 
-from robot_io.drivers.can.line import CanFrame, expect_length
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers.can.line import CanFrame, expect_length
+from palpate.robot_io.errors import InputError, ProtocolError
 
 
 class Firmware(StrEnum):

@@ -25,8 +25,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from robot_io.errors import InputError
-from robot_io.registry import Registry
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.registry import Registry
 
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from robot_io.files.file_model import MOST_BYTES
+from palpate.robot_io.files.file_model import MOST_BYTES
 
 MOST_ELEMENTS = 20_000
 MOST_LINKS = 500

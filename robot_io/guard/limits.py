@@ -5,8 +5,8 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
 
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from robot_io.types import FloatArray, Measurement, Status
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from palpate.robot_io.types import FloatArray, Measurement, Status
 
 # Bounds beyond any arm that this guard is for: a limit past them would be no limit.
 Position = Annotated[Number, Field(ge=-100.0, le=100.0)]

@@ -1,8 +1,8 @@
 """Messages between two machines: content, frames, and the line that carries them."""
 
-from robot_io.link.frame import Frame, FrameError, Heard, decode, encode, load_seal
-from robot_io.link.line import Impairment, Line, LineSettings
-from robot_io.link.messages import (
+from palpate.robot_io.link.frame import Frame, FrameError, Heard, decode, encode, load_seal
+from palpate.robot_io.link.line import Impairment, Line, LineSettings
+from palpate.robot_io.link.messages import (
     ContactModel,
     EstimatedParameter,
     Intent,

@@ -20,8 +20,8 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robot_io.errors import InputError, ProtocolError
-from robot_io.link.messages import Intent, Message, ObjectEstimate, Report, WireType
+from palpate.robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.link.messages import Intent, Message, ObjectEstimate, Report, WireType
 
 _LEAST_BYTES, _MOST_BYTES = 16, 4096  # of a key
 

@@ -19,9 +19,9 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from robot_io.clock import Clock
-from robot_io.errors import InputError
-from robot_io.link.frame import (
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link.frame import (
     CHECKSUM,
     MOST_BYTES,
     Frame,
@@ -32,7 +32,7 @@ from robot_io.link.frame import (
     encode,
     load_seal,
 )
-from robot_io.link.messages import Message
+from palpate.robot_io.link.messages import Message
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError
 
-from robot_io.errors import InputError, ProtocolError
-from robot_io.session.wire import descriptor_of
+from palpate.robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.session.wire import descriptor_of
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
 _SCALARS = {
@@ -233,7 +233,7 @@ class Intent:
 class Report:
     """Present state of the follower; follower to leader."""
 
-    phase: int  # number of `control.loop.task.Phase`
+    phase: int  # number of `palpate.control.loop.task.Phase`
     target: int  # number of the target that is being probed, -1 for none
     tip_world_m: tuple[float, ...]  # shape (3,) [m]
     speed_m_s: float  # of the tip along the press direction [m/s]

@@ -17,11 +17,11 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from robot_io.clock import Clock
-from robot_io.errors import LifecycleError
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive, problem_at
-from robot_io.interfaces import Opened
-from robot_io.types import FloatArray, frozen_array
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import LifecycleError
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive, problem_at
+from palpate.robot_io.interfaces import Opened
+from palpate.robot_io.types import FloatArray, frozen_array
 
 
 class HandState(NamedTuple):

@@ -26,11 +26,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_io.clock import Clock
-from robot_io.errors import DeviceError
-from robot_io.files.file_model import FileModel, Number, Positive
-from robot_io.operator.device import HandSettings, HandState, ModelledHand, OperatorDevice
-from robot_io.types import FloatArray
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.files.file_model import FileModel, Number, Positive
+from palpate.robot_io.operator.device import HandSettings, HandState, ModelledHand, OperatorDevice
+from palpate.robot_io.types import FloatArray
 
 _MOST_BYTES = 65_536  # in one reading
 

@@ -10,8 +10,8 @@ import numpy as np
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.message import DecodeError, Message
 
-from robot_io.errors import InputError, SessionError
-from robot_io.session.wire import descriptor_of, file_descriptor_set
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.session.wire import descriptor_of, file_descriptor_set
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from robot_io.errors import SessionError
+from palpate.robot_io.errors import SessionError
 
 _WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only looks whether there is a lock
 

@@ -22,11 +22,16 @@ from mcap.records import Channel, Chunk, DataEnd, Metadata
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
-from robot_io.errors import SessionError
-from robot_io.files.whole_file import as_utf8, most_unpacked
-from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES, SessionMetadata, event_descriptor_set
-from robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
-from robot_io.session.wire import PACKAGE, WireFormat
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.files.whole_file import as_utf8, most_unpacked
+from palpate.robot_io.session.event import (
+    EVENT_STREAM,
+    MAX_EVENT_BYTES,
+    SessionMetadata,
+    event_descriptor_set,
+)
+from palpate.robot_io.session.stream import TIME_COLUMN, RecordArray, Stream, streams_to_json
+from palpate.robot_io.session.wire import PACKAGE, WireFormat
 
 MAX_CHUNK_BYTES = 4 * 1024 * 1024  # ours are 64 KiB or less
 MAX_DATA_BYTES = 8 * 1024**3

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, says_unclosed
-from robot_io.session.mcap_file import (
+from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
+from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, decode_event, says_unclosed
+from palpate.robot_io.session.mcap_file import (
     END_RECORD,
     EXTRA_RECORD,
     FORMAT_VERSIONS,
@@ -17,9 +17,9 @@ from robot_io.session.mcap_file import (
     Scan,
     scan,
 )
-from robot_io.session.shared_log import check_streams
-from robot_io.session.stream import Samples, Stream, streams_from_json
-from robot_io.session.wire import WireFormat
+from palpate.robot_io.session.shared_log import check_streams
+from palpate.robot_io.session.stream import Samples, Stream, streams_from_json
+from palpate.robot_io.session.wire import WireFormat
 
 MAX_FILE_BYTES = 4 * 1024**3
 

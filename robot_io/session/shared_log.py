@@ -14,9 +14,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from robot_io.errors import InputError, SessionError
-from robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
-from robot_io.session.stream import Record, RecordArray, Stream
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.session.event import EVENT_STREAM, MAX_EVENT_BYTES
+from palpate.robot_io.session.stream import Record, RecordArray, Stream
 
 _LINE = 64  # bytes of a cache line; each counter has its own, so that the two sides do not slow each other
 _HEAD, _TAIL, _DROPPED = range(3)
@@ -263,7 +263,7 @@ def _size_bytes(layout: Sequence[tuple[str, np.dtype[np.void], int]]) -> int:
     return _BLOCK + sum(RingBuffer.size_bytes(dtype, slots) for _, dtype, slots in layout)
 
 
-MODULE = "robot_io.session.writer_process"
+MODULE = "palpate.robot_io.session.writer_process"
 
 
 @dataclass(frozen=True)

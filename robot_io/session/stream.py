@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
+from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
 
 Record = tuple[object, ...] | np.void
 RecordArray = NDArray[np.void]

@@ -17,8 +17,8 @@ import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool
 from numpy.typing import NDArray
 
-from robot_io.errors import SessionError
-from robot_io.session.stream import Column, RecordArray, Stream
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.session.stream import Column, RecordArray, Stream
 
 PACKAGE = "palpate"
 

@@ -13,12 +13,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
-from robot_io.files.whole_file import whole_file
-from robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, encode_event
-from robot_io.session.lock import is_locked
-from robot_io.session.mcap_file import McapFile
-from robot_io.session.shared_log import (
+from palpate.robot_io.errors import InputError, SessionError, UnknownNameError, UnloggedError
+from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.session.event import EVENT_STREAM, Event, SessionMetadata, encode_event
+from palpate.robot_io.session.lock import is_locked
+from palpate.robot_io.session.mcap_file import McapFile
+from palpate.robot_io.session.shared_log import (
     FINISHED,
     STARTING,
     Job,
@@ -27,7 +27,7 @@ from robot_io.session.shared_log import (
     check_streams,
     open_memory,
 )
-from robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
+from palpate.robot_io.session.stream import MAX_RECORD_BYTES, TIME_COLUMN, Record, Stream, streams_to_json
 
 START_LIMIT_S = 60.0
 _AT_ONCE = 16_384  # records, to bound memory

@@ -11,13 +11,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from robot_io.errors import SessionError
-from robot_io.files.whole_file import held_name
-from robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
-from robot_io.session.lock import lock
-from robot_io.session.mcap_file import McapFile
-from robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
-from robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.files.whole_file import held_name
+from palpate.robot_io.session.event import EVENT_STREAM, SessionMetadata, encode_event, unclosed
+from palpate.robot_io.session.lock import lock
+from palpate.robot_io.session.mcap_file import McapFile
+from palpate.robot_io.session.shared_log import FINISHED, READY, Job, SharedLog
+from palpate.robot_io.session.stream import TIME_COLUMN, Stream, streams_from_json
 
 IDLE_S = 0.01
 CHUNK_PERIOD_S = 1.0  # a slow stream's chunk is ended after this time, full or not

@@ -3,8 +3,8 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from robot_io.files.file_model import FileModel, member
-from robot_io.registry import Registry
+from palpate.robot_io.files.file_model import FileModel, member
+from palpate.robot_io.registry import Registry
 
 
 class ObjectLaw(FileModel, ABC):
@@ -46,7 +46,7 @@ class ObjectLaw(FileModel, ABC):
         return False
 
 
-CONTACT_LAWS: Registry[ObjectLaw] = Registry("contact law", ObjectLaw, "sim_backend.contact_laws")  # type: ignore[type-abstract]
+CONTACT_LAWS: Registry[ObjectLaw] = Registry("contact law", ObjectLaw, "palpate.sim_backend.contact_laws")  # type: ignore[type-abstract]
 
 
 def parse_contact_law(value: object) -> ObjectLaw:

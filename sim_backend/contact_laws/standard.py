@@ -2,8 +2,8 @@
 
 from pydantic import Field
 
-from robot_io.files.file_model import Number
-from sim_backend.contact_laws import ObjectLaw
+from palpate.robot_io.files.file_model import Number
+from palpate.sim_backend.contact_laws import ObjectLaw
 
 
 class EngineContact(ObjectLaw):

@@ -1,5 +1,5 @@
 """Devices on a wire: what stands at the other end of the drivers, written from the protocols' manuals."""
 
-from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 __all__ = ["Fault", "FaultKind", "Faults"]

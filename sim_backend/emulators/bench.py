@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.robot_file import RobotFile
-from robot_io.types import Status
-from sim_backend.hooks import NO_EFFECTS, HiddenEffects
-from sim_backend.scenario import Scenario
-from sim_backend.world import world_of
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.types import Status
+from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
+from palpate.sim_backend.scenario import Scenario
+from palpate.sim_backend.world import world_of
 
 _REST_SHARE = 0.04  # of a joint's torque limit
 

@@ -10,10 +10,10 @@ from typing import Any
 import can
 from can.interfaces.virtual import VirtualBus
 
-from robot_io.files.file_model import FileModel, Number, Positive
-from sim_backend.emulators.bench import EmulatedWire, JointState, Plant
-from sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
-from sim_backend.emulators.wiring import WireRequest
+from palpate.robot_io.files.file_model import FileModel, Number, Positive
+from palpate.sim_backend.emulators.bench import EmulatedWire, JointState, Plant
+from palpate.sim_backend.emulators.faults import Device, Fault, FaultKind, Faults, FrameWire
+from palpate.sim_backend.emulators.wiring import WireRequest
 
 _BUS_OFF_ERROR_FRAME = 0x040  # linux/can/error.h: CAN_ERR_BUSOFF
 _STRANGER = 0x7E5  # an id that none of the nodes has

@@ -7,11 +7,11 @@ and transmission, Fast Sync Read) and "CRC Calculation"; it shares no code with 
 from collections.abc import Sequence
 from typing import Any
 
-from robot_io.files.file_model import FileModel, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
-from sim_backend.emulators.faults import FaultKind, Faults
-from sim_backend.emulators.servo_wire import (
+from palpate.robot_io.files.file_model import FileModel, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
+from palpate.sim_backend.emulators.dynamixel_servo import GOALS, DynamixelMounting, EmulatedServo, Error
+from palpate.sim_backend.emulators.faults import FaultKind, Faults
+from palpate.sim_backend.emulators.servo_wire import (
     BROADCAST,
     REBOOT_S,
     Answer,
@@ -21,7 +21,7 @@ from sim_backend.emulators.servo_wire import (
     ServoWire,
     on_shafts,
 )
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STATUS_INSTRUCTION = 0x55
 _START = bytes((0xFF, 0xFF, 0xFD))

@@ -9,9 +9,9 @@ from enum import IntEnum
 from math import floor, pi
 from typing import ClassVar
 
-from robot_io.files.file_model import Positive
-from sim_backend.emulators.bench import Shaft
-from sim_backend.emulators.servo_wire import EmulatedMounting, LineServo
+from palpate.robot_io.files.file_model import Positive
+from palpate.sim_backend.emulators.bench import Shaft
+from palpate.sim_backend.emulators.servo_wire import EmulatedMounting, LineServo
 
 EEPROM_END = 64  # below, values outlive a reboot
 

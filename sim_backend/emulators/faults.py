@@ -9,8 +9,8 @@ from typing import Annotated, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
-from robot_io.files.file_model import FileModel, NotNegative, Number, Positive
-from sim_backend.emulators.bench import EmulatedWire
+from palpate.robot_io.files.file_model import FileModel, NotNegative, Number, Positive
+from palpate.sim_backend.emulators.bench import EmulatedWire
 
 
 class FaultKind(StrEnum):

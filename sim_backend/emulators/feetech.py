@@ -10,10 +10,10 @@ from collections.abc import Collection, Sequence
 from math import isfinite, pi
 from typing import Any, ClassVar
 
-from robot_io.files.file_model import FileModel, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant, Shaft
-from sim_backend.emulators.faults import Faults
-from sim_backend.emulators.servo_wire import (
+from palpate.robot_io.files.file_model import FileModel, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant, Shaft
+from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.servo_wire import (
     Answer,
     EmulatedMounting,
     Instruction,
@@ -22,7 +22,7 @@ from sim_backend.emulators.servo_wire import (
     ServoWire,
     on_shafts,
 )
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
 class FeetechReceiver(Receiver):

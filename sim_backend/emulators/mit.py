@@ -24,11 +24,11 @@ from typing import Any
 
 import can
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Positive, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, Positive, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _ALERT = 6  # MOSFET over temperature
 _TEMPERATURE = 25

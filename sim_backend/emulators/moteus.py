@@ -12,10 +12,10 @@ from typing import Any
 
 import can
 
-from robot_io.files.file_model import FileModel, Positive, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.robot_io.files.file_model import FileModel, Positive, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 STOPPED, FAULT, POSITION, TIMEOUT = 0, 1, 10, 11
 HOT, _CUT = 38, 99  # over temperature; cut by servo.max_current_A

@@ -6,13 +6,13 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import Positive, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.faults import Faults
-from sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
-from sim_backend.emulators.serial_sensors import AxisSettings, newtons_per
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import Positive, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
+from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.emulators.serial_line import SensorWire, SerialSensor, StreamTimer
+from palpate.sim_backend.emulators.serial_sensors import AxisSettings, newtons_per
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 _END = 0x7FFFFFFF
 BROKEN_GAGE, SENSING_RANGE, ANY_ERROR = 1 << 2, 1 << 30, 1 << 31

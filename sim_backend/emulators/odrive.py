@@ -10,10 +10,10 @@ from typing import Any
 
 import can
 
-from robot_io.files.file_model import FileModel, Positive, validate
-from sim_backend.emulators.bench import EmulatedWire, Plant
-from sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.robot_io.files.file_model import FileModel, Positive, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire, Plant
+from palpate.sim_backend.emulators.can_line import EmulatedMotor, MotorPlace, wire_of
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_BIT = {"0.5": 1 << 11, "0.6": 1 << 24}

@@ -10,8 +10,8 @@ import tty
 from abc import ABC, abstractmethod
 from math import inf
 
-from sim_backend.emulators.bench import Plant, heard_at
-from sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
+from palpate.sim_backend.emulators.bench import Plant, heard_at
+from palpate.sim_backend.emulators.faults import Device, FaultKind, Faults, FrameWire
 
 _HAND_ON_S = 0.02  # a full buffer never takes more
 _MOST_READABLE = 4095  # bytes that Linux keeps for a reader; what comes then waits until it reads

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, Number, Positive, validate
-from sim_backend.emulators.bench import EmulatedWire
-from sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
-from sim_backend.emulators.wiring import WireMaker, WireRequest
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, Number, Positive, validate
+from palpate.sim_backend.emulators.bench import EmulatedWire
+from palpate.sim_backend.emulators.serial_line import PtyLine, SerialSensor, StreamTimer
+from palpate.sim_backend.emulators.wiring import WireMaker, WireRequest
 
 
 class EmulatedGauge(SerialSensor):

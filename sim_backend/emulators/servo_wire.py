@@ -12,9 +12,9 @@ from typing import Annotated, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from robot_io.files.file_model import FileModel, Number
-from sim_backend.emulators.bench import EmulatedWire, JointState, Plant, Shaft, heard_at
-from sim_backend.emulators.faults import Fault, FaultKind, Faults
+from palpate.robot_io.files.file_model import FileModel, Number
+from palpate.sim_backend.emulators.bench import EmulatedWire, JointState, Plant, Shaft, heard_at
+from palpate.sim_backend.emulators.faults import Fault, FaultKind, Faults
 
 BROADCAST = 0xFE
 REBOOT_S = 0.3  # how long a servo is away, unless a fault says otherwise

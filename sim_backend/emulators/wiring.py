@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 
 import yaml
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.errors import InputError
-from robot_io.registry import Registry
-from robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
-from sim_backend.emulators.bench import Bench, EmulatedWire, Plant
-from sim_backend.emulators.faults import Faults
-from sim_backend.hooks import NO_EFFECTS, HiddenEffects
-from sim_backend.scenario import Scenario
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.registry import Registry
+from palpate.robot_io.robot_file import BusSection, DeviceSection, RobotFile, parse_robot_file
+from palpate.sim_backend.emulators.bench import Bench, EmulatedWire, Plant
+from palpate.sim_backend.emulators.faults import Faults
+from palpate.sim_backend.hooks import NO_EFFECTS, HiddenEffects
+from palpate.sim_backend.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class WiredArm:
     wires: Mapping[str, EmulatedWire]  # the emulated wires by bus name
 
 
-WIRE_MAKERS = Registry("emulated bus", WireMaker, "sim_backend.emulators")  # type: ignore[type-abstract]
+WIRE_MAKERS = Registry("emulated bus", WireMaker, "palpate.sim_backend.emulators")  # type: ignore[type-abstract]
 """All wires that can be emulated, by the name of the bus driver."""
 
 

@@ -1,11 +1,11 @@
-"""Physics engines, one file each; see `sim_backend.engines.engine`. Each is imported on first use."""
+"""Physics engines, one file each; see `palpate.sim_backend.engines.engine`. Each is imported on first use."""
 
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Literal
 
-from robot_io.errors import InputError
-from sim_backend.engines.engine import Engine
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.engines.engine import Engine
 
 EngineName = Literal["pybullet", "mujoco"]
 
@@ -44,7 +44,7 @@ def engine_class(name: EngineName) -> type[Engine]:
             f"physics engine '{name}': package {package} is not installed. Install it, or choose "
             f"engine {default_engine()}"
         )
-    engine: type[Engine] = getattr(import_module(f"sim_backend.engines.{module}"), kind)
+    engine: type[Engine] = getattr(import_module(f"palpate.sim_backend.engines.{module}"), kind)
     return engine
 
 

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_io.errors import InputError
-from robot_io.files.urdf_text import parse_urdf
-from robot_io.types import FloatArray
-from sim_backend.contact_laws.standard import EngineContact
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.urdf_text import parse_urdf
+from palpate.robot_io.types import FloatArray
+from palpate.sim_backend.contact_laws.standard import EngineContact
 
 
 def dynamics_urdf(

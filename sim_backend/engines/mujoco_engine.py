@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
-from sim_backend.engines.engine import Engine, Quaternion, check_serial
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
+from palpate.sim_backend.engines.engine import Engine, Quaternion, check_serial
 
 # Friction and stops are soft constraints here. This is as hard as they get: within 2 steps, to 1 part in 1e4.
 _STEPS_TO_STOP = 2.0

@@ -8,11 +8,11 @@ from weakref import finalize
 
 import numpy as np
 
-from robot_io.captured import STDERR, STDOUT, captured
-from robot_io.errors import InputError
-from robot_io.types import FloatArray
-from sim_backend.contact_laws.standard import EngineContact
-from sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
+from palpate.robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
+from palpate.sim_backend.contact_laws.standard import EngineContact
+from palpate.sim_backend.engines.engine import Engine, Quaternion, Vector, check_serial
 
 with captured([], STDERR):  # which it greets on
     import pybullet as bullet

@@ -1,1 +1,1 @@
-"""Hidden effects, one file for those of a kind, found by name; see `sim_backend.imperfection`."""
+"""Hidden effects, one file for those of a kind, found by name; see `palpate.sim_backend.imperfection`."""

@@ -8,10 +8,10 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 from numpy.random import Generator
 
-from robot_io.files.file_model import NotNegative, Number, Positive
-from sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
-from sim_backend.imperfection import ContactImperfection, parameter
-from sim_backend.noise_scale import NoiseScale
+from palpate.robot_io.files.file_model import NotNegative, Number, Positive
+from palpate.sim_backend.hooks import ContactEffect, ContactState, HiddenEffects, MaterialEffect, ToolEffect
+from palpate.sim_backend.imperfection import ContactImperfection, parameter
+from palpate.sim_backend.noise_scale import NoiseScale
 
 
 class _Material(ContactImperfection, ABC):

@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.random import Generator
 
-from robot_io.files.file_model import NotNegative, Number, Positive
-from robot_io.types import FloatArray
-from sim_backend.hooks import (
+from palpate.robot_io.files.file_model import NotNegative, Number, Positive
+from palpate.robot_io.types import FloatArray
+from palpate.sim_backend.hooks import (
     AddedTorque,
     HiddenEffects,
     JointEffect,
@@ -18,8 +18,8 @@ from sim_backend.hooks import (
     JointStepState,
     SensorHook,
 )
-from sim_backend.imperfection import JointImperfection, parameter
-from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
+from palpate.sim_backend.imperfection import JointImperfection, parameter
+from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
 
 
 class _Friction(JointImperfection, ABC):

@@ -8,11 +8,11 @@ from typing import Self
 
 from numpy.random import Generator
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import NotNegative, Number, Positive
-from sim_backend.hooks import HiddenEffects, PlantEffect, Transducer
-from sim_backend.imperfection import Imperfection, JointImperfection, SensorImperfection, parameter
-from sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import NotNegative, Number, Positive
+from palpate.sim_backend.hooks import HiddenEffects, PlantEffect, Transducer
+from palpate.sim_backend.imperfection import Imperfection, JointImperfection, SensorImperfection, parameter
+from palpate.sim_backend.noise_scale import CONTACT, LOADED, NoiseScale, channel_of, joint_of
 
 
 class HiddenBias(SensorImperfection):

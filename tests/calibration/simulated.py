@@ -3,12 +3,12 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
+from palpate.robot_io.robot_file import RobotFile
+from palpate.robot_io.session import Session
 from palpate.runs.calibration import CalibrationJob
 from palpate.runs.calibration_file import Stamp
 from palpate.runs.robots import find_robot
-from robot_io.robot_file import RobotFile
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 
 NOW = datetime(2026, 11, 20, 8, tzinfo=UTC)
 FOLLOWER = find_robot("follower")

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm_fit import ArmMotion, GravityBodies, fit_arm
-from calibration.arm_motion import TORQUE_MOTION, FourierPath, choose_path
-from control.arm.rigid_body import RigidBody
-from robot_io.calibration.applied import gravity_base_m_s2
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
+from palpate.calibration.arm_fit import ArmMotion, GravityBodies, fit_arm
+from palpate.calibration.arm_motion import TORQUE_MOTION, FourierPath, choose_path
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.calibration.applied import gravity_base_m_s2
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 ROBOT = load_robot_file(ARMS / "follower" / "follower.yaml")

@@ -3,9 +3,9 @@ import shutil
 
 import pytest
 
+from palpate.robot_io.calibration import load_calibration
+from palpate.robot_io.session import Session
 from palpate.runs.robots import find_robot
-from robot_io.calibration import load_calibration
-from robot_io.session import Session
 from tests.palpate.cli import assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.force import find_plateaus, fit_force, plateaus_of
-from robot_io.errors import InputError
+from palpate.calibration.force import find_plateaus, fit_force, plateaus_of
+from palpate.robot_io.errors import InputError
 
 UP_AND_DOWN_N = [0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 5.0, 0.0]
 

@@ -7,23 +7,23 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from calibration.arm_motion import ExcitationSettings
-from calibration.encoder import StopSettings
-from calibration.force import fit_force, read_weighing
-from control.probing.plan import ProbingPlan
-from estimation.study.estimates import estimate_with
-from estimation.study.sessions import arm_of
-from estimation.study.source import open_source
+from palpate.calibration.arm_motion import ExcitationSettings
+from palpate.calibration.encoder import StopSettings
+from palpate.calibration.force import fit_force, read_weighing
 from palpate.common.files import write_text
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.study.estimates import estimate_with
+from palpate.estimation.study.sessions import arm_of
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.calibration import load_calibrations, parse_calibration
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
+from palpate.robot_io.session import Session
 from palpate.runs import calibration as runs
 from palpate.runs import calibration_file as fits
 from palpate.runs.calibration_file import open_recorded
 from palpate.runs.probing import ProbingJob, run_probing
-from robot_io.calibration import load_calibrations, parse_calibration
-from robot_io.errors import InputError, PalpateError
-from robot_io.robot_file import load_robot_file, parse_robot_file
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 from tests.calibration.simulated import FOLLOWER, in_joints, job_in, opened, stamp
 
 pytestmark = pytest.mark.slow

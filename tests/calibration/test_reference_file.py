@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.force import fit_force, read_reference_file
-from robot_io.errors import InputError
+from palpate.calibration.force import fit_force, read_reference_file
+from palpate.robot_io.errors import InputError
 
 DATA = Path(os.environ.get("PALPATE_DATA", Path(__file__).resolve().parents[2] / ".." / "shared" / "data"))
 LOAD_CELL = DATA / "load_cell" / "load_cell.csv"

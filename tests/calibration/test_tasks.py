@@ -6,21 +6,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm_fit import GravityBodies
-from calibration.arm_motion import GRAVITY_MOTION, TORQUE_MOTION, ExcitationSettings, FreeMotion, choose_path
-from calibration.encoder import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
-from calibration.standstill import StillRobot
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import TrackingGains, gains_of
-from control.loop.task import Phase
-from control.loop.tick_record import tick_stream
+from palpate.calibration.arm_fit import GravityBodies
+from palpate.calibration.arm_motion import (
+    GRAVITY_MOTION,
+    TORQUE_MOTION,
+    ExcitationSettings,
+    FreeMotion,
+    choose_path,
+)
+from palpate.calibration.encoder import StopApproach, StopSettings, StopTask, plan_stops, with_room_for_stops
+from palpate.calibration.standstill import StillRobot
 from palpate.commands.calibrate import ask_for_weight
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import TrackingGains, gains_of
+from palpate.control.loop.task import Phase
+from palpate.control.loop.tick_record import tick_stream
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import DeviceTimeoutError, InputError, PalpateError, SafetyTripError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.types import Measurement
 from palpate.runs import calibration as runs
 from palpate.runs.robots import find_robot
-from robot_io.clock import SimulatedClock
-from robot_io.errors import DeviceTimeoutError, InputError, PalpateError, SafetyTripError
-from robot_io.guard import Guard
-from robot_io.types import Measurement
 from tests.calibration.simulated import FOLLOWER, job_in, opened
 from tests.control.loop_parts import MemoryLog
 from tests.mock_robot import build_mock_robot, mock_robot_file

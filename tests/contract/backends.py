@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from palpate.robot_io.types import Command, Measurement
 from palpate.runs.robots import emulate
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
-from robot_io.types import Command, Measurement
-from sim_backend.imperfection import Imperfection
-from sim_backend.imperfections.joint import HiddenArmature
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.imperfection import Imperfection
+from palpate.sim_backend.imperfections.joint import HiddenArmature
+from palpate.sim_backend.scenario import load_scenario
 from tests.contract.documented import documented_driver
 from tests.mock_robot import WATCHDOG_S, mock_bus, mock_robot_file
 from tests.wire.parts import (
@@ -111,7 +111,7 @@ SIM_ROBOT_FILE = ROOT / "sim_backend" / "arms" / "follower" / "follower.yaml"
 
 def open_simulation() -> RobotBench:
     robot_file, clock = load_robot_file(SIM_ROBOT_FILE), SimulatedClock()
-    robot = build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock)
+    robot = build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock)
 
     def press(force_n: float) -> None:
         """Hold the arm where it is, tool down, and bring the surface up to it."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robot_io.types import Status
+from palpate.robot_io.types import Status
 
 
 def check_before_first_sample(bench, read, count):

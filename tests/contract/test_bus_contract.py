@@ -7,9 +7,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceTimeoutError
-from robot_io.examination import Examinable, Level
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import DeviceTimeoutError
+from palpate.robot_io.examination import Examinable, Level
 
 
 def sample_times(robot):
@@ -58,7 +58,7 @@ def test_polling_twice_and_flushing_with_nothing_staged_are_harmless(active):
     assert np.isfinite(active.tick().joint_position_rad).all()
 
 
-CATALOGUE = DriverCatalogue("sim_backend.drivers", "tests.mock_robot")
+CATALOGUE = DriverCatalogue("palpate.sim_backend.drivers", "tests.mock_robot")
 DRIVERS = [
     pytest.param(driver, id=name)
     for registry in (CATALOGUE.bus, CATALOGUE.encoder, CATALOGUE.torque, CATALOGUE.force)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from control.teleop.leader_arm import LeaderArm
-from control.teleop.operator_devices import OPERATOR_DEVICES, build_operator_device
-from robot_io.clock import MonotonicClock, SimulatedClock
-from robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
+from palpate.control.teleop.leader_arm import LeaderArm
+from palpate.control.teleop.operator_devices import OPERATOR_DEVICES, build_operator_device
+from palpate.robot_io.clock import MonotonicClock, SimulatedClock
+from palpate.robot_io.errors import DeviceError, InputError, LifecycleError, SafetyTripError
 from tests.contract.operators import BENCHES
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_io.errors import InputError, LifecycleError
-from robot_io.robot import RobotState
-from robot_io.types import Command, Status
+from palpate.robot_io.errors import InputError, LifecycleError
+from palpate.robot_io.robot import RobotState
+from palpate.robot_io.types import Command, Status
 
 
 def test_it_starts_at_home_and_measurements_are_coherent_and_cannot_be_changed(active):

@@ -7,8 +7,8 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 import pinocchio as pin
 
-from control.arm.dh import DhTable
-from robot_io.errors import InputError
+from palpate.control.arm.dh import DhTable
+from palpate.robot_io.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)

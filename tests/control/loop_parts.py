@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from control.loop.task import Phase, TaskEvent, TaskOutput
-from control.loop.tick_record import tick_stream
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.guard import Guard
-from robot_io.types import Command
+from palpate.control.loop.task import Phase, TaskEvent, TaskOutput
+from palpate.control.loop.tick_record import tick_stream
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.types import Command
 from tests.mock_robot import ROBOT_YAML, build_mock_robot, mock_bus, mock_robot_file
 
 JOINTS = 3

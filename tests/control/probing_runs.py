@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.laws.gains import Gains
-from control.loop.task import Phase, TaskEvent, TaskOutput
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from robot_io.types import Measurement
+from palpate.control.arm.inverse_kinematics import Elbow, PlanarArm
+from palpate.control.laws.gains import Gains
+from palpate.control.loop.task import Phase, TaskEvent, TaskOutput
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.types import Measurement
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, ReferencePlant, test_arm
 
 TICK_S = 0.001

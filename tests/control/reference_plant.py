@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from control.arm.dh import DhRow, DhTable
-from control.arm.rigid_body import RigidBody
-from robot_io.types import Measurement
+from palpate.control.arm.dh import DhRow, DhTable
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.types import Measurement
 from tests.control.dh_urdf import LinkInertia, dh_to_urdf
 
 SUBSTEP_S = 0.00025

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.laws.force_laws import (
+from palpate.control.laws.force_laws import (
     Admittance,
     Compliance,
     QuickEstimator,
     loading_acceleration,
     scheduled_admittance,
 )
-from control.laws.gains import ContactGains
+from palpate.control.laws.gains import ContactGains
 
 DT_S = 0.001
 GAINS = ContactGains()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from control.laws.computed_torque import ComputedTorque, Pid
-from control.laws.gains import Gains, TrackingGains, gains_of
-from control.paths.trajectory import JointMotion, JointMove
-from robot_io.errors import InputError
-from robot_io.robot_file import parse_robot_file
+from palpate.control.laws.computed_torque import ComputedTorque, Pid
+from palpate.control.laws.gains import Gains, TrackingGains, gains_of
+from palpate.control.paths.trajectory import JointMotion, JointMove
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import parse_robot_file
 from tests.control.probing_runs import TICK_S, plant_above
 from tests.control.reference_plant import test_arm
 from tests.mock_robot import ROBOT_YAML
@@ -183,7 +183,7 @@ def test_a_bad_gain_names_file_line_and_key(text, message):
 def test_the_shipped_arms_have_valid_gains():
     from pathlib import Path
 
-    from robot_io.robot_file import load_robot_file
+    from palpate.robot_io.robot_file import load_robot_file
 
     arms = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
     for name in ("leader", "follower"):

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.arm.dh import DhRow, DhTable, check_dh_table, load_dh_table
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
-from robot_io.files.file_model import parse_yaml
-from robot_io.robot_file import load_robot_file
+from palpate.control.arm.dh import DhRow, DhTable, check_dh_table, load_dh_table
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import parse_yaml
+from palpate.robot_io.robot_file import load_robot_file
 from tests.control.dh_urdf import LinkInertia, dh_to_urdf
 from tests.control.reference_plant import TABLE
 

@@ -5,11 +5,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import Gains, WitnessGains
-from control.probing.plan import ProbingPlan
-from robot_io.errors import SafetyTripError
-from robot_io.types import Reading, Status
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import Gains, WitnessGains
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import SafetyTripError
+from palpate.robot_io.types import Reading, Status
 from tests.control.probing_runs import TICK_S, plant_above, probing_task, run_probing
 from tests.control.simulated_arms import SimulatedArm, kelvin_voigt
 

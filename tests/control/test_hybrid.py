@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.laws.gains import Gains, TouchGains
-from control.laws.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
-from control.paths.press_line import PressLine
-from control.paths.trajectory import LineState, SpeedBlend
-from robot_io.errors import InputError
-from robot_io.types import Status
+from palpate.control.arm.inverse_kinematics import Elbow, PlanarArm
+from palpate.control.laws.gains import Gains, TouchGains
+from palpate.control.laws.hybrid import ContactSwitch, ForceGoal, HybridController, HybridReference
+from palpate.control.paths.press_line import PressLine
+from palpate.control.paths.trajectory import LineState, SpeedBlend
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import Status
 from tests.control.probing_runs import TICK_S, plant_above
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
 

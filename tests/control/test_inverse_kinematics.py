@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.arm.dh import DhRow, DhTable
-from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
+from palpate.control.arm.dh import DhRow, DhTable
+from palpate.control.arm.inverse_kinematics import Elbow, PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
 from tests.control.dh_urdf import dh_to_urdf
 from tests.control.reference_plant import DOWN, TABLE, TOOL_AXIS_TIP, test_arm
 

@@ -6,19 +6,19 @@ from itertools import count
 import numpy as np
 import pytest
 
-import control.loop.loop
-from control.arm.rigid_body import TipMotion
-from control.loop.loop import run_loop
-from control.loop.result import LoopResult, Outcome
-from control.loop.task import Phase, TaskOutput, checked_output, make_output
-from control.loop.tick_record import STREAM_NAME, tick_stream
-from control.loop.timing import SECTIONS
-from control.paths.trajectory import JointMotion
-from robot_io.clock import SimulatedClock
-from robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
-from robot_io.robot import RobotState
-from robot_io.session import Session, SessionMetadata, SessionWriter
-from robot_io.types import Command
+import palpate.control.loop.loop
+from palpate.control.arm.rigid_body import TipMotion
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.loop.task import Phase, TaskOutput, checked_output, make_output
+from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
+from palpate.control.loop.timing import SECTIONS
+from palpate.control.paths.trajectory import JointMotion
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import DeviceTimeoutError, InputError, SafetyTripError
+from palpate.robot_io.robot import RobotState
+from palpate.robot_io.session import Session, SessionMetadata, SessionWriter
+from palpate.robot_io.types import Command
 from tests.control.loop_parts import JOINTS, RATE_HZ, MemoryLog, MockArm, SwingTask
 
 
@@ -145,7 +145,7 @@ def test_the_observer_sees_each_tick_and_its_estimates_are_logged_with_it():
 
 def test_the_sections_of_a_tick_make_up_the_tick(monkeypatch):
     looks = count(step=1e-5)  # a stopwatch on which 10 us pass between two looks, whatever the machine does
-    monkeypatch.setattr(control.loop.loop, "perf_counter", lambda: next(looks))
+    monkeypatch.setattr(palpate.control.loop.loop, "perf_counter", lambda: next(looks))
     result, log = run(MockArm(), SwingTask(done_at=200, torque_nm=0.0), observer=lambda *_: (1.0, 2.0, 3.0))
     assert list(result.timing) == list(SECTIONS)
     assert all(section.count == 200 for section in result.timing.values())

@@ -9,14 +9,14 @@ from itertools import count
 import numpy as np
 import pytest
 
-from control.loop import tick_record
-from control.loop.loop import run_loop
-from control.loop.result import Outcome
-from control.loop.stop_handler import InterruptFlag
-from control.loop.task import Phase
-from robot_io.clock import MonotonicClock
-from robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
-from robot_io.types import Command
+from palpate.control.loop import tick_record
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.stop_handler import InterruptFlag
+from palpate.control.loop.task import Phase
+from palpate.robot_io.clock import MonotonicClock
+from palpate.robot_io.errors import DeviceError, InputError, PalpateError, SafetyTripError
+from palpate.robot_io.types import Command
 from tests.control.loop_parts import AGE_LIMIT_S, RATE_HZ, STOP_TIME_S, MemoryLog, MockArm, SwingTask
 
 PERIOD_S = 1.0 / RATE_HZ

@@ -5,14 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.arm.inverse_kinematics import Elbow
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import ContactGains, Gains
-from control.loop.task import Phase
-from control.paths.excitation import Excitation
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from robot_io.errors import InputError, SafetyTripError
+from palpate.control.arm.inverse_kinematics import Elbow
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import ContactGains, Gains
+from palpate.control.loop.task import Phase
+from palpate.control.paths.excitation import Excitation
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.errors import InputError, SafetyTripError
 from tests.control.dh_urdf import JointRange, dh_to_urdf
 from tests.control.probing_runs import plant_above, probing_task, push, run_probing
 from tests.control.reference_plant import TABLE, TOOL_AXIS_TIP

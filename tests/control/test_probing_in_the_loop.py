@@ -5,12 +5,12 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.loop import run_loop
-from control.loop.task import Phase
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.task import Phase
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
 from tests import mock_robot
 from tests.control.loop_parts import RATE_HZ, MemoryLog, MockArm
 from tests.control.simulated_arms import SimulatedArm, kelvin_voigt

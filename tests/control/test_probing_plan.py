@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from control.laws.gains import Gains, TouchGains
-from control.loop.result import Outcome
-from control.loop.task import Phase
-from control.paths.excitation import Excitation
-from control.probing.plan import ProbingPlan, load_probing_plan
-from control.probing.task import ProbingTask
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
+from palpate.control.laws.gains import Gains, TouchGains
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import Phase
+from palpate.control.paths.excitation import Excitation
+from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
 from tests.control.probing_runs import plant_above, probing_task, push, run_probing, started
 from tests.control.simulated_arms import ARMS, SimulatedArm, kelvin_voigt
 
@@ -193,9 +193,10 @@ def test_how_much_may_be_there_is_the_robot_file_s_to_say():
 
 
 def test_controller_and_estimation_share_one_rule_of_touch(monkeypatch):
-    monkeypatch.setattr("control.laws.touch._NOISE_FACTOR", 12.0)
+    monkeypatch.setattr("palpate.control.laws.touch._NOISE_FACTOR", 12.0)
     monkeypatch.setattr(
-        "control.laws.hybrid.release_force_n", lambda touch_n, _gains: released_below.append(touch_n) or 0.1
+        "palpate.control.laws.hybrid.release_force_n",
+        lambda touch_n, _gains: released_below.append(touch_n) or 0.1,
     )
     released_below: list[float] = []
     record, _ = probe(force_noise_n=0.1)

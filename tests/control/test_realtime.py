@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from control.loop import realtime as module
-from control.loop.realtime import RealtimeReport, realtime
+from palpate.control.loop import realtime as module
+from palpate.control.loop.realtime import RealtimeReport, realtime
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the switches are Linux's")
 

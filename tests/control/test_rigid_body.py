@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
-from sim_backend.scenario import load_scenario
-from sim_backend.world import ArmDescription, World
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.sim_backend.scenario import load_scenario
+from palpate.sim_backend.world import ArmDescription, World
 from tests.control.reference_plant import URDF, test_arm
 
 ARMS = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from control.loop.task import Phase
-from control.probing.plan import ProbingPlan
+from palpate.control.loop.task import Phase
+from palpate.control.probing.plan import ProbingPlan
 from tests.control.simulated_arms import NAMES, SimulatedArm, kelvin_voigt
 
 PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.4)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from control.loop.timing import SECTIONS, Histogram, LoopTiming, TickDurations, TickGrid
+from palpate.control.loop.timing import SECTIONS, Histogram, LoopTiming, TickDurations, TickGrid
 
 BIN_ERROR = 0.012  # half a bin
 

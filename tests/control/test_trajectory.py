@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from control.arm.inverse_kinematics import Elbow, PlanarArm
-from control.paths.excitation import Excitation, Profile, position_amplitude_m
-from control.paths.press_line import PressLine
-from control.paths.trajectory import (
+from palpate.control.arm.inverse_kinematics import Elbow, PlanarArm
+from palpate.control.paths.excitation import Excitation, Profile, position_amplitude_m
+from palpate.control.paths.press_line import PressLine
+from palpate.control.paths.trajectory import (
     JointMove,
     LineReturn,
     LineState,
@@ -17,7 +17,7 @@ from control.paths.trajectory import (
     blend_distance_m,
     turning_distance_m,
 )
-from robot_io.errors import InputError
+from palpate.robot_io.errors import InputError
 from tests.control.reference_plant import DOWN, TOOL_AXIS_TIP, test_arm
 
 STEP_S = 1e-4

@@ -5,18 +5,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.arm.inverse_kinematics import PlanarArm
-from control.arm.rigid_body import RigidBody
-from control.loop.result import Outcome
-from control.loop.task import Phase
-from control.paths.trajectory import JointPath, LineState
-from control.probing.plan import ProbingPlan
-from control.probing.routes import Place, Routes
-from control.probing.sites import probing_sites
-from control.probing.task import ProbingTask
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Measurement
+from palpate.control.arm.inverse_kinematics import PlanarArm
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import Phase
+from palpate.control.paths.trajectory import JointPath, LineState
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.routes import Place, Routes
+from palpate.control.probing.sites import probing_sites
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Measurement
 from tests.control.probing_runs import plant_above, probing_task, push, run_probing, started
 from tests.control.simulated_arms import ARMS, NAMES, SimulatedArm, kelvin_voigt
 

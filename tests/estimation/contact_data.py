@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.estimate_channel import estimate_channel
-from estimation.estimators import ESTIMATORS
-from estimation.models import MODELS
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.estimate_channel import estimate_channel
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.models import MODELS
 
 
 def swing(count=2000, deepest_m=0.012):

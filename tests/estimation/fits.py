@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from estimation.base_model import ModelContext
-from estimation.diagnosis.candidates import effect_library
-from estimation.diagnosis.extension import fit_extended
-from estimation.fit.measurement_noise import measurement_noise
-from estimation.models import MODELS
-from estimation.study import comparison
-from estimation.study.fitting import fit_base
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.extension import fit_extended
+from palpate.estimation.fit.measurement_noise import measurement_noise
+from palpate.estimation.models import MODELS
+from palpate.estimation.study import comparison
+from palpate.estimation.study.fitting import fit_base
 from tests.estimation.presses import kelvin_voigt
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from control.loop.task import Phase
-from control.loop.tick_record import tick_stream
-from robot_io.session import Samples
+from palpate.control.loop.task import Phase
+from palpate.control.loop.tick_record import tick_stream
+from palpate.robot_io.session import Samples
 
 MASS_KG = 1.5
 STEP_S = 1e-4

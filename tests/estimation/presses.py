@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 
 K, C, NOISE_N = 800.0, 15.0, 0.05
 RATE_HZ = 500.0

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
 
 ROUNDS = 4  # of the gains, where a sensor is not linear
 KEPT = 2  # starts that are followed to their end

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from estimation.diagnosis.search import prepare_search
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from palpate.estimation.diagnosis.search import prepare_search
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
 
 SWING = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))
 PRESS = Model("kelvin_voigt", (EFFECTS["stiffness"](), EFFECTS["damping"]()))

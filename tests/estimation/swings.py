@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import differentiate
-from estimation.fit.measurement_model import channel_derivative
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.fit.measurement_model import channel_derivative
 
 NOISE_NM, INERTIA, WEIGHT, DAMPING = 0.02, 0.05, 2.0, 0.15
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.presses import Noise, Press
-from estimation.contact_estimator import ContactLaw
-from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.estimators.batch import Lsq
+from palpate.estimation.contact_estimator import ContactLaw
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.estimators.batch import Lsq
 from tests.estimation.contact_data import channel, estimated
 
 KELVIN_VOIGT = Press(ContactLaw(500.0, 20.0), count=1500)

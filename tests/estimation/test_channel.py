@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
-from estimation.signals.blocks import block_index
-from estimation.signals.cache_by_array import cache_by_array
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.signals.blocks import block_index
+from palpate.estimation.signals.cache_by_array import cache_by_array
+from palpate.robot_io.errors import InputError
 from tests.estimation.swings import swings
 
 

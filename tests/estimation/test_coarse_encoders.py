@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimation.data.tick_channels import contact_channels
-from estimation.estimate import Identifiability
-from estimation.estimate_channel import estimate_channel
-from estimation.estimators import ESTIMATORS
+from palpate.estimation.data.tick_channels import contact_channels
+from palpate.estimation.estimate import Identifiability
+from palpate.estimation.estimate_channel import estimate_channel
+from palpate.estimation.estimators import ESTIMATORS
 from tests.estimation.contact_data import base_model
 from tests.estimation.little_probe import kelvin_voigt, probe, ticks
 

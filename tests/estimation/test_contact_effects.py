@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
-from estimation.model import Model
-from estimation.models import MODELS
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
+from palpate.robot_io.errors import InputError
 from tests.estimation.contact_data import base_model, channel
 from tests.estimation.presses import session
 from tests.estimation.searches import PRESS

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw
-from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.models import MODELS
-from estimation.online import OnlineContactEstimator
-from robot_io.errors import InputError
+from palpate.estimation.contact_estimator import ContactEstimator, ContactLaw, OnlineContactLaw
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.models import MODELS
+from palpate.estimation.online import OnlineContactEstimator
+from palpate.robot_io.errors import InputError
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe
 
 EVERY = pytest.mark.parametrize("name", list(CONTACT_ESTIMATORS))

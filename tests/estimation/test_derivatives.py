@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from estimation.data.derivatives import (
+from palpate.estimation.data.derivatives import (
     _pilot,
     _Trial,
     centre_slope,
@@ -15,7 +15,7 @@ from estimation.data.derivatives import (
     local_fits,
     uneven_derivative_operator,
 )
-from estimation.signals.blocks import number_pieces
+from palpate.estimation.signals.blocks import number_pieces
 
 ONE_PIECE = lambda t: np.zeros(len(t), dtype=np.int64)  # noqa: E731
 

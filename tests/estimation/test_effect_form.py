@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effect import SIGNALS, AdditiveEffect, Effect, MemoryEffect, MotionEffect, SensorEffect
-from estimation.effects import EFFECTS
-from estimation.kinds import Kind
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effect import (
+    SIGNALS,
+    AdditiveEffect,
+    Effect,
+    MemoryEffect,
+    MotionEffect,
+    SensorEffect,
+)
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.kinds import Kind
 
 EVERY = pytest.mark.parametrize("name", list(EFFECTS))
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.special import beta, betainc
 
-from estimation.channel import ChannelKind
-from estimation.effects import EFFECTS
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effects import EFFECTS
 from tests.estimation.recover import channel, recover
 
 CONTACT, REVOLUTE = ChannelKind.CONTACT, ChannelKind.REVOLUTE

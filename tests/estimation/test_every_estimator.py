@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimation.estimate import Identifiability
-from estimation.estimator import Estimator, OnlineEstimator
-from estimation.estimators import ESTIMATORS
-from estimation.regression import Regression
-from robot_io.errors import InputError
+from palpate.estimation.estimate import Identifiability
+from palpate.estimation.estimator import Estimator, OnlineEstimator
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.regression import Regression
+from palpate.robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, std_errs, values
 
 EVERY = pytest.mark.parametrize("name", list(ESTIMATORS))

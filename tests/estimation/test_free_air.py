@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.budget.laws import flexible_laws
-from estimation.effects import EFFECTS
-from estimation.fit.fit_result import fit_model
-from estimation.kinds import Kind
-from estimation.signals.free_air import is_one_way, zero_in_free_air
+from palpate.estimation.budget.laws import flexible_laws
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.kinds import Kind
+from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
 from tests.estimation.fits import MODEL
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, session
 from tests.estimation.swings import swings

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.models import MODELS
-from estimation.study.model_suggestions import on_clocks_of_their_own, relaxes_afresh
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.models import MODELS
+from palpate.estimation.study.model_suggestions import on_clocks_of_their_own, relaxes_afresh
 from tests.estimation.presses import RATE_HZ, kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())

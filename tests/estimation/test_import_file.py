@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.loop.task import Phase
-from estimation.channel import ChannelKind
-from estimation.data import file_columns
-from estimation.data.channels import import_streams
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions, parse_pairs
-from estimation.study.source import open_source
-from robot_io.errors import InputError
-from robot_io.files import whole_file
-from robot_io.session import SessionMetadata, write_session
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data import file_columns
+from palpate.estimation.data.channels import import_streams
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions, parse_pairs
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files import whole_file
+from palpate.robot_io.session import SessionMetadata, write_session
 
 T = np.arange(50) * 0.01
 X = 0.002 + 0.001 * np.sin(9 * T)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import read_table
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import read_table
+from palpate.robot_io.errors import InputError
 from palpate.workbench.sources import guess, options_of
-from robot_io.errors import InputError
 
 T = np.arange(200) * 0.01
 SIGNALS = np.sin(np.outer(T, [5.0, 3.0, 2.0, 7.0, 4.0]))

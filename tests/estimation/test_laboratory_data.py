@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.loop.task import Phase
-from estimation.data import file_columns
-from estimation.data.import_file import import_file
-from estimation.data.import_files import data_files, import_files
-from estimation.data.import_options import ImportOptions
-from estimation.data.presses import cut_presses
-from estimation.data.table import read_table
-from estimation.data.text_table import as_utf8
-from estimation.study.source import open_source
-from robot_io.errors import InputError
+from palpate.control.loop.task import Phase
+from palpate.estimation.data import file_columns
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_files import data_files, import_files
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.presses import cut_presses
+from palpate.estimation.data.table import read_table
+from palpate.estimation.data.text_table import as_utf8
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
 from tests.estimation.laboratories import excel, one_file_a_run, presses, side_by_side, zwick
 
 TIME, WAY, LOAD = "Time [s]", "Travel [mm]", "Load [N]"

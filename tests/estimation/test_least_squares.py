@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, nnls
 from scipy.signal import lfilter
 
-from estimation.estimate import Determined, Identifiability
-from estimation.statistics.least_squares import solve, solve_within_bounds
-from estimation.statistics.noise import sum_covariance
-from estimation.statistics.uncertainty import assess_parameters, sandwich
+from palpate.estimation.estimate import Determined, Identifiability
+from palpate.estimation.statistics.least_squares import solve, solve_within_bounds
+from palpate.estimation.statistics.noise import sum_covariance
+from palpate.estimation.statistics.uncertainty import assess_parameters, sandwich
 from tests.estimation.problems import motion
 
 

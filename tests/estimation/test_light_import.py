@@ -6,14 +6,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = (
-    *("estimation.channel", "estimation.effects", "estimation.models", "estimation.estimators"),
-    *("estimation.fit.fit_result", "estimation.diagnosis", "estimation.study"),
+    *(
+        "palpate.estimation.channel",
+        "palpate.estimation.effects",
+        "palpate.estimation.models",
+        "palpate.estimation.estimators",
+    ),
+    *("palpate.estimation.fit.fit_result", "palpate.estimation.diagnosis", "palpate.estimation.study"),
 )
 MOST = 4.0  # times what its libraries take to be imported alone
 
 # Own packages, what may be installed, and what these bring with them.
 ALLOWED = (
-    *("estimation", "control", "robot_io", "numpy", "scipy", "pyarrow", "pydantic"),
+    *("palpate", "numpy", "scipy", "pyarrow", "pydantic"),
     *("pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"),
 )
 BLOCK = f"""
@@ -39,7 +44,7 @@ print((time.process_time() - start) / libraries)
 """
 FIT = """
 import numpy as np
-from estimation.study import ModelStudy
+from palpate.estimation.study import ModelStudy
 
 rng, t = np.random.default_rng(1), np.arange(0.0, 1.0, 0.005)
 x, v, run = (np.concatenate(parts) for parts in zip(*[

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
-from estimation.estimators import ESTIMATORS
-from estimation.fit.samples import fit_samples
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.fit.samples import fit_samples
 from tests.estimation.contact_data import base_model, estimated
 
 DATA = Path(os.environ.get("PALPATE_DATA") or Path(__file__).resolve().parents[2].parent / "shared" / "data")

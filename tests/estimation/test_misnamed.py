@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from estimation.effects import EFFECTS
+from palpate.estimation.effects import EFFECTS
 from tests.estimation.presses import session
 from tests.estimation.test_effect_form import some_channel
 

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from control.laws.gains import TouchGains
-from control.loop.task import Phase, TaskOutput
-from estimation.estimators import ESTIMATORS
-from estimation.estimators.ransac import PreemptiveRansac
-from estimation.estimators.recursive import CusumRls, Rls, Sprls
-from estimation.online import OnlineContactEstimator
-from robot_io.types import Command, Measurement, Status
+from palpate.control.laws.gains import TouchGains
+from palpate.control.loop.task import Phase, TaskOutput
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.estimators.ransac import PreemptiveRansac
+from palpate.estimation.estimators.recursive import CusumRls, Rls, Sprls
+from palpate.estimation.online import OnlineContactEstimator
+from palpate.robot_io.types import Command, Measurement, Status
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe
 
 SURFACE_M = 0.4321

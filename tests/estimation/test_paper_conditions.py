@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimation.data.tick_channels import contact_channels
-from estimation.estimators import ESTIMATORS
-from robot_io.errors import InputError
+from palpate.estimation.data.tick_channels import contact_channels
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.robot_io.errors import InputError
 from tests.estimation.contact_data import channel, estimated
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
 

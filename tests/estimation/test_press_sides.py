@@ -5,20 +5,20 @@ import re
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelKind
-from estimation.data.channels import import_streams
-from estimation.data.import_file import import_table
-from estimation.data.import_options import ImportOptions
-from estimation.data.presses import press_sides
-from estimation.data.table import table_of
-from estimation.data_quality import quality_warnings, reject_reason
-from estimation.estimate_channel import estimate_channel
-from estimation.estimators import ESTIMATORS
-from estimation.models import MODELS
-from estimation.study.source import open_source
-from robot_io.errors import InputError
-from robot_io.session import SessionMetadata, write_session
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.channels import import_streams
+from palpate.estimation.data.import_file import import_table
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.presses import press_sides
+from palpate.estimation.data.table import table_of
+from palpate.estimation.data_quality import quality_warnings, reject_reason
+from palpate.estimation.estimate_channel import estimate_channel
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.models import MODELS
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import SessionMetadata, write_session
 from tests.estimation.presses import kelvin_voigt, motion
 
 pa = pytest.importorskip("pyarrow")

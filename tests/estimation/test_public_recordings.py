@@ -13,8 +13,8 @@ import pytest
 from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, split_of
 from benchmarks.measured.ladder import TERMS, Ladder, load
 from benchmarks.measured.score import score, summary
-from estimation.effects import EFFECTS
-from estimation.models import MODELS
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.models import MODELS
 
 KINDS = {
     "elastic_shape",

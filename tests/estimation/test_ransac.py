@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression, RANSACRegressor
 
-from estimation.estimators.ransac import Ransac
-from estimation.regression import Regression
-from estimation.statistics.subsets import solve_subsets
-from estimation.statistics.uncertainty import cramer_rao
-from robot_io.errors import InputError
+from palpate.estimation.estimators.ransac import Ransac
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.subsets import solve_subsets
+from palpate.estimation.statistics.uncertainty import cramer_rao
+from palpate.robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, motion, problem, std_errs, values
 
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from estimation.estimators import ESTIMATORS
-from estimation.estimators.recursive import Ewrls, Rls, Sprls
-from robot_io.errors import InputError
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.estimators.recursive import Ewrls, Rls, Sprls
+from palpate.robot_io.errors import InputError
 from tests.estimation.problems import TRUTH, motion, problem, values
 
 ONLINE = pytest.mark.parametrize("estimator", [Rls(), Ewrls(), Sprls()], ids=lambda e: e.name)

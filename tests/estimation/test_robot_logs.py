@@ -12,12 +12,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 
-from estimation.data.file_columns import is_session
-from estimation.data.import_file import import_file, import_table
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import table_of
-from estimation.study.source import open_source
-from robot_io.errors import InputError
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_file import import_file, import_table
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import table_of
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
 
 DEFINITION = """std_msgs/Header header
 string[] name

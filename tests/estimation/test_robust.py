@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from estimation.estimators import ESTIMATORS
-from estimation.estimators.batch import Lsq, Robust, Weighted
-from estimation.regression import Regression
-from estimation.statistics.noise import fit_noise_level
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.estimators.batch import Lsq, Robust, Weighted
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.noise import fit_noise_level
 from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, values
 
 

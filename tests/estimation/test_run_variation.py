@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
 from tests.estimation.recover import channel, recover
 from tests.estimation.test_effects_recover import REVOLUTE, runs
 

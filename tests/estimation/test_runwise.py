@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import savgol_filter
 
-from estimation.signals.blocks import blocks, runs_by_time
-from estimation.signals.exponential_memory import low_pass, relax, springpot
-from estimation.signals.runwise import (
+from palpate.estimation.signals.blocks import blocks, runs_by_time
+from palpate.estimation.signals.exponential_memory import low_pass, relax, springpot
+from palpate.estimation.signals.runwise import (
     bouc_wen,
     derivative,
     direction,

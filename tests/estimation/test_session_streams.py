@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from estimation.data.channels import import_extra, import_streams, run_labels, session_channels
-from estimation.data.file_columns import is_session
-from estimation.data.import_file import import_file
-from estimation.data.import_options import ImportOptions
-from estimation.study.source import open_source
-from robot_io.errors import InputError
-from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
+from palpate.estimation.data.channels import import_extra, import_streams, run_labels, session_channels
+from palpate.estimation.data.file_columns import is_session
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from tests.estimation.little_probe import kelvin_voigt, probe, ticks
 from tests.estimation.test_import_file import write_csv
 

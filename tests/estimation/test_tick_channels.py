@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from control.loop.task import Phase
-from estimation.channel import ChannelKind
-from estimation.data.contact import contact_rows, find_contacts
-from estimation.data.tick_channels import contact_channels, joined, joint_channels
-from estimation.estimate_channel import fitting_rows
-from estimation.study.estimates import estimate_with
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.contact import contact_rows, find_contacts
+from palpate.estimation.data.tick_channels import contact_channels, joined, joint_channels
+from palpate.estimation.estimate_channel import fitting_rows
+from palpate.estimation.study.estimates import estimate_with
 from palpate.render.estimates import remarks
-from robot_io.types import Status
+from palpate.robot_io.types import Status
 from tests.estimation.little_probe import NOISE_N, Probe, hunt_crossley, kelvin_voigt, probe, ticks
 
 SURFACE_M = 0.4321

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import sim_backend
-from control.arm.rigid_body import RigidBody
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.import_file import import_table
-from estimation.data.table import table_of
-from estimation.diagnosis import Verdict, diagnose
-from estimation.effects import EFFECTS
-from estimation.effects.gravity_load import KnownRigidBody
-from estimation.estimators import ESTIMATORS
-from estimation.model import Model
-from estimation.signals.arm_signals import with_rigid_body
-from estimation.study.estimates import estimate_with
+from palpate import sim_backend
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.import_file import import_table
+from palpate.estimation.data.table import table_of
+from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.effects.gravity_load import KnownRigidBody
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.model import Model
+from palpate.estimation.signals.arm_signals import with_rigid_body
+from palpate.estimation.study.estimates import estimate_with
 
 URDF = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"
 HOME_RAD = np.array([0.87, -1.47, -0.98])

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from estimation.data.column_names import split_unit
-from estimation.data.import_file import import_table
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import table_of
-from estimation.data.units import SI, dimension_of, normalise
-from robot_io.errors import InputError
+from palpate.estimation.data.column_names import split_unit
+from palpate.estimation.data.import_file import import_table
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import table_of
+from palpate.estimation.data.units import SI, dimension_of, normalise
+from palpate.robot_io.errors import InputError
 
 pa = pytest.importorskip("pyarrow")
 T = np.arange(400) * 0.01

@@ -7,9 +7,9 @@ import openpyxl
 import pyarrow as pa
 import pytest
 
-from estimation.data.import_file import import_file, import_table
-from estimation.data.table import read_table, table_of
-from robot_io.errors import InputError
+from palpate.estimation.data.import_file import import_file, import_table
+from palpate.estimation.data.table import read_table, table_of
+from palpate.robot_io.errors import InputError
 
 NAMES = ("Time [s]", "Travel [mm]", "Load [N]")
 T = 1.0 + 0.25 * np.arange(12)

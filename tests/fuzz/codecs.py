@@ -11,25 +11,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_io.drivers import moteus
-from robot_io.drivers import odrive_protocol as odrive
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.dynamixel import protocol as dynamixel
-from robot_io.drivers.feetech import protocol as feetech
-from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import RobstrideFrames
-from robot_io.drivers.mit.settings import DIALECTS, Maker
-from robot_io.drivers.net_ft import NetFtStream
-from robot_io.drivers.serial_force.bota import FRAME_SIZE, BotaStream
-from robot_io.drivers.serial_force.gauges import Mark10Stream, loadstar_stream, pattern_stream
-from robot_io.drivers.serial_force.lorenz import LorenzStream, Telegram, TelegramReader
-from robot_io.drivers.serial_force.microcontroller_cell import CellStream
-from robot_io.drivers.serial_force.stream import Poll
-from robot_io.errors import ProtocolError
-from sim_backend.emulators import dynamixel as dynamixel_wire
-from sim_backend.emulators import feetech as feetech_wire
-from sim_backend.emulators import net_ft, serial_sensors
-from sim_backend.emulators.servo_wire import BROADCAST
+from palpate.robot_io.drivers import moteus
+from palpate.robot_io.drivers import odrive_protocol as odrive
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.drivers.dynamixel import protocol as dynamixel
+from palpate.robot_io.drivers.feetech import protocol as feetech
+from palpate.robot_io.drivers.mit import protocol as mit
+from palpate.robot_io.drivers.mit.protocol import RobstrideFrames
+from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
+from palpate.robot_io.drivers.net_ft import NetFtStream
+from palpate.robot_io.drivers.serial_force.bota import FRAME_SIZE, BotaStream
+from palpate.robot_io.drivers.serial_force.gauges import Mark10Stream, loadstar_stream, pattern_stream
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzStream, Telegram, TelegramReader
+from palpate.robot_io.drivers.serial_force.microcontroller_cell import CellStream
+from palpate.robot_io.drivers.serial_force.stream import Poll
+from palpate.robot_io.errors import ProtocolError
+from palpate.sim_backend.emulators import dynamixel as dynamixel_wire
+from palpate.sim_backend.emulators import feetech as feetech_wire
+from palpate.sim_backend.emulators import net_ft, serial_sensors
+from palpate.sim_backend.emulators.servo_wire import BROADCAST
 
 Rng = np.random.Generator
 MOST_RANDOM = 64  # bytes of a random input

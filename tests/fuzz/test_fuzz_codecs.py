@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_io.drivers import moteus
-from robot_io.drivers import odrive_protocol as odrive
-from robot_io.drivers.dynamixel import protocol as dynamixel
-from robot_io.drivers.feetech import protocol as feetech
-from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.serial_force import gauges, lorenz, microcontroller_cell, stream
-from robot_io.errors import ProtocolError
+from palpate.robot_io.drivers import moteus
+from palpate.robot_io.drivers import odrive_protocol as odrive
+from palpate.robot_io.drivers.dynamixel import protocol as dynamixel
+from palpate.robot_io.drivers.feetech import protocol as feetech
+from palpate.robot_io.drivers.mit import protocol as mit
+from palpate.robot_io.drivers.serial_force import gauges, lorenz, microcontroller_cell, stream
+from palpate.robot_io.errors import ProtocolError
 from tests.fuzz.codecs import CODECS, Codec, run
 
 INPUTS = int(os.environ.get("PALPATE_FUZZ_INPUTS", "4000"))

@@ -32,7 +32,7 @@ def write_own_effect(folder):
     """An effect of somebody's own, "mine", as it is given to commands and studies."""
     file = folder / "mine.py"
     file.write_text(
-        "from estimation.effects.elastic_shape import CubicStiffness\n"
+        "from palpate.estimation.effects.elastic_shape import CubicStiffness\n"
         "class Mine(CubicStiffness):\n    name = 'mine'\n"
     )
     return f"{file}:Mine"

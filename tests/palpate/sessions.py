@@ -1,7 +1,7 @@
 """Session files for tests."""
 
-from control.loop.tick_record import tick_stream
-from robot_io.session import Event, SessionMetadata, write_session
+from palpate.control.loop.tick_record import tick_stream
+from palpate.robot_io.session import Event, SessionMetadata, write_session
 from tests.palpate import synthetic
 
 EVENTS = (

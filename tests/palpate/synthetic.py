@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from control.loop.task import Phase
+from palpate.control.loop.task import Phase
 
 LINKS_M = (0.30, 0.28, 0.14)
 SHOULDER_M = 0.30

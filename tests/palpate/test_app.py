@@ -11,7 +11,7 @@ from palpate import main
 from palpate.commands import load_command
 from palpate.common import preflight
 from palpate.common.failures import OneLineGroup
-from robot_io.errors import DeviceError, InputError
+from palpate.robot_io.errors import DeviceError, InputError
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 COMMANDS = (

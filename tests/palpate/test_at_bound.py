@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from estimation.effect import Parameter
-from estimation.study import ModelStudy
+from palpate.estimation.effect import Parameter
+from palpate.estimation.study import ModelStudy
 from palpate.render.build import result_view
 from palpate.render.terminal import print_stages
 from tests.palpate.cli import run

@@ -8,8 +8,8 @@ import pytest
 from rerun.chunk import RrdReader
 from rich.console import Console
 
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.kinds import Kind
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.kinds import Kind
 from palpate.render import palette, terminal
 from palpate.render.diagnosis import budget_picture, budget_view, diagnosed
 from palpate.render.recording.file import TIME, recording_file, shown_on

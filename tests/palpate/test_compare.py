@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from estimation.study.saved_diagnosis import with_checksum
+from palpate.estimation.study.saved_diagnosis import with_checksum
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import NOISE_N, write_presses, write_table
 

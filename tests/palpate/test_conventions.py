@@ -7,10 +7,10 @@ import tomllib
 import pytest
 from typer.testing import CliRunner
 
-from estimation.diagnosis import Verdict
-from estimation.effects import EFFECTS
 from palpate.commands import app
 from palpate.commands.diagnose import exit_code_of
+from palpate.estimation.diagnosis import Verdict
+from palpate.estimation.effects import EFFECTS
 from tests.palpate.cli import ROOT, run, run_process
 
 PACKAGES = ("robot_io", "control", "estimation", "calibration", "sim_backend", "palpate")

@@ -13,9 +13,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from palpate.robot_io import Session, Stream, write_session
 from palpate.runs.robots import DEFAULT, find_robot
-from robot_io import Session, Stream, write_session
-from sim_backend.scenario import Scenario
+from palpate.sim_backend.scenario import Scenario
 from tests.palpate.cli import run
 
 many = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

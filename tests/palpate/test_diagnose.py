@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
-from estimation.data_quality import reject_reason
-from estimation.design.next_experiment import sufficient
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data_quality import reject_reason
+from palpate.estimation.design.next_experiment import sufficient
 from tests.estimation.presses import channel, kelvin_voigt, motion
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import CUBIC, NOISE_N, write_presses, write_table
@@ -160,8 +160,8 @@ def test_an_effect_of_ones_own_is_found_by_its_own_name(tmp_path):
 TIME = "(Parameter('t', 's', %s, %s, (0.1, 0.2)),)"
 OWN_EFFECT = """
 import numpy as np
-from estimation.channel import ChannelKind
-from estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Parameter
 
 class Waves(AdditiveEffect):
     name = "waves"

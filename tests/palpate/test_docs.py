@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from docs.make_commands import DOCUMENT, document
-from robot_io.files.file_model import load_yaml, parse_yaml
+from palpate.robot_io.files.file_model import load_yaml, parse_yaml
 from tests.palpate.cli import ROOT, as_json
 
 DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))

@@ -6,8 +6,8 @@ import pytest
 
 from palpate.doctor import machine
 from palpate.doctor.machine import examine_all
-from robot_io.examination import Level
-from sim_backend.engines import default_engine
+from palpate.robot_io.examination import Level
+from palpate.sim_backend.engines import default_engine
 from tests.palpate.cli import run
 
 

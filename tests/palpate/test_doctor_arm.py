@@ -9,18 +9,18 @@ from functools import partial
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
 from palpate.common.console import AT_REST, FIRST_PROBE
+from palpate.control.arm.rigid_body import RigidBody
 from palpate.doctor import arm as arm_check
 from palpate.doctor import signs
 from palpate.doctor.arm import ArmCheck, examine_arm, examine_devices, examine_ports
 from palpate.doctor.limits import examine_limits
 from palpate.doctor.signs import NUDGE_RAD, EmulatedHand, Hand, NudgeTask, gentle, is_still
-from robot_io.calibration import Calibrations
-from robot_io.errors import SafetyTripError
-from robot_io.examination import Level
-from robot_io.robot_file import load_robot_file, parse_robot_file
-from robot_io.types import Measurement, Status
+from palpate.robot_io.calibration import Calibrations
+from palpate.robot_io.errors import SafetyTripError
+from palpate.robot_io.examination import Level
+from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
+from palpate.robot_io.types import Measurement, Status
 from tests.mock_robot import MockForce, build_mock_robot, mock_robot_file
 from tests.palpate.cli import ROOT, assert_refused, done, run
 from tests.robot_io.calibration.parts import calibration_of
@@ -392,7 +392,7 @@ def test_an_arm_without_masses_is_found(tmp_path):
 
 OWN = """
 from typing import ClassVar
-from robot_io.interfaces import ForceSensor
+from palpate.robot_io.interfaces import ForceSensor
 
 class BadGauge(ForceSensor):
     name: ClassVar[str] = "bad_gauge"

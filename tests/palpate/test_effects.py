@@ -10,14 +10,14 @@ from rich.console import Console
 
 import palpate.study
 from docs.make_effects import DOCUMENT, renewed
-from estimation.channel import ChannelKind
-from estimation.effect import AdditiveEffect, Parameter
-from estimation.effects import EFFECTS
 from palpate.common import user_effects
 from palpate.common.user_effects import rehearse, watched
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.effects import EFFECTS
 from palpate.render.effects import Example, drawing, drawn, kind_of, library, print_effect, print_library
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from robot_io.errors import InputError
 from tests.estimation.presses import kelvin_voigt, session
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses
@@ -159,7 +159,7 @@ def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(user_effects, "LIMIT_S", 0.2)
     file = tmp_path / "waits.py"
     file.write_text(
-        "import time\nfrom estimation.effects.sensor_statics import Bias\n"
+        "import time\nfrom palpate.estimation.effects.sensor_statics import Bias\n"
         "class Waits(Bias):\n    name = 'waits'\n    def __init__(self):\n        time.sleep(9)\n"
     )
     with pytest.raises(InputError, match=r"Waits.*: cannot be made: has not come to an end in 0\.2 s"):
@@ -215,8 +215,8 @@ def test_what_a_rehearsal_does_not_come_to_is_one_clear_line_all_the_same(words)
 OWN = """\
 import numpy as np
 
-from estimation.channel import ChannelKind
-from estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.effect import AdditiveEffect, Parameter
 
 
 class Mine(AdditiveEffect):

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.session import SessionWriter
 from palpate.runs.session import ArmSession
-from robot_io.errors import SessionError
-from robot_io.session import SessionWriter
 from tests.palpate.cli import ROOT
 from tests.palpate.presses import write_presses
 from tests.robot_io.session_parts import METADATA, TICK
@@ -18,7 +18,7 @@ HALF_WRITTEN = """
 import sys, time
 from pathlib import Path
 from palpate import main
-from robot_io.files.whole_file import whole_file
+from palpate.robot_io.files.whole_file import whole_file
 def run():
     with whole_file(Path(sys.argv[1])) as unfinished:
         unfinished.write_text("half of it")
@@ -33,8 +33,8 @@ DIAGNOSING = """
 import os, sys, time
 import numpy as np
 from palpate import Study, main
-from estimation.diagnosis import diagnose
-module = sys.modules["estimation.diagnosis.diagnose"]
+from palpate.estimation.diagnosis import diagnose
+module = sys.modules["palpate.estimation.diagnosis.diagnose"]
 def judge(*_):
     os.write(1, b"begun\\n")
     time.sleep(60)

@@ -6,10 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from estimation.estimate import ParameterEstimate
-from estimation.estimators import ESTIMATORS
-from estimation.study.estimates import choose_estimators
 from palpate.common.console import significant
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.study.estimates import choose_estimators
 from palpate.render.estimates import with_interval
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses, write_table

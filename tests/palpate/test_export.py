@@ -8,15 +8,15 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from control.loop.task import Phase
-from estimation.effects import EFFECTS
-from estimation.surface import Surface
+from palpate.control.loop.task import Phase
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.surface import Surface
 from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel, export_scenario
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Event, Session, SessionMetadata, write_session, writer
+from palpate.sim_backend.imperfection import IMPERFECTIONS
+from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study
-from robot_io.errors import InputError
-from robot_io.session import Event, Session, SessionMetadata, write_session, writer
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.scenario import Scenario, load_scenario
 from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses

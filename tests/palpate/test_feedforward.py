@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
+from palpate.sim_backend.world import ArmDescription, World
 from palpate.study import Study
-from sim_backend.world import ArmDescription, World
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, swings
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_table

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from control.loop.tick_record import tick_stream
-from estimation.data.channels import session_channels
-from estimation.data.tick_channels import checked_ticks
+from palpate.control.loop.tick_record import tick_stream
+from palpate.estimation.data.channels import session_channels
+from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.render.recording.scene import tick_columns
-from robot_io.errors import InputError
-from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
-from robot_io.types import Status
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Column, Session, SessionMetadata, Stream, write_session
+from palpate.robot_io.types import Status
 from tests.palpate import synthetic
 from tests.palpate.cli import assert_refused, run
 from tests.palpate.sessions import synthetic_session

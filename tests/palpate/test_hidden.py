@@ -7,17 +7,17 @@ import shutil
 import numpy as np
 import pytest
 
-from control.probing.plan import ProbingPlan
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.session import Session, SessionMetadata
 from palpate.runs.hidden_effects import hide
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob, begun_session
+from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
+from palpate.sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
+from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study
-from robot_io.errors import SessionError
-from robot_io.session import Session, SessionMetadata
-from sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, seal, sealed_path, unseal
-from sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
-from sim_backend.scenario import Scenario, load_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from control.laws.force_laws import HOLD_LAWS
-from control.loop.task import Phase
-from control.paths.excitation import Excitation
-from control.probing.plan import ProbingPlan
+from palpate.control.laws.force_laws import HOLD_LAWS
+from palpate.control.loop.task import Phase
+from palpate.control.paths.excitation import Excitation
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.session import Session
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
-from robot_io.session import Session
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.scenario import load_scenario
 
 pytestmark = pytest.mark.usefixtures("log_in_process")
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from robot_io.session import Session
+from palpate.robot_io.session import Session
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, next_commands, run
 from tests.palpate.sessions import synthetic_session
 

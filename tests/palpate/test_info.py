@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from robot_io.session import Event, SessionMetadata, write_session
-from robot_io.session.event import unclosed
+from palpate.robot_io.session import Event, SessionMetadata, write_session
+from palpate.robot_io.session.event import unclosed
 from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.sessions import synthetic_session

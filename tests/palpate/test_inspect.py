@@ -16,9 +16,9 @@ from rerun.chunk import RrdReader
 from palpate.commands import demo
 from palpate.doctor.machine import has_vulkan_driver
 from palpate.render.recording import file as rerun_file
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.session import Session
 from palpate.workflows import demo as demo_runs
-from robot_io.errors import PalpateError
-from robot_io.session import Session
 from tests.palpate.cli import as_json, done, run, run_process
 from tests.palpate.sessions import synthetic_session
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from estimation.study.saved_diagnosis import RESULT
+from palpate.estimation.study.saved_diagnosis import RESULT
 from palpate.study import Study
 from tests.palpate.cli import assert_refused, done, run
 from tests.palpate.presses import write_own_effect, write_presses

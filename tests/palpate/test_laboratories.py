@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from palpate.robot_io.errors import InputError
 from palpate.study import Study, arm_from_urdf
-from robot_io.errors import InputError
 from tests.estimation.laboratories import LABORATORIES, joint_log, one_file_a_run, presses, zwick
 from tests.palpate.cli import ROOT, as_json, done, next_commands, run
 

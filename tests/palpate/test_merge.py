@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from palpate.robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from palpate.study import Study
-from robot_io.session import Column, Session, SessionMetadata, Stream, write_session
 from tests.palpate import synthetic
 from tests.palpate.cli import as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses

@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from estimation.data.import_options import ImportOptions
-from estimation.study.source import open_source
 from palpate.common.failures import in_python
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from robot_io.errors import InputError
 from tests.palpate import synthetic
 from tests.palpate.cli import ROOT, assert_refused, run
 from tests.palpate.presses import write_presses, write_table

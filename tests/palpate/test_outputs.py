@@ -21,8 +21,8 @@ from palpate.common.files import (
     whole_file,
     whole_set,
 )
-from robot_io.errors import InputError, SessionError
-from robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.session import Column, Event, Session, SessionMetadata, Stream, write_session
 from tests.palpate.cli import ROOT, assert_refused, done, run, run_process
 
 NASTY = (

@@ -4,9 +4,9 @@ import io
 
 import pytest
 
+from palpate.robot_io.errors import InputError
 from palpate.runs import options
 from palpate.runs.options import ask_for_pose, ask_for_power
-from robot_io.errors import InputError
 from tests.mock_robot import MockTorque, write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
 

@@ -12,15 +12,15 @@ import time
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from control.loop.task import Phase
-from control.probing.plan import ProbingPlan
-from estimation.data.channels import session_channels
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.loop.task import Phase
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.data.channels import session_channels
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.session import Session
 from palpate.runs.probing import PLAN, ProbingJob, Watcher, run_probing
 from palpate.runs.robots import find_robot
-from robot_io.robot_file import parse_robot_file
-from robot_io.session import Session
-from sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
+from palpate.sim_backend.scenario import MOST_SEED, Scenario, parse_scenario
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import ROOT, assert_refused, done, run
 

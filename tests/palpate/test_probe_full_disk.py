@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
+from palpate.robot_io.session import Session, SessionWriter
 from palpate.runs import session as run_session
-from robot_io.session import Session, SessionWriter
 from tests.palpate.cli import run
 
 ROOM_BYTES = 300_000  # to the writer process a file that may not grow is a disk that is full

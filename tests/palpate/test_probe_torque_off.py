@@ -4,15 +4,15 @@ import json
 
 import pytest
 
-from control.loop.result import LoopResult, Outcome
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
 from palpate.commands import probe as command
+from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.errors import DeviceError, SafetyTripError
+from palpate.robot_io.session import SessionWriter
 from palpate.runs.probing import ProbingJob, ProbingOutcome, run_probing
 from palpate.runs.robots import find_robot
-from robot_io.errors import DeviceError, SafetyTripError
-from robot_io.session import SessionWriter
-from sim_backend.drivers import SimTorque
+from palpate.sim_backend.drivers import SimTorque
 from tests.palpate.cli import run
 
 

@@ -6,8 +6,8 @@ from rerun.chunk import RrdReader
 
 from palpate.render.recording.scene import PICTURES_HZ, Block, Scene, load_urdf, moving_joints
 from palpate.render.recording.session import record_session
-from robot_io.errors import InputError
-from robot_io.session import Event
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Event
 from tests.palpate import synthetic
 
 TRUTH = {"stiffness.k": synthetic.STIFFNESS, "damping.c": synthetic.DAMPING}

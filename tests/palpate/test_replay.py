@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import Gains
-from control.loop.task import Phase
-from control.probing.replay import References, ReplayTask
-from estimation.study.paired_comparison import side_by_side
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import Gains
+from palpate.control.loop.task import Phase
+from palpate.control.probing.replay import References, ReplayTask
+from palpate.estimation.study.paired_comparison import side_by_side
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Session, write_session
 from palpate.runs import probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
-from robot_io.errors import InputError
-from robot_io.session import Session, write_session
 from tests.palpate.cli import assert_refused, done, next_commands, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.render import report
 from palpate.render.build import equation_of, result_view, write_outcome
 from palpate.render.report import bold, document, typeset, write_report
 from palpate.render.view import StudyView
+from palpate.robot_io.errors import InputError
 from palpate.study import Study
-from robot_io.errors import InputError
 from tests.palpate.presses import write_presses
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 import yaml
 
-from control.probing.plan import ProbingPlan, load_probing_plan
-from estimation.design.next_experiment import NextExperiment, NextProbe
-from estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.control.probing.plan import ProbingPlan, load_probing_plan
+from palpate.estimation.design.next_experiment import NextExperiment, NextProbe
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.planning import experiments
 from palpate.planning.experiments import ArmText, KnownObject, Rehearsal, candidates, rehearse, rehearse_all
 from palpate.planning.next_probe import feasible, next_probe, plan_text
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer
 from palpate.runs.probing import PLAN, ProbingJob, run_probing
 from palpate.runs.robots import find_robot
 from palpate.study import Study
 from palpate.workflows.resolve import DECISIONS, Budget, StopReason, resolve
-from robot_io.errors import InputError
-from robot_io.session import Session
 from tests.palpate.cli import assert_refused, done, run
 
 pytestmark = pytest.mark.slow

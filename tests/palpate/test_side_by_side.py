@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from estimation.study.paired_comparison import ParameterDifference, side_by_side
+from palpate.estimation.study.paired_comparison import ParameterDifference, side_by_side
 from palpate.study import Study
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 from tests.palpate.presses import write_presses, write_table

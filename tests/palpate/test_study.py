@@ -8,9 +8,9 @@ import pytest
 
 import palpate
 import palpate.study
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.scenario import load_scenario
 from palpate.study import Study
-from robot_io.errors import InputError
-from sim_backend.scenario import load_scenario
 from tests.palpate.presses import CUBIC, write_own_effect, write_presses
 
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from estimation.effects import EFFECTS
-from estimation.estimate import ParameterEstimate
-from estimation.study.paired_comparison import ParameterDifference
 from palpate.common import console
 from palpate.common.console import count, safe
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.study.paired_comparison import ParameterDifference
 from palpate.render.build import view_of
 from palpate.render.estimates import estimate_table
 from palpate.render.paired import difference_table

@@ -6,12 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from control.probing.plan import ProbingPlan
-from estimation.study.source import open_source
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.study.source import open_source
 from palpate.runs.probing import ProbingJob, run_probing
 from palpate.runs.robots import find_robot
-from sim_backend.imperfection import IMPERFECTIONS
-from sim_backend.scenario import load_scenario
+from palpate.sim_backend.imperfection import IMPERFECTIONS
+from palpate.sim_backend.scenario import load_scenario
 from tests.palpate.cli import run
 
 BIAS_N = 0.5

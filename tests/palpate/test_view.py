@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from control.loop.task import Phase
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.result import Floor
+from palpate.control.loop.task import Phase
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis.result import Floor
 from palpate.render import palette, terminal
 from palpate.render.build import channel_view, one_after_the_other, parameter_view, run_speeds
 from palpate.render.diagnosis import diagnosed, falling

@@ -5,16 +5,16 @@ import re
 
 import pytest
 
-from estimation.data.channels import session_channels
-from estimation.study.estimates import estimate_with
 from palpate.common.console import FIRST_PROBE
+from palpate.estimation.data.channels import session_channels
+from palpate.estimation.study.estimates import estimate_with
+from palpate.robot_io.calibration import load_calibration
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.session import Session
 from palpate.runs.hidden_effects import open_answer, true_parameters
 from palpate.runs.robots import EMULATED, is_simulated
-from robot_io.calibration import load_calibration
-from robot_io.errors import InputError
-from robot_io.robot_file import parse_robot_file
-from robot_io.session import Session
-from sim_backend.hidden import sealed_path
+from palpate.sim_backend.hidden import sealed_path
 from tests.palpate.cli import ROOT, assert_refused, done, run
 
 pytestmark = pytest.mark.usefixtures("log_in_process")

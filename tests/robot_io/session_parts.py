@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from robot_io.session import Column, SessionMetadata, Stream
-from robot_io.session.stream import DTYPES
+from palpate.robot_io.session import Column, SessionMetadata, Stream
+from palpate.robot_io.session.stream import DTYPES
 
 # About 40 numbers a record, as a tick of the loop has.
 TICK = Stream(

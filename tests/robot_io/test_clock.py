@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from robot_io.clock import Clock, MonotonicClock, SimulatedClock
+from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 
 
 class WrittenClock(Clock):
@@ -88,7 +88,7 @@ def test_the_monotonic_clock_waits_and_does_not_wait_for_the_past():
 # In a process of its own: an audit hook stays for good.
 PROGRAM = """
 import os, sys
-from robot_io.captured import STDERR, STDOUT, captured
+from palpate.robot_io.captured import STDERR, STDOUT, captured
 
 opened = []
 def note(event, arguments):

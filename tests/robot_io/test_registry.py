@@ -5,8 +5,8 @@ from abc import ABC, abstractmethod
 
 import pytest
 
-from robot_io.errors import InputError, UnknownNameError
-from robot_io.registry import Registry
+from palpate.robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.registry import Registry
 
 
 class Shape(ABC):

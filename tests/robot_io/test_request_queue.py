@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.joint_bus import RequestQueue
+from palpate.robot_io.drivers.joint_bus import RequestQueue
 
 TICK_S, MARGIN_S, LATEST_S = 1e-3, 0.5e-3, 0.05
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from robot_io.clock import SimulatedClock
-from robot_io.errors import DeviceError, InputError, LifecycleError
-from robot_io.guard import Guard
-from robot_io.robot import Robot, RobotState
-from robot_io.types import Command, Reading, Status
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.robot import Robot, RobotState
+from palpate.robot_io.types import Command, Reading, Status
 from tests.mock_robot import ROBOT_YAML, build_mock_robot, mock_bus, mock_robot_file
 
 DT = 1e-3

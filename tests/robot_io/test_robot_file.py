@@ -8,8 +8,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError
-from robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import RobotFile, load_robot_file, parse_robot_file
 from tests.mock_robot import ROBOT_YAML, mock_robot_file, write_mock_files
 
 VALID = yaml.safe_load(ROBOT_YAML)

@@ -12,9 +12,9 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.files import whole_file
-from robot_io.session import (
+from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
+from palpate.robot_io.files import whole_file
+from palpate.robot_io.session import (
     Column,
     Event,
     Follower,
@@ -25,9 +25,9 @@ from robot_io.session import (
     write_session,
     writer,
 )
-from robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
-from robot_io.session.stream import Samples, streams_to_json
-from robot_io.session.wire import WireFormat
+from palpate.robot_io.session.mcap_file import CHUNK_BYTES, END_RECORD, EXTRA_RECORD, HEADER_RECORD, McapFile
+from palpate.robot_io.session.stream import Samples, streams_to_json
+from palpate.robot_io.session.wire import WireFormat
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, streams_with_columns, ticks
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m", 1, "into the object")))

@@ -10,10 +10,16 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError, SessionError
-from robot_io.session.shared_log import RingBuffer
-from robot_io.session.stream import MAX_RECORD_BYTES, Column, Stream, streams_from_json, streams_to_json
-from robot_io.session.wire import PACKAGE, WireFormat
+from palpate.robot_io.errors import InputError, SessionError
+from palpate.robot_io.session.shared_log import RingBuffer
+from palpate.robot_io.session.stream import (
+    MAX_RECORD_BYTES,
+    Column,
+    Stream,
+    streams_from_json,
+    streams_to_json,
+)
+from palpate.robot_io.session.wire import PACKAGE, WireFormat
 from tests.robot_io.session_parts import TICK, streams, streams_with_columns, ticks
 
 DTYPE = np.dtype([("a", "<i8"), ("b", "<f8", (30,))])

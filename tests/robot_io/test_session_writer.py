@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robot_io.errors import InputError, SessionError, UnknownNameError
-from robot_io.files.whole_file import whole_file
-from robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
-from robot_io.session.event import decode_event, encode_event
-from robot_io.session.lock import is_locked
-from robot_io.session.mcap_file import McapFile
-from robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
+from palpate.robot_io.errors import InputError, SessionError, UnknownNameError
+from palpate.robot_io.files.whole_file import whole_file
+from palpate.robot_io.session import Column, Event, Session, SessionWriter, Stream, write_session, writer
+from palpate.robot_io.session.event import decode_event, encode_event
+from palpate.robot_io.session.lock import is_locked
+from palpate.robot_io.session.mcap_file import McapFile
+from palpate.robot_io.session.shared_log import FAILED, READY, STARTING, SharedLog, open_memory
 from tests.robot_io.session_parts import METADATA, TICK, assert_ticks, tick
 
 SLOW = Stream("slow", (Column("time_s", "s"), Column("x", "m")))
@@ -195,7 +195,7 @@ def test_a_killed_writer_leaves_all_but_the_last_chunk(tmp_path):
 
 PROGRAM = """
 import os, signal, sys
-from robot_io.session import SessionWriter
+from palpate.robot_io.session import SessionWriter
 from tests.robot_io.session_parts import METADATA, TICK, tick
 
 log = SessionWriter(sys.argv[1], [TICK], METADATA)
@@ -411,7 +411,7 @@ def test_it_works_where_there_is_no_memfd(tmp_path, monkeypatch):
 
 RACE = """
 import sys, time
-from robot_io.session import SessionWriter
+from palpate.robot_io.session import SessionWriter
 from tests.robot_io.session_parts import METADATA, TICK, tick
 path, first = sys.argv[1], int(sys.argv[2])
 print("ready", flush=True)

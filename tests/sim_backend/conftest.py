@@ -4,8 +4,8 @@ import weakref
 
 import pytest
 
-from sim_backend import engines
-from sim_backend.world import World
+from palpate.sim_backend import engines
+from palpate.sim_backend.world import World
 
 PHYSICS = {"test_world", "test_arm_physics", "test_contact_physics", "test_imperfections_joint"}
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
-from sim_backend.scenario import load_scenario
-from sim_backend.world import World
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.imperfection import IMPERFECTIONS, parse_imperfection
+from palpate.sim_backend.scenario import load_scenario
+from palpate.sim_backend.world import World
 from tests.sim_backend.parts import GRAVITY_M_S2, slider
 
 STEP_S = 0.25e-3

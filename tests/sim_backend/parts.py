@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.hooks import NO_EFFECTS
-from sim_backend.scenario import load_scenario
-from sim_backend.world import ArmDescription, World
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.hooks import NO_EFFECTS
+from palpate.sim_backend.scenario import load_scenario
+from palpate.sim_backend.world import ArmDescription, World
 
 ARMS_DIR = Path(__file__).resolve().parents[2] / "sim_backend" / "arms"
 ARM_NAMES = ("follower", "leader")

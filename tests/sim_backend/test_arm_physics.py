@@ -4,10 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from robot_io.errors import InputError
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.world import ArmDescription
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.world import ArmDescription
 from tests.sim_backend.parts import (
     ARM_NAMES,
     ARMS_DIR,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sim_backend.contact_laws.standard import HuntCrossleyLaw, KelvinVoigtLaw
+from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw, KelvinVoigtLaw
 from tests.sim_backend.parts import GRAVITY_M_S2, column, make_world, scenario, slider, watch
 
 MASS_KG = 0.8

@@ -5,13 +5,13 @@ import shutil
 import numpy as np
 import pytest
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError, LifecycleError
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Command, Status
-from sim_backend.scenario import load_scenario
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import InputError, LifecycleError
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Command, Status
+from palpate.sim_backend.scenario import load_scenario
 from tests.sim_backend.parts import ARM_NAMES, ARMS_DIR
 
 TICK_S = 1e-3
@@ -19,7 +19,7 @@ TICK_S = 1e-3
 
 def build(name="follower", clock=None, path=None):
     robot_file = load_robot_file(path or ARMS_DIR / name / f"{name}.yaml")
-    return build_robot(robot_file, DriverCatalogue("sim_backend.drivers"), clock or SimulatedClock())
+    return build_robot(robot_file, DriverCatalogue("palpate.sim_backend.drivers"), clock or SimulatedClock())
 
 
 def world_of(robot):

@@ -10,20 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError
-from sim_backend import engines
-from sim_backend.contact_laws import CONTACT_LAWS
-from sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
-from sim_backend.imperfection import (
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend import engines
+from palpate.sim_backend.contact_laws import CONTACT_LAWS
+from palpate.sim_backend.hidden import STRONGEST, WEAKEST, draw_hidden, hidden_effects, noise_scale
+from palpate.sim_backend.imperfection import (
     IMPERFECTIONS,
     ContactImperfection,
     SensorImperfection,
     describe_imperfection,
     parse_imperfection,
 )
-from sim_backend.noise_scale import CONTACT, channel_of, joint_of
-from sim_backend.scenario import Scenario, load_scenario, parse_scenario
-from sim_backend.world import World
+from palpate.sim_backend.noise_scale import CONTACT, channel_of, joint_of
+from palpate.sim_backend.scenario import Scenario, load_scenario, parse_scenario
+from palpate.sim_backend.world import World
 from tests.sim_backend.hidden_parts import ALL
 from tests.sim_backend.parts import shipped_arm
 

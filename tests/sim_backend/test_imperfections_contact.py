@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from sim_backend.contact_laws import CONTACT_LAWS
-from sim_backend.contact_laws.standard import HuntCrossleyLaw, KelvinVoigtLaw
+from palpate.sim_backend.contact_laws import CONTACT_LAWS
+from palpate.sim_backend.contact_laws.standard import HuntCrossleyLaw, KelvinVoigtLaw
 from tests.sim_backend.hidden_parts import SPRING, STEP_S, hidden, hidden_slider, press, steps
 
 K = SPRING.stiffness_n_m

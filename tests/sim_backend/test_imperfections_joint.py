@@ -5,8 +5,8 @@ import pinocchio
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim_backend.contact_laws.standard import KelvinVoigtLaw
-from sim_backend.world import World
+from palpate.sim_backend.contact_laws.standard import KelvinVoigtLaw
+from palpate.sim_backend.world import World
 from tests.sim_backend.hidden_parts import STEP_S, hidden, hidden_slider, let_go, quiet_scenario, steps
 from tests.sim_backend.parts import GRAVITY_M_S2, shipped_arm
 

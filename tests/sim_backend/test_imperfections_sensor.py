@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from sim_backend.world import World
+from palpate.sim_backend.world import World
 from tests.sim_backend.hidden_parts import QUIET, hidden, hidden_slider, let_go, quiet_scenario
 from tests.sim_backend.parts import make_world, scenario, shipped_arm, slider
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel
-from sim_backend.contact_laws import CONTACT_LAWS, describe_contact_law, parse_contact_law
-from sim_backend.scenario import Scenario, load_scenario, parse_scenario, shipped_scenarios
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel
+from palpate.sim_backend.contact_laws import CONTACT_LAWS, describe_contact_law, parse_contact_law
+from palpate.sim_backend.scenario import Scenario, load_scenario, parse_scenario, shipped_scenarios
 
 SHIPPED = ["default", "engine", "hunt_crossley", "paper", "soft", "stiff"]
 LAWS = {

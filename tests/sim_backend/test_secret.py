@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError
-from sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
-from sim_backend.imperfection import IMPERFECTIONS
+from palpate.robot_io.errors import InputError
+from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, seal, sealed_path, unseal
+from palpate.sim_backend.imperfection import IMPERFECTIONS
 
 MADE = "2025-01-02T03:04:05+00:00"
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.types import Status
-from sim_backend.sensors import ForceSettings, SimulatedForceSensor
+from palpate.robot_io.types import Status
+from palpate.sim_backend.sensors import ForceSettings, SimulatedForceSensor
 from tests.sim_backend.parts import column, make_world, sample_each_step, scenario, shipped_arm, slider, watch
 
 QUIET_FORCE = {"noise_std_n": 0.0, "resolution_n": 0.0}

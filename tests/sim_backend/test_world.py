@@ -5,11 +5,11 @@ import gc
 import numpy as np
 import pytest
 
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
-from sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
-from sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
-from sim_backend.world import world_of
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.sim_backend.contact_laws.standard import EngineContact, HuntCrossleyLaw, KelvinVoigtLaw
+from palpate.sim_backend.hooks import ContactEffect, HiddenEffects, JointEffect, SensorHook
+from palpate.sim_backend.world import world_of
 from tests.sim_backend.parts import (
     ARMS_DIR,
     GRAVITY_M_S2,

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import pytest
 
-from robot_io.errors import DeviceError
+from palpate.robot_io.errors import DeviceError
 from tests.wire.parts import WireBench
 
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import can
 import numpy as np
 
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.robot import Robot, build_robot
-from robot_io.robot_file import parse_robot_file
-from robot_io.types import Command, Measurement
-from sim_backend.emulators import Fault, FaultKind, Faults
-from sim_backend.emulators.wiring import WiredArm, wire_up
-from sim_backend.hidden import hidden_effects
-from sim_backend.imperfection import Imperfection
-from sim_backend.scenario import load_scenario
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.robot import Robot, build_robot
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.types import Command, Measurement
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
+from palpate.sim_backend.emulators.wiring import WiredArm, wire_up
+from palpate.sim_backend.hidden import hidden_effects
+from palpate.sim_backend.imperfection import Imperfection
+from palpate.sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 ODRIVE = ROOT / "robots" / "odrive_3dof.yaml"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from robot_io.errors import DeviceError
-from robot_io.types import Command, Status
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.types import Command, Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE, V0_5
 
 PUSH_NM = (3.0, -2.0, 1.0)

@@ -2,12 +2,12 @@
 
 import pytest
 
-from control.loop.loop import run_loop
-from control.loop.result import Outcome
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from robot_io.guard import Guard
-from sim_backend.imperfections.joint import HiddenCoulombFriction
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import Outcome
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io.guard import Guard
+from palpate.sim_backend.imperfections.joint import HiddenCoulombFriction
 from tests.control.loop_parts import MemoryLog
 from tests.wire.parts import DYNAMIXEL
 

@@ -5,13 +5,13 @@ from contextlib import nullcontext
 
 import pytest
 
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import DeviceError, InputError
-from robot_io.examination import Level
-from robot_io.robot import build_robot
-from robot_io.robot_file import parse_robot_file
-from sim_backend.emulators import dynamixel_servo as table
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.examination import Level
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
 from tests.wire.parts import CUBEMARS, DAMIAO, DYNAMIXEL, LINES, MOTEUS, ODRIVE, ROBSTRIDE, SO101
 

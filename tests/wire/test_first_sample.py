@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from control.loop.loop import FIRST_SAMPLE_S, run_loop
-from control.loop.result import Outcome
-from robot_io.errors import DeviceTimeoutError
-from robot_io.guard import Guard
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
+from palpate.control.loop.loop import FIRST_SAMPLE_S, run_loop
+from palpate.control.loop.result import Outcome
+from palpate.robot_io.errors import DeviceTimeoutError
+from palpate.robot_io.guard import Guard
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.control.loop_parts import MemoryLog, SwingTask
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ODRIVE, ROBSTRIDE
 

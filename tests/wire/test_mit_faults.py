@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from robot_io.drivers.can.line import CanFrame
-from robot_io.errors import DeviceError
-from robot_io.examination import Level
-from robot_io.types import Command, Status
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.examination import Level
+from palpate.robot_io.types import Command, Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import CUBEMARS, DAMIAO, MOTEUS, ROBSTRIDE
 
 PUSH_NM = (3.0, -2.0, 1.0)

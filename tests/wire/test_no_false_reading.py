@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
-from sim_backend.emulators.serial_sensors import EmulatedLoadstar
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
+from palpate.sim_backend.emulators.serial_sensors import EmulatedLoadstar
 from tests.wire.fault_matrix.rows import FAMILIES
 from tests.wire.parts import READ_SHARE
 

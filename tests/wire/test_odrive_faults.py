@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from robot_io.drivers.can.line import CanLine, CanLineSettings
-from robot_io.errors import DeviceError
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.drivers.can.line import CanLine, CanLineSettings
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import ODRIVE, V0_5
 
 PUSH_NM = (3.0, -2.0, 1.0)

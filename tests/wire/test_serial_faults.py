@@ -6,16 +6,16 @@ import tty
 
 import pytest
 
-from robot_io.clock import MonotonicClock
-from robot_io.driver import DriverCatalogue
-from robot_io.drivers.serial_force import lorenz
-from robot_io.drivers.serial_force.gauges import loadstar_stream
-from robot_io.drivers.serial_force.line import SerialReader
-from robot_io.errors import DeviceError
-from robot_io.robot import build_robot
-from robot_io.robot_file import parse_robot_file
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.clock import MonotonicClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.drivers.serial_force import lorenz
+from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream
+from palpate.robot_io.drivers.serial_force.line import SerialReader
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CUBEMARS, LINES, MARK10, NET_FT, ODRIVE
 
 SENSORS = {

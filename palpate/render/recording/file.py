@@ -18,9 +18,9 @@ from rerun.experimental import ViewerClient
 
 from palpate.common.files import whole_file
 from palpate.render import palette
-from robot_io.errors import PalpateError
-from robot_io.files.whole_file import as_utf8
-from robot_io.types import FloatArray
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.files.whole_file import as_utf8
+from palpate.robot_io.types import FloatArray
 
 TIME, REVISION = "time", "revision"  # timelines
 BACKGROUND = (24, 29, 36)

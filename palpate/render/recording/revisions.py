@@ -25,7 +25,7 @@ from palpate.render.recording.file import (
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
 from palpate.render.view import BudgetView, ChannelView, StudyView
-from robot_io.types import FloatArray
+from palpate.robot_io.types import FloatArray
 
 WIDTH, HEIGHT = 160.0, 90.0  # of the frame in the view's own units
 _RULE, _INK = (62, 72, 84), (190, 200, 210)

@@ -14,15 +14,15 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rerun.urdf import UrdfJoint, UrdfTree
 
-from control.loop.task import Phase
-from control.loop.tick_record import STREAM_NAME
-from estimation.data.tick_channels import checked_ticks
-from estimation.estimate import Estimate, ParameterEstimate
+from palpate.control.loop.task import Phase
+from palpate.control.loop.tick_record import STREAM_NAME
+from palpate.estimation.data.tick_channels import checked_ticks
+from palpate.estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
-from robot_io.errors import InputError
-from robot_io.files.urdf_text import parse_urdf, without_files
-from robot_io.session import Event, Session
-from robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.urdf_text import parse_urdf, without_files
+from palpate.robot_io.session import Event, Session
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 Columns = Mapping[str, NDArray[Any]]
 IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)

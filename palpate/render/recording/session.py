@@ -7,12 +7,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from estimation.signals.blocks import block_index
+from palpate.estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
 from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
-from robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import FloatArray, IntArray
 
 _MILLI, _MICRO = 1e3, 1e6
 _FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"

@@ -9,35 +9,35 @@ from typing import Any
 
 import numpy as np
 
-from control.loop.task import Phase
-from control.probing.plan import ProbingPlan
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData
-from estimation.contact_estimator import ContactEstimator
-from estimation.contact_estimators import CONTACT_ESTIMATORS
-from estimation.data.tick_channels import contact_channels, joint_channels
-from estimation.effects.contact_geometry import ContactOffset
-from estimation.estimate_channel import estimate_channel, fitting_rows
-from estimation.estimator import Estimator
-from estimation.estimators import ESTIMATORS
-from estimation.estimators.ransac import Ransac
-from estimation.fit.samples import fit_samples, slopes_of
-from estimation.model import Model
-from estimation.models import MODELS
-from estimation.regression import Regression
-from estimation.statistics.uncertainty import cramer_rao
-from estimation.study.channels import CONTACT_MODEL
+from palpate.control.loop.task import Phase
+from palpate.control.probing.plan import ProbingPlan
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.contact_estimator import ContactEstimator
+from palpate.estimation.contact_estimators import CONTACT_ESTIMATORS
+from palpate.estimation.data.tick_channels import contact_channels, joint_channels
+from palpate.estimation.effects.contact_geometry import ContactOffset
+from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
+from palpate.estimation.estimator import Estimator
+from palpate.estimation.estimators import ESTIMATORS
+from palpate.estimation.estimators.ransac import Ransac
+from palpate.estimation.fit.samples import fit_samples, slopes_of
+from palpate.estimation.model import Model
+from palpate.estimation.models import MODELS
+from palpate.estimation.regression import Regression
+from palpate.estimation.statistics.uncertainty import cramer_rao
+from palpate.estimation.study.channels import CONTACT_MODEL
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
+from palpate.robot_io.session import Samples
+from palpate.robot_io.types import FloatArray
 from palpate.runs.hidden_effects import SURFACE, hide, truth_of
 from palpate.runs.probing import probe_in_memory
 from palpate.runs.robots import find_robot
+from palpate.sim_backend.engines import EngineName
+from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study, arm_from_urdf
 from palpate.sweep.case import Row
-from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from robot_io.session import Samples
-from robot_io.types import FloatArray
-from sim_backend.engines import EngineName
-from sim_backend.scenario import Scenario, load_scenario
 
 NOTHING = "none"  # hidden
 

@@ -24,10 +24,10 @@ from typing import Annotated, Any, ClassVar, Self
 import can
 from pydantic import AfterValidator, Field, model_validator
 
-from robot_io.clock import Clock
-from robot_io.errors import DeviceError, ProtocolError
-from robot_io.files.file_model import FileModel, matching
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.files.file_model import FileModel, matching
+from palpate.robot_io.serial_port import SerialPort
 
 _SPEEDS = dict(zip((10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000), range(7), strict=True))
 _SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, as the adapter's maker likes it

@@ -13,13 +13,13 @@ from typing import Annotated, Generic, TypeVar
 import numpy as np
 from pydantic import StrictBool
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
-from robot_io.drivers.joint_bus import JointBus, RequestQueue, check_one_per_joint
-from robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
-from robot_io.examination import Examinable, Finding, fail, warn
-from robot_io.files.file_model import FileModel, Number, ZeroAngle, between
-from robot_io.types import FloatArray, Reading, Status
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings
+from palpate.robot_io.drivers.joint_bus import JointBus, RequestQueue, check_one_per_joint
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, LifecycleError, ProtocolError
+from palpate.robot_io.examination import Examinable, Finding, fail, warn
+from palpate.robot_io.files.file_model import FileModel, Number, ZeroAngle, between
+from palpate.robot_io.types import FloatArray, Reading, Status
 
 _SILENT_SHARE = 0.5  # of the age limit; said from then on, so that it is known when the limit is reached
 _FRAME_BITS = 47  # of a frame with an 11 bit id and the gap after it, beside its data (ISO 11898-1)

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from robot_io.drivers.dynamixel import tables
-from robot_io.drivers.dynamixel.servos import DynamixelAccess
-from robot_io.drivers.dynamixel.settings import ServoSettings
-from robot_io.drivers.dynamixel.tables import WATCHDOG_FIRMWARE, model_name
-from robot_io.drivers.servo.examination import TOO_HOT
-from robot_io.examination import Finding, Level, fail, graded, ok
+from palpate.robot_io.drivers.dynamixel import tables
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelAccess
+from palpate.robot_io.drivers.dynamixel.settings import ServoSettings
+from palpate.robot_io.drivers.dynamixel.tables import WATCHDOG_FIRMWARE, model_name
+from palpate.robot_io.drivers.servo.examination import TOO_HOT
+from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 
 
 def examine_servo(access: DynamixelAccess, servo: ServoSettings, label: str) -> Iterator[Finding]:

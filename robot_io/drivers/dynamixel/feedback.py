@@ -11,10 +11,10 @@ from functools import cached_property
 from math import inf
 from typing import Final, NamedTuple
 
-from robot_io.clock import Clock
-from robot_io.drivers.dynamixel import protocol
-from robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
-from robot_io.drivers.dynamixel.tables import (
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.dynamixel import protocol
+from palpate.robot_io.drivers.dynamixel.protocol import DynamixelStatus, DynamixelStatusReader, FastReply
+from palpate.robot_io.drivers.dynamixel.tables import (
     BUS_WATCHDOG,
     HARDWARE_ERROR_STATUS,
     PRESENT_CURRENT,
@@ -24,9 +24,9 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_FIRED,
     hardware_error_names,
 )
-from robot_io.drivers.servo.feedback import FeedbackReader, Request
-from robot_io.errors import ProtocolError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader, Request
+from palpate.robot_io.errors import ProtocolError
+from palpate.robot_io.serial_port import SerialPort
 
 _REGISTERS: Final = (
     TORQUE_ENABLE,

@@ -3,22 +3,22 @@
 from collections.abc import Iterator
 from typing import ClassVar
 
-from robot_io.clock import Clock
-from robot_io.drivers.dynamixel import protocol, tables
-from robot_io.drivers.dynamixel.feedback import DynamixelFeedback, block_addresses, feedback_reader
-from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
-from robot_io.drivers.dynamixel.tables import (
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.dynamixel import protocol, tables
+from palpate.robot_io.drivers.dynamixel.feedback import DynamixelFeedback, block_addresses, feedback_reader
+from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
+from palpate.robot_io.drivers.dynamixel.tables import (
     HARDWARE_ERROR_STATUS,
     WATCHDOG_FIRMWARE,
     hardware_error_names,
     model_name,
 )
-from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import ServoDialect
-from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.line import ServoLine
-from robot_io.errors import DeviceError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.drivers.servo.access import RegisterAccess
+from palpate.robot_io.drivers.servo.dialect import ServoDialect
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.drivers.servo.line import ServoLine
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.serial_port import SerialPort
 
 
 class DynamixelAccess(RegisterAccess):

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from robot_io.drivers.dynamixel.tables import (
+from palpate.robot_io.drivers.dynamixel.tables import (
     LARGEST_HOMING_OFFSET,
     LARGEST_RETURN_DELAY,
     LARGEST_WATCHDOG,
@@ -14,8 +14,8 @@ from robot_io.drivers.dynamixel.tables import (
     WATCHDOG_STEP_S,
     DynamixelModel,
 )
-from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
-from robot_io.files.file_model import NotNegative, Positive, TorqueConstant
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from palpate.robot_io.files.file_model import NotNegative, Positive, TorqueConstant
 
 
 class ServoSettings(ServoMounting):

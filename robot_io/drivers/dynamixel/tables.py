@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from math import pi
 from typing import Final
 
-from robot_io.drivers.servo.register import Register
-from robot_io.drivers.servo.stream import bit_names
+from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.drivers.servo.stream import bit_names
 
 # Kept without power; can be written while the torque is off.
 RETURN_DELAY_TIME: Final = Register("return delay time", 9, 1)  # 2 us

@@ -11,20 +11,25 @@ from math import ceil
 
 import numpy as np
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.feetech import tables
-from robot_io.drivers.feetech.examination import examine_servo
-from robot_io.drivers.feetech.feedback import FeetechFeedback, Plausibility, feedback_problem, feedback_reader
-from robot_io.drivers.feetech.servos import FeetechLine
-from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.joint_bus import BusTorque
-from robot_io.drivers.servo.bus import ServoBus
-from robot_io.drivers.servo.devices import ServoEncoder
-from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.errors import LifecycleError
-from robot_io.examination import Finding, ok
-from robot_io.guard.limits import Limits
-from robot_io.types import FloatArray
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.feetech import tables
+from palpate.robot_io.drivers.feetech.examination import examine_servo
+from palpate.robot_io.drivers.feetech.feedback import (
+    FeetechFeedback,
+    Plausibility,
+    feedback_problem,
+    feedback_reader,
+)
+from palpate.robot_io.drivers.feetech.servos import FeetechLine
+from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from palpate.robot_io.drivers.joint_bus import BusTorque
+from palpate.robot_io.drivers.servo.bus import ServoBus
+from palpate.robot_io.drivers.servo.devices import ServoEncoder
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.errors import LifecycleError
+from palpate.robot_io.examination import Finding, ok
+from palpate.robot_io.guard.limits import Limits
+from palpate.robot_io.types import FloatArray
 
 _LEAST_DUTY = 0.1  # of a torque limit
 _FASTEST = 2.0  # times the no-load speed: a joint that is thrown

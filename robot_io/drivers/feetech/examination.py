@@ -1,11 +1,11 @@
 """What a Feetech servo says of itself, held against the robot file."""
 
-from robot_io.drivers.feetech.protocol import error_names
-from robot_io.drivers.feetech.servos import FeetechLine, identity_trouble
-from robot_io.drivers.feetech.settings import FeetechServo
-from robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS
-from robot_io.drivers.servo.examination import TOO_HOT
-from robot_io.examination import Finding, Level, graded
+from palpate.robot_io.drivers.feetech.protocol import error_names
+from palpate.robot_io.drivers.feetech.servos import FeetechLine, identity_trouble
+from palpate.robot_io.drivers.feetech.settings import FeetechServo
+from palpate.robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS
+from palpate.robot_io.drivers.servo.examination import TOO_HOT
+from palpate.robot_io.examination import Finding, Level, graded
 
 
 def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:

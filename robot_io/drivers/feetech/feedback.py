@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Final, NamedTuple
 
-from robot_io.clock import Clock
-from robot_io.drivers.feetech import protocol
-from robot_io.drivers.feetech.protocol import FeetechStatusReader, error_names
-from robot_io.drivers.feetech.tables import (
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.feetech import protocol
+from palpate.robot_io.drivers.feetech.protocol import FeetechStatusReader, error_names
+from palpate.robot_io.drivers.feetech.tables import (
     POSITION_STEP_RAD,
     PRESENT_LOAD,
     PRESENT_POSITION,
@@ -22,10 +22,10 @@ from robot_io.drivers.feetech.tables import (
     RESTARTED_LIMIT,
     TORQUE_ENABLE,
 )
-from robot_io.drivers.servo.dialect import Packet
-from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.errors import DeviceError, ProtocolError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.drivers.servo.dialect import Packet
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.serial_port import SerialPort
 
 # Torque enable, acceleration, goal, its time and speed, torque limit, five reserved bytes, lock, position,
 # speed, load, voltage, temperature, a flag, errors.

@@ -1,6 +1,6 @@
 """Reads a calibration file of LeRobot's, and prints what a robot file says of the same servos.
 
-Run: python -m robot_io.drivers.feetech.lerobot my_follower.json
+Run: python -m palpate.robot_io.drivers.feetech.lerobot my_follower.json
 
 LeRobot writes the homing offsets into the servos, and keeps them in a JSON file with the ends of each joint's
 range; zero degrees is the middle of that range. Source: huggingface/lerobot, `MotorCalibration` and
@@ -14,10 +14,10 @@ from typing import Annotated
 
 from pydantic import Field, RootModel, model_validator
 
-from robot_io.drivers.feetech.settings import HomingOffset
-from robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
-from robot_io.errors import InputError
-from robot_io.files.file_model import FileModel, read_text, validate
+from palpate.robot_io.drivers.feetech.settings import HomingOffset
+from palpate.robot_io.drivers.feetech.tables import COUNTS_PER_REVOLUTION, POSITION_STEP_RAD
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import FileModel, read_text, validate
 
 Count = Annotated[int, Field(ge=0, lt=COUNTS_PER_REVOLUTION, strict=True)]
 
@@ -78,7 +78,7 @@ def read_calibration(path: Path) -> dict[str, LerobotMotor]:
 def main(arguments: list[str]) -> int:
     """Print a line for each joint."""
     if len(arguments) != 1:
-        print("usage: python -m robot_io.drivers.feetech.lerobot CALIBRATION.json", file=sys.stderr)
+        print("usage: python -m palpate.robot_io.drivers.feetech.lerobot CALIBRATION.json", file=sys.stderr)
         return 2
     try:
         motors = read_calibration(Path(arguments[0]))

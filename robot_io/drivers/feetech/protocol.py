@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
-from robot_io.errors import ProtocolError
+from palpate.robot_io.drivers.servo.stream import PacketStream, bit_names, equal_parts
+from palpate.robot_io.errors import ProtocolError
 
 HEADER: Final = b"\xff\xff"
 LARGEST_ID: Final = 0xFC

@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from robot_io.clock import Clock
-from robot_io.drivers.feetech import protocol, tables
-from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.feetech.tables import model_name
-from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import ServoDialect
-from robot_io.drivers.servo.line import ServoLine
-from robot_io.errors import DeviceError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.feetech import protocol, tables
+from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from palpate.robot_io.drivers.feetech.tables import model_name
+from palpate.robot_io.drivers.servo.access import RegisterAccess
+from palpate.robot_io.drivers.servo.dialect import ServoDialect
+from palpate.robot_io.drivers.servo.line import ServoLine
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.serial_port import SerialPort
 
 _VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
 

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from math import inf
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus
-from robot_io.drivers.joint_bus import BusEncoder, BusTorque
-from robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorRegister, Order
-from robot_io.drivers.mit.settings import MitBusSettings
-from robot_io.errors import DeviceError, ProtocolError
-from robot_io.examination import Finding, fail, ok
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.drivers.can.motors import ANSWER_S, AskedMotorBus
+from palpate.robot_io.drivers.joint_bus import BusEncoder, BusTorque
+from palpate.robot_io.drivers.mit.protocol import TIMEOUT_STEP_S, MitState, MotorRegister, Order
+from palpate.robot_io.drivers.mit.settings import MitBusSettings
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.examination import Finding, fail, ok
 
 
 class MitExchange(AskedMotorBus[MitState]):

@@ -25,8 +25,8 @@ from enum import StrEnum
 from math import isnan
 from typing import ClassVar, Final
 
-from robot_io.drivers.can.line import CanFrame, expect_length
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers.can.line import CanFrame, expect_length
+from palpate.robot_io.errors import InputError, ProtocolError
 
 
 @dataclass(frozen=True, slots=True)

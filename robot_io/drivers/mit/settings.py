@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from robot_io.drivers.can.line import CanLineSettings
-from robot_io.drivers.can.motors import MotorMounting
-from robot_io.drivers.mit import protocol
-from robot_io.drivers.mit.protocol import (
+from palpate.robot_io.drivers.can.line import CanLineSettings
+from palpate.robot_io.drivers.can.motors import MotorMounting
+from palpate.robot_io.drivers.mit import protocol
+from palpate.robot_io.drivers.mit.protocol import (
     FAULT_FRAME_BITS,
     REGISTERS_ID,
     DamiaoFrames,
@@ -24,7 +24,7 @@ from robot_io.drivers.mit.protocol import (
     MotorRegister,
     RobstrideFrames,
 )
-from robot_io.files.file_model import FileModel, Number, between
+from palpate.robot_io.files.file_model import FileModel, Number, between
 
 
 class Maker(StrEnum):

@@ -12,11 +12,11 @@ import struct
 from math import copysign, isfinite
 from typing import Final, Literal, NamedTuple
 
-from robot_io.drivers.serial_force.line import AxisForceSettings, SerialForceSensor, SerialLine
-from robot_io.drivers.serial_force.stream import OwnTime
-from robot_io.drivers.servo.stream import PacketStream, bit_names
-from robot_io.errors import ProtocolError
-from robot_io.examination import Examinable
+from palpate.robot_io.drivers.serial_force.line import AxisForceSettings, SerialForceSensor, SerialLine
+from palpate.robot_io.drivers.serial_force.stream import OwnTime
+from palpate.robot_io.drivers.servo.stream import PacketStream, bit_names
+from palpate.robot_io.errors import ProtocolError
+from palpate.robot_io.examination import Examinable
 
 CONFIGURE, RUN = b"C", b"R"
 BAUD_RATE_CODES: Final = {9_600: 0, 57_600: 1, 115_200: 2, 230_400: 3, 460_800: 4}

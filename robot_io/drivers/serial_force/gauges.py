@@ -16,11 +16,11 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, StrictBool, field_validator
 
-from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.stream import LineStream, Poll, known_unit, newtons_per, text_of
-from robot_io.errors import InputError, ProtocolError
-from robot_io.examination import Examinable
-from robot_io.files.file_model import Capacity, Positive
+from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from palpate.robot_io.drivers.serial_force.stream import LineStream, Poll, known_unit, newtons_per, text_of
+from palpate.robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.examination import Examinable
+from palpate.robot_io.files.file_model import Capacity, Positive
 
 MAX_PATTERN = 200
 _REPEATED_GROUP = re.compile(r"\)[*+{]")  # the only way to backtrack for ever on a short line

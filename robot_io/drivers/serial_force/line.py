@@ -13,15 +13,15 @@ import numpy as np
 import serial
 from pydantic import Field, StrictBool
 
-from robot_io.clock import Clock, SimulatedClock
-from robot_io.driver import DriverContext
-from robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, ReadingStream
-from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.examination import Finding, ok
-from robot_io.files.file_model import Capacity, FileModel, NotNegative
-from robot_io.interfaces import Bus, ForceSensor
-from robot_io.serial_port import close_exclusive, open_exclusively
-from robot_io.types import Reading, Status
+from palpate.robot_io.clock import Clock, SimulatedClock
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, ReadingStream
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.examination import Finding, ok
+from palpate.robot_io.files.file_model import Capacity, FileModel, NotNegative
+from palpate.robot_io.interfaces import Bus, ForceSensor
+from palpate.robot_io.serial_port import close_exclusive, open_exclusively
+from palpate.robot_io.types import Reading, Status
 
 _LOOK_S = 1e-3  # the thread looks at least this often
 _PROMPT_S = 2.5e-3  # between two looks: what is found at the second has just arrived

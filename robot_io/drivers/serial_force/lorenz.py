@@ -16,11 +16,11 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, field_validator
 
-from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.stream import known_unit, newtons_per
-from robot_io.errors import DeviceError, InputError, ProtocolError
-from robot_io.examination import Examinable
-from robot_io.files.file_model import Positive
+from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from palpate.robot_io.drivers.serial_force.stream import known_unit, newtons_per
+from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
+from palpate.robot_io.examination import Examinable
+from palpate.robot_io.files.file_model import Positive
 
 STX = 0x02
 HOST = 0xFF

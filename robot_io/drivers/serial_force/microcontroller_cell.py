@@ -19,11 +19,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
-from robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, text_of
-from robot_io.errors import ProtocolError
-from robot_io.examination import Examinable
-from robot_io.files.file_model import Capacity, Number, Positive
+from palpate.robot_io.drivers.serial_force.line import SerialForceSensor, SerialForceSettings
+from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, text_of
+from palpate.robot_io.errors import ProtocolError
+from palpate.robot_io.examination import Examinable
+from palpate.robot_io.files.file_model import Capacity, Number, Positive
 
 WHO = b"?\n"
 VERSION = "1"

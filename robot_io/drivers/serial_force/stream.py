@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import inf
 from typing import Protocol
 
-from robot_io.errors import ProtocolError
+from palpate.robot_io.errors import ProtocolError
 
 _CLOCKS_DIFFER = 1e-3  # by so much of the time: two crystals, and a rate that is stated in whole hertz
 _WINDOW_S, _WINDOWS = 0.25, 4  # in whose shortest delays an error of the rate shows

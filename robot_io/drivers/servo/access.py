@@ -1,10 +1,10 @@
 """One servo at a time: ask, wait for the answer, check it; may take milliseconds."""
 
-from robot_io.clock import Clock
-from robot_io.drivers.servo.dialect import Packet, ServoDialect
-from robot_io.drivers.servo.register import Register
-from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.servo.dialect import Packet, ServoDialect
+from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.serial_port import SerialPort
 
 _PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
 _SECOND_S = 3e-3  # after an answer: a second servo with the same id has answered too by then

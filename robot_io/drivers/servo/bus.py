@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.joint_bus import JointBus, check_one_per_joint
-from robot_io.drivers.servo.examination import examine_line
-from robot_io.drivers.servo.feedback import FeedbackReader
-from robot_io.drivers.servo.joints import ServoJoints, ServoSample
-from robot_io.drivers.servo.line import ServoLine
-from robot_io.drivers.servo.pairs import ServoPairs
-from robot_io.drivers.servo.settings import ServoBusSettings
-from robot_io.errors import DeviceError, InputError, LifecycleError
-from robot_io.examination import Examinable, Finding
-from robot_io.serial_port import SerialPort
-from robot_io.types import FloatArray, Reading, Status
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.joint_bus import JointBus, check_one_per_joint
+from palpate.robot_io.drivers.servo.examination import examine_line
+from palpate.robot_io.drivers.servo.feedback import FeedbackReader
+from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoSample
+from palpate.robot_io.drivers.servo.line import ServoLine
+from palpate.robot_io.drivers.servo.pairs import ServoPairs
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings
+from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
+from palpate.robot_io.examination import Examinable, Finding
+from palpate.robot_io.serial_port import SerialPort
+from palpate.robot_io.types import FloatArray, Reading, Status
 
 
 class ServoBus(JointBus, Examinable):

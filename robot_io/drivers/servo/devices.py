@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from robot_io.driver import DriverContext
-from robot_io.drivers.joint_bus import BusEncoder
-from robot_io.files.file_model import FileModel, Positive
-from robot_io.types import FloatArray, Reading, Status
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.joint_bus import BusEncoder
+from palpate.robot_io.files.file_model import FileModel, Positive
+from palpate.robot_io.types import FloatArray, Reading, Status
 
 
 class ServoEncoderSettings(FileModel):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from robot_io.drivers.servo.stream import PacketStream
+from palpate.robot_io.drivers.servo.stream import PacketStream
 
 
 class Packet(Protocol):

@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any, get_args
 
-from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.line import TWO_SERVOS, ServoLine, Survey, listed
-from robot_io.drivers.servo.settings import ServoBusSettings
-from robot_io.errors import DeviceError, DeviceTimeoutError
-from robot_io.examination import Finding, fail, warn
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.drivers.servo.access import RegisterAccess
+from palpate.robot_io.drivers.servo.line import TWO_SERVOS, ServoLine, Survey, listed
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.examination import Finding, fail, warn
+from palpate.robot_io.serial_port import SerialPort
 
 TOO_HOT = "let it cool down; see what it pushes against, and lower its load"
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Generic, TypeVar
 
-from robot_io.clock import Clock
-from robot_io.drivers.servo.dialect import Packet
-from robot_io.drivers.servo.stream import PacketStream
-from robot_io.errors import DeviceTimeoutError, ProtocolError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.servo.dialect import Packet
+from palpate.robot_io.drivers.servo.stream import PacketStream
+from palpate.robot_io.errors import DeviceTimeoutError, ProtocolError
+from palpate.robot_io.serial_port import SerialPort
 
 FeedbackType = TypeVar("FeedbackType")
 

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_io.drivers.servo.pairs import ServoPairs
-from robot_io.drivers.servo.settings import ServoMounting
-from robot_io.types import FloatArray
+from palpate.robot_io.drivers.servo.pairs import ServoPairs
+from palpate.robot_io.drivers.servo.settings import ServoMounting
+from palpate.robot_io.types import FloatArray
 
 _TURN_RAD = 2.0 * np.pi
 

@@ -5,13 +5,13 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple
 
-from robot_io.clock import Clock
-from robot_io.drivers.servo.access import RegisterAccess
-from robot_io.drivers.servo.dialect import ServoDialect
-from robot_io.drivers.servo.register import Register
-from robot_io.drivers.servo.settings import ServoBusSettings
-from robot_io.errors import DeviceError
-from robot_io.serial_port import SerialPort
+from palpate.robot_io.clock import Clock
+from palpate.robot_io.drivers.servo.access import RegisterAccess
+from palpate.robot_io.drivers.servo.dialect import ServoDialect
+from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings
+from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.serial_port import SerialPort
 
 _SWITCH_OFF_ATTEMPTS = 3
 TWO_SERVOS = "two servos have this id: connect one of them alone, and give it another"

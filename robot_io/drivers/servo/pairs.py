@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from robot_io.drivers.servo.settings import ServoBusSettings
-from robot_io.examination import Finding, fail, ok
-from robot_io.guard.limits import Limits
-from robot_io.types import FloatArray
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings
+from palpate.robot_io.examination import Finding, fail, ok
+from palpate.robot_io.guard.limits import Limits
+from palpate.robot_io.types import FloatArray
 
 _DIFFERENT_SHARE = 0.5  # of the larger of the two torques, and
 _FLOOR_SHARE = 0.03  # of the joint's torque limit, may be between them

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from robot_io.errors import ProtocolError
+from palpate.robot_io.errors import ProtocolError
 
 
 @dataclass(frozen=True, slots=True)

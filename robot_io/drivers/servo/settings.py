@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Generic, Self, TypeVar
 import numpy as np
 from pydantic import Field, StrictBool, field_validator, model_validator
 
-from robot_io.files.file_model import FileModel, Positive, ZeroAngle
+from palpate.robot_io.files.file_model import FileModel, Positive, ZeroAngle
 
 _OF_EACH = frozenset(("id", "reversed", "zero_rad", "homing_offset", "second"))
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, Generic, TypeVar
 
-from robot_io.errors import ProtocolError
+from palpate.robot_io.errors import ProtocolError
 
 PacketType = TypeVar("PacketType")
 

@@ -17,7 +17,7 @@ from benchmarks.teleop_simulation import (
     presses,
     run,
 )
-from control.teleop.couplings import (
+from palpate.control.teleop.couplings import (
     DIRECT,
     FOUR_CHANNEL,
     RESERVE_J,
@@ -28,8 +28,8 @@ from control.teleop.couplings import (
     Playout,
     Tracking,
 )
-from control.teleop.model_mediated import COUPLINGS, ProbingMotion, model_mediated
-from robot_io.errors import InputError
+from palpate.control.teleop.model_mediated import COUPLINGS, ProbingMotion, model_mediated
+from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
 OBJECT = SpringDamper(1500.0, 10.0)

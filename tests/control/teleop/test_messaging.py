@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from control.teleop.force_mismatch import MismatchMonitor
-from control.teleop.messaging import Messaging
-from control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
-from control.teleop.virtual_arm import VirtualArm
-from robot_io.clock import SimulatedClock
-from robot_io.errors import InputError
-from robot_io.link import Frame, Heard, Intent, decode, encode
-from robot_io.robot_file import load_robot_file
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.teleop.force_mismatch import MismatchMonitor
+from palpate.control.teleop.messaging import Messaging
+from palpate.control.teleop.peer import Arrival, ClockOffset, Peer, PeerLimits
+from palpate.control.teleop.virtual_arm import VirtualArm
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import Frame, Heard, Intent, decode, encode
+from palpate.robot_io.robot_file import load_robot_file
 from tests.control.simulated_arms import ARMS
 
 US, PEER, OTHER = 1, 2, 3

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.teleop.virtual_object import VirtualObject, hunt_crossley, kelvin_voigt
-from robot_io.errors import InputError
+from palpate.control.teleop.virtual_object import VirtualObject, hunt_crossley, kelvin_voigt
+from palpate.robot_io.errors import InputError
 
 DT_S = 1e-3
 UP = np.array([0.0, 0.0, 1.0])

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from control.arm.rigid_body import RigidBody
-from estimation.arm.pseudo_inertia import inertial_of, nearest_bodies, pseudo_inertias
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.arm.pseudo_inertia import inertial_of, nearest_bodies, pseudo_inertias
 
 TIP = "panda_link8"
 JOINTS = 7

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from estimation.arm.base_parameters import base_parameters
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data_quality import usable
-from estimation.effects import EFFECTS
-from estimation.fit.fit_result import fit_model
-from estimation.models import MODELS
-from estimation.shared_gains import with_shared_gains
+from palpate.estimation.arm.base_parameters import base_parameters
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data_quality import usable
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.models import MODELS
+from palpate.estimation.shared_gains import with_shared_gains
 from tests.estimation.arm.panda import JOINTS, TIP, motion, other_bodies, panda, panda_urdf, regressor
 
 COULOMB = (0.4, 0.0, 0.8, 0.0, 0.3, 0.0, 0.2)  # [N m]: friction in some joints only

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.diagnosis import Verdict, diagnose
-from estimation.models import MODELS
-from robot_io.errors import InputError
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.models import MODELS
+from palpate.robot_io.errors import InputError
 
 URDF = (Path(__file__).parents[3] / "sim_backend" / "arms" / "follower" / "follower.urdf").read_text()
 TIP = "tip"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimation.arm.base_parameters import base_parameters
-from estimation.arm.consistent_fit import (
+from palpate.estimation.arm.base_parameters import base_parameters
+from palpate.estimation.arm.consistent_fit import (
     JointMoments,
     arranged,
     information_of_others,
@@ -12,7 +12,7 @@ from estimation.arm.consistent_fit import (
     training_sums,
     urdf_information,
 )
-from estimation.information import Information
+from palpate.estimation.information import Information
 from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
 
 FOLDS = 4

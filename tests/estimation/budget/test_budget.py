@@ -5,8 +5,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from estimation.budget import error_budget
-from estimation.kinds import Kind
+from palpate.estimation.budget import error_budget
+from palpate.estimation.kinds import Kind
 
 ELASTIC, RATE, FRICTION, MEMORY, BIAS, RUNS = (
     Kind.ELASTIC_SHAPE,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.budget.laws import flexible_laws, periodic_columns
-from estimation.diagnosis.forms import analyse_kinds
-from estimation.kinds import Kind
+from palpate.estimation.budget.laws import flexible_laws, periodic_columns
+from palpate.estimation.diagnosis.forms import analyse_kinds
+from palpate.estimation.kinds import Kind
 from tests.estimation.presses import C, K, kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, searched
 from tests.estimation.swings import swings

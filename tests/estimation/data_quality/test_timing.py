@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.data.derivatives import differentiate
-from estimation.data_quality import checklist, contaminated, quality_warnings
-from estimation.data_quality.timing import lost_rows, time_offset
-from estimation.models import MODELS
-from estimation.signals.blocks import number_pieces
-from estimation.signals.runwise import shift
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.data_quality import checklist, contaminated, quality_warnings
+from palpate.estimation.data_quality.timing import lost_rows, time_offset
+from palpate.estimation.models import MODELS
+from palpate.estimation.signals.blocks import number_pieces
+from palpate.estimation.signals.runwise import shift
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 
 MODEL = MODELS["kelvin_voigt"]().build(ModelContext())

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.design import Experiment, Rivals, choose
-from estimation.design.next_experiment import changed_motions
-from estimation.effects import EFFECTS
-from estimation.fit.fit_result import fit_model
-from estimation.models import MODELS
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.design import Experiment, Rivals, choose
+from palpate.estimation.design.next_experiment import changed_motions
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.models import MODELS
 from tests.estimation.contact_data import channel
 from tests.estimation.study.joints import joints
 

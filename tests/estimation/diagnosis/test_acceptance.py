@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.budget import BudgetEntry
-from estimation.diagnosis import acceptance as module
-from estimation.diagnosis.acceptance import (
+from palpate.estimation.budget import BudgetEntry
+from palpate.estimation.diagnosis import acceptance as module
+from palpate.estimation.diagnosis.acceptance import (
     accept_effects,
     accept_forms,
     acceptance_criteria,
@@ -16,11 +16,11 @@ from estimation.diagnosis.acceptance import (
     indistinguishable_models,
     models_by_importance,
 )
-from estimation.diagnosis.bootstrap import BootstrapTest
-from estimation.diagnosis.forms import analyse_kinds, form_tests
-from estimation.effects import EFFECTS
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.kinds import Kind
+from palpate.estimation.diagnosis.bootstrap import BootstrapTest
+from palpate.estimation.diagnosis.forms import analyse_kinds, form_tests
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.kinds import Kind
 from tests.estimation.searches import SWING, reached, searched
 from tests.estimation.swings import swings
 

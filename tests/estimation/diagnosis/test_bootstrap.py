@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.data.derivatives import differentiate
-from estimation.diagnosis import bootstrap
-from estimation.diagnosis.bootstrap import (
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.diagnosis import bootstrap
+from palpate.estimation.diagnosis.bootstrap import (
     DRAWS,
     BootstrapTest,
     bootstrap_samples,
@@ -19,10 +19,10 @@ from estimation.diagnosis.bootstrap import (
     lack_of_fit_test,
     sequential_test,
 )
-from estimation.effects import EFFECTS
-from estimation.fit.fit_result import fit_model
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.models import MODELS
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.models import MODELS
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import read, swings
 

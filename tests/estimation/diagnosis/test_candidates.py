@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.diagnosis.candidates import (
+from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
     effect_library,
     extended_models,
@@ -15,11 +15,11 @@ from estimation.diagnosis.candidates import (
     parameter_count,
     screen_effects,
 )
-from estimation.effect import AdditiveEffect, Parameter
-from estimation.effects import EFFECTS
-from estimation.fit.fit_problem import Solution, solve_gains
-from estimation.fit.fit_result import fit_model
-from estimation.model import Model
+from palpate.estimation.effect import AdditiveEffect, Parameter
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_problem import Solution, solve_gains
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.model import Model
 from tests.estimation.presses import session
 from tests.estimation.swings import read, swings
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.base_model import ModelContext
-from estimation.diagnosis import Verdict, diagnose
-from estimation.effects import EFFECTS
-from estimation.models import MODELS
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, K, kelvin_voigt, maxwell, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
 

@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
-from estimation.diagnosis import Verdict, diagnose
-from estimation.diagnosis.acceptance import accept_forms, similar_forms
-from estimation.diagnosis.forms import Form, FormTest, analyse_kinds, closest_forms, form_tests, named_forms
-from estimation.effects import EFFECTS
-from estimation.kinds import Kind
+from palpate.estimation.diagnosis import Verdict, diagnose
+from palpate.estimation.diagnosis.acceptance import accept_forms, similar_forms
+from palpate.estimation.diagnosis.forms import (
+    Form,
+    FormTest,
+    analyse_kinds,
+    closest_forms,
+    form_tests,
+    named_forms,
+)
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.kinds import Kind
 from tests.estimation.presses import kelvin_voigt, maxwell, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import swings

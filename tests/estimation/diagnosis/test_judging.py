@@ -7,21 +7,23 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from estimation.diagnosis.diagnose import (
+from palpate.estimation.diagnosis.diagnose import (
     _below_a_step,
     _Completeness,
     diagnose,
     diagnose_channel,
 )
-from estimation.diagnosis.result import Verdict
-from estimation.diagnosis.verdict import insufficient_diagnosis
-from estimation.effects import EFFECTS
-from estimation.model import Model
+from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.diagnosis.verdict import insufficient_diagnosis
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.model import Model
 from tests.estimation.searches import SWING
 from tests.estimation.study.joints import joints
 from tests.estimation.swings import swings
 
-module = import_module("estimation.diagnosis.diagnose")  # its package hands on a function of that name
+module = import_module(
+    "palpate.estimation.diagnosis.diagnose"
+)  # its package hands on a function of that name
 
 
 @pytest.mark.parametrize(

@@ -7,24 +7,24 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from estimation.base_model import ModelContext
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import differentiate
-from estimation.diagnosis import residual_checks
-from estimation.diagnosis.bootstrap import SMALL, BootstrapTest
-from estimation.diagnosis.residual_checks import (
+from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.diagnosis import residual_checks
+from palpate.estimation.diagnosis.bootstrap import SMALL, BootstrapTest
+from palpate.estimation.diagnosis.residual_checks import (
     ExcessVariance,
     check_residuals,
     exceeds_noise,
 )
-from estimation.fit.ar_noise import WHITE
-from estimation.fit.blocks import BlockedData
-from estimation.fit.fit_problem import FitProblem, solve_gains
-from estimation.fit.fit_result import fit_model
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.fit.measurement_noise import free_air_noise
-from estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
-from estimation.models import MODELS
+from palpate.estimation.fit.ar_noise import WHITE
+from palpate.estimation.fit.blocks import BlockedData
+from palpate.estimation.fit.fit_problem import FitProblem, solve_gains
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.measurement_noise import free_air_noise
+from palpate.estimation.fit.run_heterogeneity import RunHeterogeneity, run_heterogeneity
+from palpate.estimation.models import MODELS
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.swings import swings
 

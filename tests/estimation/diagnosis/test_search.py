@@ -6,19 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.data.derivatives import differentiate
-from estimation.diagnosis import acceptance
-from estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
-from estimation.diagnosis.bootstrap import BootstrapTest
-from estimation.diagnosis.candidates import Candidate
-from estimation.diagnosis.search import _key, _some_runs, backward_step
-from estimation.effects import EFFECTS
-from estimation.estimate import ParameterEstimate
-from estimation.fit.fit_problem import solve_gains
-from estimation.fit.fit_result import fit_model
-from estimation.fit.inner_search import GridSearch
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.model import Model
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.diagnosis import acceptance
+from palpate.estimation.diagnosis.acceptance import indistinguishable_models, most_parsimonious
+from palpate.estimation.diagnosis.bootstrap import BootstrapTest
+from palpate.estimation.diagnosis.candidates import Candidate
+from palpate.estimation.diagnosis.search import _key, _some_runs, backward_step
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.inner_search import GridSearch
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import INERTIA, WEIGHT, swings
@@ -443,7 +443,7 @@ def test_a_sketch_has_a_sample_for_each_block_and_says_what_is_worth_trying():
 
 
 def test_beyond_a_shortlist_only_what_a_sketch_cannot_see_is_tried(monkeypatch):
-    monkeypatch.setattr("estimation.diagnosis.search.SHORTLIST", 1)
+    monkeypatch.setattr("palpate.estimation.diagnosis.search.SHORTLIST", 1)
     search = searched(quick(rippling), "bias", "joint_spring", "delay", "saturation", COULOMB, RIPPLE)
     assert {one.effect.name for one in search.screen(search.start)} == {RIPPLE, "delay", "saturation"}
     end = search.fitted(SWING.with_effect(EFFECTS[COULOMB]()), {})

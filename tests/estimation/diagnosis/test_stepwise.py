@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from estimation.diagnosis import search as module
-from estimation.diagnosis.search import MOST_EFFECTS, backward_step, select_effects
+from palpate.estimation.diagnosis import search as module
+from palpate.estimation.diagnosis.search import MOST_EFFECTS, backward_step, select_effects
 
 
 class SearchedModels:

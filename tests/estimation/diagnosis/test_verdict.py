@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelKind
-from estimation.design.next_experiment import exploring, separating, sufficient
-from estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
-from estimation.diagnosis.residual_checks import ResidualFinding
-from estimation.diagnosis.result import Verdict
-from estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
-from estimation.effects import EFFECTS
-from estimation.fit.fit_result import final_solution, fit_model
-from estimation.fit.intervals import estimate_parameters
-from estimation.fit.measurement_model import identify_measurement_model
-from estimation.model import Model
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.design.next_experiment import exploring, separating, sufficient
+from palpate.estimation.diagnosis.random_effects import add_run_variation, run_standard_deviation
+from palpate.estimation.diagnosis.residual_checks import ResidualFinding
+from palpate.estimation.diagnosis.result import Verdict
+from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.fit_result import final_solution, fit_model
+from palpate.estimation.fit.intervals import estimate_parameters
+from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.model import Model
 from tests.estimation.presses import NOISE_N, kelvin_voigt, session
 from tests.estimation.searches import PRESS, SWING, reached, searched
 from tests.estimation.swings import NOISE_NM, swings

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.effects import EFFECTS
-from estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.blocks import block_average, block_length, decimate, merge_blocks
 from tests.estimation.presses import kelvin_voigt
 from tests.estimation.swings import swings
 

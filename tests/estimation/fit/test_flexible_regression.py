@@ -6,22 +6,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.effects import EFFECTS
-from estimation.fit.blocks import block_average
-from estimation.fit.fit_result import fit_model
-from estimation.fit.flexible_regression import (
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.blocks import block_average
+from palpate.estimation.fit.fit_result import fit_model
+from palpate.estimation.fit.flexible_regression import (
     _best,
     _shrunken,
     fit_flexible,
     is_plausible_bias,
     model_features,
 )
-from estimation.fit.normal_equations import gram_matrices
-from estimation.fit.nuisance import nuisance_of
-from estimation.fit.smooth_features import hats, smooth_features
-from estimation.model import Model
-from estimation.signals.exponential_memory import low_pass
-from estimation.signals.runwise import derivative, play, shift
+from palpate.estimation.fit.normal_equations import gram_matrices
+from palpate.estimation.fit.nuisance import nuisance_of
+from palpate.estimation.fit.smooth_features import hats, smooth_features
+from palpate.estimation.model import Model
+from palpate.estimation.signals.exponential_memory import low_pass
+from palpate.estimation.signals.runwise import derivative, play, shift
 from tests.estimation.fit.test_fit_problem import COLUMNS, COUNT, TARGET, problem
 from tests.estimation.presses import kelvin_voigt, session
 from tests.estimation.swings import NOISE_NM, smoothed, swings, within

@@ -5,9 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.effect import Parameter
-from estimation.fit import inner_search
-from estimation.fit.inner_search import GridSearch, Scale, _between, _vertex, refine_inner, search_inner
+from palpate.estimation.effect import Parameter
+from palpate.estimation.fit import inner_search
+from palpate.estimation.fit.inner_search import (
+    GridSearch,
+    Scale,
+    _between,
+    _vertex,
+    refine_inner,
+    search_inner,
+)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.effects import EFFECTS
-from estimation.fit import fit_result
-from estimation.fit.acceleration_noise import inflate_acceleration_noise
-from estimation.fit.fit_problem import solve_gains
-from estimation.fit.fit_result import final_solution, fit_model
-from estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
-from estimation.model import Model
-from estimation.statistics.noise import sum_covariance
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit import fit_result
+from palpate.estimation.fit.acceleration_noise import inflate_acceleration_noise
+from palpate.estimation.fit.fit_problem import solve_gains
+from palpate.estimation.fit.fit_result import final_solution, fit_model
+from palpate.estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
+from palpate.estimation.model import Model
+from palpate.estimation.statistics.noise import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within
 
 BASE = Model("pendulum", (EFFECTS["pendulum"](), EFFECTS["viscous_friction"]()))

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from estimation.fit.irls import CUT, IrlsResult, absolute_share, cauchy_influence, irls
-from estimation.statistics.noise import NoiseLevel
+from palpate.estimation.fit.irls import CUT, IrlsResult, absolute_share, cauchy_influence, irls
+from palpate.estimation.statistics.noise import NoiseLevel
 
 U = np.linspace(-8.0, 8.0, 3201)  # residuals in standard deviations
 GAUSS = norm.pdf(U) * (U[1] - U[0])

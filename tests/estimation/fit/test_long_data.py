@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from estimation.channel import ChannelData, ChannelKind
-from estimation.data.derivatives import differentiate
-from estimation.effects.elastic_shape import CubicStiffness, Stiffness
-from estimation.effects.rate_dependence import Damping
-from estimation.fit import long_data
-from estimation.fit.blocks import block_average
-from estimation.fit.long_data import shortened, within_blocks
-from estimation.model import Model
-from estimation.study import ModelStudy
-from estimation.study.fitting import fit_base
-from estimation.study.source import Source, limit_length
-from robot_io.errors import InputError
+from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.effects.elastic_shape import CubicStiffness, Stiffness
+from palpate.estimation.effects.rate_dependence import Damping
+from palpate.estimation.fit import long_data
+from palpate.estimation.fit.blocks import block_average
+from palpate.estimation.fit.long_data import shortened, within_blocks
+from palpate.estimation.model import Model
+from palpate.estimation.study import ModelStudy
+from palpate.estimation.study.fitting import fit_base
+from palpate.estimation.study.source import Source, limit_length
+from palpate.robot_io.errors import InputError
 
 RATE_HZ, RUN_S, RUNS, NOISE_N = 1000.0, 20.0, 8, 0.02
 TRUTH = {"stiffness.k": 800.0, "damping.c": 6.0, "cubic_stiffness.k3": 5e6}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, savgol_coeffs
 
-from estimation.data.derivatives import differentiate
-from estimation.fit.measurement_model import (
+from palpate.estimation.data.derivatives import differentiate
+from palpate.estimation.fit.measurement_model import (
     _window,
     channel_derivative,
     identify_measurement_model,
@@ -169,7 +169,7 @@ def test_windows_are_recognised_though_pieces_within_the_runs_were_derived_by_th
 def test_a_derivative_may_be_off_its_window_s_by_a_thousandth_or_half_of_the_noise_in_it(
     sign, noise, off, known, monkeypatch
 ):
-    monkeypatch.setattr("estimation.fit.measurement_model.HALF_WINDOWS", (10,))
+    monkeypatch.setattr("palpate.estimation.fit.measurement_model.HALF_WINDOWS", (10,))
     position = sign * SMOOTH.position
     error = noise * np.random.default_rng(1).normal(size=len(SMOOTH))
     given = channel_derivative(SMOOTH, position, 10, 1)

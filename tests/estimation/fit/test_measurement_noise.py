@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.fit.fit_result import FitResult, fit_model
-from estimation.fit.measurement_noise import NoiseSource, measurement_noise
-from estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
+from palpate.estimation.fit.fit_result import FitResult, fit_model
+from palpate.estimation.fit.measurement_noise import NoiseSource, measurement_noise
+from palpate.estimation.fit.permutation import COUNT, null_improvements, surrogate_residuals
 from tests.estimation.fits import MODEL, cubic, fits
 from tests.estimation.presses import NOISE_N, session
 from tests.estimation.searches import SWING

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.effect import Parameter
-from estimation.effects import EFFECTS
-from estimation.estimate import Identifiability
-from estimation.fit.irls import Loss
-from estimation.fit.samples import _inside, _is_settled, fit_samples
-from estimation.model import Model
+from palpate.estimation.effect import Parameter
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import Identifiability
+from palpate.estimation.fit.irls import Loss
+from palpate.estimation.fit.samples import _inside, _is_settled, fit_samples
+from palpate.estimation.model import Model
 from tests.estimation.contact_data import base_model, channel, estimated, swing
 
 TRUTH = {"hunt_crossley.k": 2000.0, "hunt_crossley.b": 1500.0, "hunt_crossley.n": 1.3}

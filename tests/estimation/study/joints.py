@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind
 
 INERTIA, NOISE_NM = 0.05, 0.01
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.study.revisions import Revision
-from estimation.study.saved_diagnosis import MOST_BYTES, MOST_TEXT, clean, read_kept, with_checksum
+from palpate.estimation.study.revisions import Revision
+from palpate.estimation.study.saved_diagnosis import MOST_BYTES, MOST_TEXT, clean, read_kept, with_checksum
 from tests.revisions import revision
 
 

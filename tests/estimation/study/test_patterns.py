@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from estimation.kinds import Kind
-from estimation.study import ModelStudy, Part
-from estimation.study.patterns import patterns
+from palpate.estimation.kinds import Kind
+from palpate.estimation.study import ModelStudy, Part
+from palpate.estimation.study.patterns import patterns
 from tests.palpate.presses import press_rows
 
 SPEEDS = (0.02, 0.04, 0.08, 0.03)

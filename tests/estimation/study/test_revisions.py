@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from estimation.study import Revisions
-from estimation.study.saved_diagnosis import with_checksum
-from robot_io.errors import InputError
+from palpate.estimation.study import Revisions
+from palpate.estimation.study.saved_diagnosis import with_checksum
+from palpate.robot_io.errors import InputError
 from tests.revisions import SPRING, revision
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from control.loop.task import Phase
-from estimation.diagnosis import ChannelDiagnosis
-from estimation.diagnosis.candidates import effect_library
-from estimation.diagnosis.result import Accepted
-from estimation.study import ModelStudy
-from estimation.study.undecided_models import rival_effects, with_the_simplest
+from palpate.control.loop.task import Phase
+from palpate.estimation.diagnosis import ChannelDiagnosis
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.result import Accepted
+from palpate.estimation.study import ModelStudy
+from palpate.estimation.study.undecided_models import rival_effects, with_the_simplest
 from tests.estimation.study.joints import joints
 
 

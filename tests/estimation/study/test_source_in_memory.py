@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from estimation.data.import_options import ImportOptions
-from estimation.study.source import open_source
-from robot_io.errors import InputError
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.study.source import open_source
+from palpate.robot_io.errors import InputError
 
 T = np.arange(200) * 0.01
 COLUMNS = {"time_s": T, "displacement_m": 0.01 * np.sin(T), "force_N": 5.0 * np.sin(T)}

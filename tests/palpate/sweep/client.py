@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
+from palpate.robot_io.errors import PalpateError
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
-from robot_io.errors import PalpateError
 
 WORK = "tests.palpate.sweep.slow_work:work"
 

@@ -3,11 +3,11 @@
 import pytest
 import yaml
 
-from estimation.estimators.ransac import Ransac
+from palpate.estimation.estimators.ransac import Ransac
+from palpate.robot_io.errors import InputError
 from palpate.sweep.grid import DIAGNOSE, load_grid, shipped_grid
 from palpate.sweep.paper import CUBES, paper_cases
 from palpate.sweep.works.probing import made_estimator
-from robot_io.errors import InputError
 from tests.palpate.cli import ROOT
 
 ONE = {"objects": [{"name": "kelvin_voigt", "stiffness_n_m": 500, "damping_n_s_m": 20}]}

@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from palpate.robot_io.errors import InputError
 from palpate.sweep import Case, Cluster, ResultStore, run_cases
 from palpate.sweep.case import code_version
-from robot_io.errors import InputError
 
 BASE = Case("tests.palpate.sweep.slow_work:work", {"k": 500, "noise": [0.0, 0.1]}, 1)
 

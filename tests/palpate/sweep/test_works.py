@@ -6,15 +6,15 @@ from multiprocessing import current_process
 import numpy as np
 import pytest
 
-from control.loop.task import Phase
-from control.probing.plan import ProbingPlan
+from palpate.control.loop.task import Phase
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.session import Session
 from palpate.runs.probing import ProbingJob, probe_in_memory, run_probing
 from palpate.runs.robots import find_robot
+from palpate.sim_backend.scenario import Scenario
 from palpate.sweep.works import probing
 from palpate.sweep.works.probing import ransac_errors
-from robot_io.errors import PalpateError
-from robot_io.session import Session
-from sim_backend.scenario import Scenario
 
 LAW = {"name": "kelvin_voigt", "stiffness_n_m": 800.0, "damping_n_s_m": 30.0}
 PARAMETERS = {

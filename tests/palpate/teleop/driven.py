@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from control.arm.rigid_body import RigidBody
-from control.laws.gains import gains_of
-from control.loop.result import Outcome
-from control.loop.task import TaskOutput
-from control.loop.tick_record import NO_ESTIMATE, Estimates
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from control.teleop.follower_task import FollowerTask, plan_for
-from control.teleop.target_queue import TargetQueue
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.control.laws.gains import gains_of
+from palpate.control.loop.result import Outcome
+from palpate.control.loop.task import TaskOutput
+from palpate.control.loop.tick_record import NO_ESTIMATE, Estimates
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.control.teleop.follower_task import FollowerTask, plan_for
+from palpate.control.teleop.target_queue import TargetQueue
+from palpate.robot_io.calibration import load_calibrations
+from palpate.robot_io.link import Intent, Target, TargetState
+from palpate.robot_io.types import Measurement
 from palpate.runs.probing import run_guarded
 from palpate.runs.robots import find_robot
 from palpate.runs.session import ArmJob
-from robot_io.calibration import load_calibrations
-from robot_io.link import Intent, Target, TargetState
-from robot_io.types import Measurement
 
 _PLAN = ProbingPlan(speeds_m_s=(0.15,), hold_s=0.1, settle_s=0.05, free_air_s=0.1)
 _AT_ONCE = 32  # targets that are handed over

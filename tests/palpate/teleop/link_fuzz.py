@@ -4,13 +4,12 @@ import random
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
-from control.teleop.messaging import Messaging
-from control.teleop.peer import Arrival
-from control.teleop.target_queue import TargetQueue
-from palpate.teleop.virtual_object import TargetStates
-from robot_io.clock import SimulatedClock
-from robot_io.errors import InputError
-from robot_io.link import (
+from palpate.control.teleop.messaging import Messaging
+from palpate.control.teleop.peer import Arrival
+from palpate.control.teleop.target_queue import TargetQueue
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import (
     ContactModel,
     EstimatedParameter,
     Frame,
@@ -24,8 +23,9 @@ from robot_io.link import (
     decode,
     encode,
 )
-from robot_io.link.frame import CHECKSUM, Seal
-from sim_backend.scenario import Scenario
+from palpate.robot_io.link.frame import CHECKSUM, Seal
+from palpate.sim_backend.scenario import Scenario
+from palpate.teleop.virtual_object import TargetStates
 
 DOWN = (0.0, 0.0, -1.0)
 MODEL = ContactModel("kelvin_voigt", ("stiffness_n_m", "damping_n_s_m"), (500.0, 20.0))
@@ -63,7 +63,7 @@ class FuzzResult:
 
 
 class FedLine:
-    """A line whose frames are given; see `robot_io.link.Line`."""
+    """A line whose frames are given; see `palpate.robot_io.link.Line`."""
 
     def __init__(self, seal: Seal) -> None:
         self.waiting: deque[bytes] = deque()

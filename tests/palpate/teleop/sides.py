@@ -4,10 +4,10 @@ import time
 from multiprocessing import get_context
 from multiprocessing.context import SpawnProcess
 
-from control.loop.task import Phase
-from control.teleop.peer import Arrival, Peer, PeerLimits
-from robot_io.clock import MonotonicClock
-from robot_io.link import Line, LineSettings, ObjectEstimate, Report
+from palpate.control.loop.task import Phase
+from palpate.control.teleop.peer import Arrival, Peer, PeerLimits
+from palpate.robot_io.clock import MonotonicClock
+from palpate.robot_io.link import Line, LineSettings, ObjectEstimate, Report
 from tests.robot_io.link.link_parts import intent, report, target
 
 WAIT_S = 120.0  # for a machine that has much else to do

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from robot_io.link import Target
-from robot_io.link.frame import CHECKSUM, key_seal
+from palpate.robot_io.link import Target
+from palpate.robot_io.link.frame import CHECKSUM, key_seal
 from tests.palpate.teleop.driven import drive
 from tests.palpate.teleop.link_fuzz import fuzz
 

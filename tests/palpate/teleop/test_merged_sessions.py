@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from palpate.sim_backend.scenario import Scenario
 from palpate.teleop.demo import TeleopDemo
 from palpate.teleop.merged_sessions import TOUCH_S, ForceComparison, MergedSessions
 from palpate.teleop.virtual_object import felt_data, force_law, terms_of
-from sim_backend.scenario import Scenario
 from tests.robot_io.link.link_parts import estimate
 
 TICK_S = 1e-3

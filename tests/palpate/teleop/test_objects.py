@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from control.loop.tick_record import tick_stream
-from control.probing.plan import ProbingPlan
+from palpate.control.loop.tick_record import tick_stream
+from palpate.control.probing.plan import ProbingPlan
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import ContactModel
+from palpate.robot_io.session import Samples
+from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop.estimating import first_look, second_look
 from palpate.teleop.virtual_object import (
     felt_data,
@@ -14,10 +18,6 @@ from palpate.teleop.virtual_object import (
     terms_in,
     terms_of,
 )
-from robot_io.errors import InputError
-from robot_io.link import ContactModel
-from robot_io.session import Samples
-from sim_backend.scenario import load_scenario
 from tests.control.simulated_arms import SimulatedArm
 from tests.robot_io.link.link_parts import DOWN, estimate
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
+from palpate.robot_io.session import Session
 from palpate.teleop.demo import script
 from palpate.teleop.merged_sessions import merge_sessions
-from robot_io.session import Session
 from tests.free_port import free_port
 from tests.palpate.cli import assert_refused, done, run
 from tests.palpate.teleop.sides import (

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from palpate.robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
+from palpate.sim_backend.scenario import load_scenario
 from palpate.teleop import follower, leader
 from palpate.teleop.estimating import sample_stream
 from palpate.teleop.haptics import HapticJob
 from palpate.teleop.leader import LeaderJob
-from robot_io.link import Heard, ObjectEstimate, TargetState, decode, encode, target_number
-from sim_backend.scenario import load_scenario
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 LATER_S = 5.0  # by then a side that says nothing is gone

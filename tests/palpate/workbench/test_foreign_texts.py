@@ -13,12 +13,12 @@ from nicegui import Client, core
 from nicegui.page import page
 
 import palpate
-from estimation.study.saved_diagnosis import RESULT, with_checksum
+from palpate.estimation.study.saved_diagnosis import RESULT, with_checksum
+from palpate.robot_io.session import Session, write_session
 from palpate.study import Study
 from palpate.workbench.layout import lay_out_page
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState
-from robot_io.session import Session, write_session
 from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses
 

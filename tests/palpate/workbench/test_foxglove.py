@@ -12,12 +12,12 @@ from threading import Barrier
 import numpy as np
 import pytest
 
-from control.loop.tick_record import tick_stream
+from palpate.control.loop.tick_record import tick_stream
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Samples
 from palpate.workbench.server import _end
 from palpate.workbench.sources import TOPIC, Feed
 from palpate.workbench.startup import AppState
-from robot_io.errors import InputError
-from robot_io.session import Samples
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
 WAIT_S = 60

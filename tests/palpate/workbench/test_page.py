@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.study.saved_diagnosis import RESULT
+from palpate.estimation.study.saved_diagnosis import RESULT
 from tests.palpate.planted import install_program, planted_modules
 from tests.palpate.presses import write_presses
 from tests.palpate.workbench.test_foreign_texts import HOSTILE, MARK, forged, hostile, keep_diagnosis

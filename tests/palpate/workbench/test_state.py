@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 import palpate
-from estimation.channel import ChannelKind
-from estimation.data.import_options import ImportOptions
-from estimation.data.table import read_table
-from estimation.data_quality import checklist
-from estimation.effects import EFFECTS
-from estimation.fit import long_data
-from estimation.study.source import joined, open_source
 from palpate.commands.workbench import _state
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data.table import read_table
+from palpate.estimation.data_quality import checklist
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit import long_data
+from palpate.estimation.study.source import joined, open_source
 from palpate.render.effects import Example, plain, sized
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.session import Session
 from palpate.study import Study
 from palpate.workbench import elements
 from palpate.workbench.diagnosis import RiddleScore
@@ -27,8 +29,6 @@ from palpate.workbench.sources import guess, options_of, run_command, units_of
 from palpate.workbench.startup import AppState
 from palpate.workbench.state import WorkbenchState, evidence_of, groups
 from palpate.workflows.data_options import DataArguments
-from robot_io.errors import InputError
-from robot_io.session import Session
 from tests.palpate.presses import write_own_effect, write_presses
 
 

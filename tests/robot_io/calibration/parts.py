@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from robot_io.calibration import (
+from palpate.robot_io.calibration import (
     EncoderCalibration,
     ForceCalibration,
     GravityCalibration,
@@ -11,7 +11,7 @@ from robot_io.calibration import (
     device_identity,
     urdf_sha256,
 )
-from robot_io.robot_file import RobotFile, load_robot_file
+from palpate.robot_io.robot_file import RobotFile, load_robot_file
 from tests.mock_robot import write_mock_files
 
 MADE = datetime(2026, 11, 20, 8, tzinfo=UTC)

@@ -4,17 +4,17 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
-from control.arm.rigid_body import RigidBody
-from robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
-from robot_io.calibration.applied import CalibratedForceSensor, gravity_base_m_s2
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverCatalogue
-from robot_io.errors import InputError
-from robot_io.examination import Examinable, ok
-from robot_io.interfaces import ForceSensor
-from robot_io.robot import build_robot
-from robot_io.robot_file import load_robot_file, parse_robot_file
-from robot_io.types import Command, Reading, Status
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.robot_io.calibration import Calibrations, load_calibrations, parse_calibrations
+from palpate.robot_io.calibration.applied import CalibratedForceSensor, gravity_base_m_s2
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.examination import Examinable, ok
+from palpate.robot_io.interfaces import ForceSensor
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import load_robot_file, parse_robot_file
+from palpate.robot_io.types import Command, Reading, Status
 from tests.mock_robot import ROBOT_YAML, mock_bus
 from tests.robot_io.calibration.parts import (
     END,

@@ -1,9 +1,9 @@
 import pytest
 import yaml
 
-from robot_io.calibration import load_calibration, parse_calibration
-from robot_io.errors import InputError
-from robot_io.robot_file import load_robot_file
+from palpate.robot_io.calibration import load_calibration, parse_calibration
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.robot_file import load_robot_file
 from tests.mock_robot import write_mock_files
 from tests.robot_io.calibration.parts import KINDS, calibration_of
 

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import can
 import pytest
 
-from robot_io.clock import SimulatedClock
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, PortLock
-from robot_io.errors import DeviceError
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, PortLock
+from palpate.robot_io.errors import DeviceError
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.mit import protocol as mit
-from robot_io.drivers.mit.protocol import DamiaoFrames
-from robot_io.drivers.mit.settings import DIALECTS, Maker
-from robot_io.errors import InputError, ProtocolError
-from sim_backend.emulators.mit import CUBEMARS_LIMITS, DAMIAO_LIMITS, ROBSTRIDE_LIMITS
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.drivers.mit import protocol as mit
+from palpate.robot_io.drivers.mit.protocol import DamiaoFrames
+from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
+from palpate.robot_io.errors import InputError, ProtocolError
+from palpate.sim_backend.emulators.mit import CUBEMARS_LIMITS, DAMIAO_LIMITS, ROBSTRIDE_LIMITS
 
 AK80_9 = DIALECTS[Maker.CUBEMARS].models["AK80-9"]
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers import odrive_protocol as odrive
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.odrive_protocol import AxisState, Firmware, OdriveCommand, axis_error_names
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers import odrive_protocol as odrive
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.drivers.odrive_protocol import AxisState, Firmware, OdriveCommand, axis_error_names
+from palpate.robot_io.errors import InputError, ProtocolError
 
 DBC = {
     firmware: cantools.database.load_file(Path(__file__).with_name(f"odrive_0_{firmware[2]}.dbc"))

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers import moteus
-from robot_io.drivers.can.line import CanFrame
-from robot_io.drivers.mit.protocol import (
+from palpate.robot_io.drivers import moteus
+from palpate.robot_io.drivers.can.line import CanFrame
+from palpate.robot_io.drivers.mit.protocol import (
     ROBSTRIDE_CAN_TIMEOUT,
     RUN_MODE,
     MotorRegister,
     Order,
     RobstrideFrames,
 )
-from robot_io.drivers.mit.settings import DIALECTS, Maker
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
+from palpate.robot_io.errors import InputError, ProtocolError
 
 FRAMES = RobstrideFrames(0xFD, {})
 RS03 = DIALECTS[Maker.ROBSTRIDE].models["RS03"]

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.clock import MonotonicClock, SimulatedClock
-from robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, decode_line, encode_line
-from robot_io.errors import DeviceError
+from palpate.robot_io.clock import MonotonicClock, SimulatedClock
+from palpate.robot_io.drivers.can.line import CanFrame, CanLine, CanLineSettings, decode_line, encode_line
+from palpate.robot_io.errors import DeviceError
 
 OPENING = b"\rC\rS8\rO\r"
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from robot_io.clock import SimulatedClock
-from robot_io.driver import DriverContext
-from robot_io.drivers.dynamixel.bus import DynamixelBus
-from robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
-from robot_io.robot_file import load_robot_file
-from robot_io.types import Status
-from sim_backend.emulators import dynamixel_servo as table
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.driver import DriverContext
+from palpate.robot_io.drivers.dynamixel.bus import DynamixelBus
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, InputError, LifecycleError
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import READ_S, ROBOT_FILE, TICK_S, dynamixel_bench
 
 FAST, PLAIN = {"fast_sync_read": True}, {"fast_sync_read": False}

@@ -5,8 +5,8 @@ from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from robot_io.drivers.dynamixel import protocol
-from robot_io.drivers.dynamixel.protocol import (
+from palpate.robot_io.drivers.dynamixel import protocol
+from palpate.robot_io.drivers.dynamixel.protocol import (
     BROADCAST_ID,
     DynamixelStatus,
     DynamixelStatusReader,
@@ -15,8 +15,8 @@ from robot_io.drivers.dynamixel.protocol import (
     decode_status,
     encode_packet,
 )
-from robot_io.errors import ProtocolError
-from sim_backend.emulators import dynamixel
+from palpate.robot_io.errors import ProtocolError
+from palpate.sim_backend.emulators import dynamixel
 
 IDS = st.integers(0, 252)
 # Bytes with many headers, stuffing and near-misses among them.

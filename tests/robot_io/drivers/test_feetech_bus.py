@@ -8,10 +8,10 @@ from math import pi
 import numpy as np
 import pytest
 
-from robot_io.drivers.feetech.lerobot import main, read_calibration
-from robot_io.errors import DeviceError, InputError, LifecycleError
-from robot_io.types import Command, Status
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.drivers.feetech.lerobot import main, read_calibration
+from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
+from palpate.robot_io.types import Command, Status
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import SO101
 
 STALL_NM, NO_LOAD_RAD_S = 30 * 0.0980665, pi / 3 / 0.222

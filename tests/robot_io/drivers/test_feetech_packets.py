@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.feetech import protocol, tables
-from robot_io.drivers.feetech.protocol import FeetechStatus, FeetechStatusReader, decode_status
-from robot_io.errors import ProtocolError
-from sim_backend.emulators import feetech
+from palpate.robot_io.drivers.feetech import protocol, tables
+from palpate.robot_io.drivers.feetech.protocol import FeetechStatus, FeetechStatusReader, decode_status
+from palpate.robot_io.errors import ProtocolError
+from palpate.sim_backend.emulators import feetech
 
 IDS, DATA = st.integers(0, 0xFC), st.binary(max_size=40)
 

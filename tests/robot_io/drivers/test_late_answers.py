@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from robot_io.clock import SimulatedClock
-from robot_io.drivers.dynamixel.feedback import feedback_reader
-from robot_io.drivers.dynamixel.servos import DynamixelAccess
-from robot_io.drivers.dynamixel.tables import DRIVE_MODE
-from robot_io.errors import DeviceTimeoutError
-from sim_backend.emulators import dynamixel
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.drivers.dynamixel.feedback import feedback_reader
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelAccess
+from palpate.robot_io.drivers.dynamixel.tables import DRIVE_MODE
+from palpate.robot_io.errors import DeviceTimeoutError
+from palpate.sim_backend.emulators import dynamixel
 
 FAST_SYNC_READ, LENGTH = 0x8A, 5  # an instruction; a place in a packet
 

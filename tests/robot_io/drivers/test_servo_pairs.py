@@ -6,16 +6,16 @@ from math import pi
 import numpy as np
 import pytest
 
-from robot_io.calibration.applied import device_identity
-from robot_io.drivers.dynamixel.settings import DynamixelSettings
-from robot_io.drivers.feetech.settings import FeetechSettings
-from robot_io.errors import DeviceError, InputError
-from robot_io.examination import Level
-from robot_io.files.file_model import validate
-from robot_io.robot_file import parse_robot_file
-from robot_io.types import Status
-from sim_backend.emulators import FaultKind
-from sim_backend.emulators import dynamixel_servo as table
+from palpate.robot_io.calibration.applied import device_identity
+from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings
+from palpate.robot_io.drivers.feetech.settings import FeetechSettings
+from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.examination import Level
+from palpate.robot_io.files.file_model import validate
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators import FaultKind
+from palpate.sim_backend.emulators import dynamixel_servo as table
 from tests.robot_io.drivers.dynamixel_bench import dynamixel_bench
 from tests.wire.parts import DYNAMIXEL, DYNAMIXEL_PAIR, FEETECH_PAIR, SO101
 

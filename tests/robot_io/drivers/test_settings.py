@@ -5,21 +5,21 @@ from math import pi
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from robot_io.drivers.can.line import CanLineSettings
-from robot_io.drivers.can.motors import MotorMounting
-from robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
-from robot_io.drivers.feetech.lerobot import LerobotMotor
-from robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
-from robot_io.drivers.moteus import MoteusMotor
-from robot_io.drivers.net_ft import NetFtLineSettings
-from robot_io.drivers.odrive import OdriveAxis, OdriveBusSettings
-from robot_io.drivers.serial_force.bota import BotaSettings
-from robot_io.drivers.serial_force.gauges import ForceLinesSettings, LoadstarSettings, Mark10Settings
-from robot_io.drivers.serial_force.line import AxisForceSettings, SerialLineSettings
-from robot_io.drivers.serial_force.lorenz import LorenzSettings
-from robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
-from robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from palpate.robot_io.drivers.can.line import CanLineSettings
+from palpate.robot_io.drivers.can.motors import MotorMounting
+from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
+from palpate.robot_io.drivers.feetech.lerobot import LerobotMotor
+from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
+from palpate.robot_io.drivers.mit.settings import MitBusSettings, MitMotor, MitRangeSettings
+from palpate.robot_io.drivers.moteus import MoteusMotor
+from palpate.robot_io.drivers.net_ft import NetFtLineSettings
+from palpate.robot_io.drivers.odrive import OdriveAxis, OdriveBusSettings
+from palpate.robot_io.drivers.serial_force.bota import BotaSettings
+from palpate.robot_io.drivers.serial_force.gauges import ForceLinesSettings, LoadstarSettings, Mark10Settings
+from palpate.robot_io.drivers.serial_force.line import AxisForceSettings, SerialLineSettings
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzSettings
+from palpate.robot_io.drivers.serial_force.microcontroller_cell import MicrocontrollerCellSettings
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
 
 AMPERES = (ServoSettings, OdriveAxis)
 CAPABLE = (

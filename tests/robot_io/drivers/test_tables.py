@@ -2,14 +2,14 @@
 
 import pytest
 
-from robot_io.drivers.dynamixel import tables as dynamixel
-from robot_io.drivers.feetech import tables as feetech
-from robot_io.drivers.feetech.protocol import error_names
-from robot_io.drivers.mit.settings import DIALECTS, Maker
-from robot_io.drivers.odrive_protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
-from robot_io.drivers.servo.register import Register
-from sim_backend.emulators import feetech as emulated_sts
-from sim_backend.emulators.dynamixel_servo import MODELS, items_of
+from palpate.robot_io.drivers.dynamixel import tables as dynamixel
+from palpate.robot_io.drivers.feetech import tables as feetech
+from palpate.robot_io.drivers.feetech.protocol import error_names
+from palpate.robot_io.drivers.mit.settings import DIALECTS, Maker
+from palpate.robot_io.drivers.odrive_protocol import AXIS_ERRORS, WATCHDOG_EXPIRED, AxisState, Firmware
+from palpate.robot_io.drivers.servo.register import Register
+from palpate.sim_backend.emulators import feetech as emulated_sts
+from palpate.sim_backend.emulators.dynamixel_servo import MODELS, items_of
 
 DYNAMIXEL = """
 9 return delay time 1, 10 drive mode 1, 11 operating mode 1, 12 secondary id 1, 20 homing offset -4,

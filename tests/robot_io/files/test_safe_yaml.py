@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import YamlDocument, load_yaml, parse_yaml
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import YamlDocument, load_yaml, parse_yaml
 
 
 def test_values_are_what_they_look_like():

@@ -6,9 +6,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from robot_io.guard import Guard, Limits, SafeState
-from robot_io.guard.plausibility import UnresponsiveDrives
-from robot_io.types import Command, Measurement, Status
+from palpate.robot_io.guard import Guard, Limits, SafeState
+from palpate.robot_io.guard.plausibility import UnresponsiveDrives
+from palpate.robot_io.types import Command, Measurement, Status
 
 DT = 1e-3
 LIMITS = Limits(

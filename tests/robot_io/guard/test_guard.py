@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.clock import SimulatedClock
-from robot_io.errors import InputError, SafetyTripError
-from robot_io.guard import Guard, Limits, SafeState
-from robot_io.types import Command, Measurement, Status
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.errors import InputError, SafetyTripError
+from palpate.robot_io.guard import Guard, Limits, SafeState
+from palpate.robot_io.types import Command, Measurement, Status
 from tests.mock_robot import build_mock_robot, mock_bus, mock_robot_file
 
 DT = 1e-3

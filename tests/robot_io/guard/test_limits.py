@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from robot_io.guard import Limits, SafeState
+from palpate.robot_io.guard import Limits, SafeState
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "robot-file.md"
 WITNESSES = ("deaf_drive_s", "stuck_encoder_s", "stuck_force_s")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from robot_io.guard import Guard, SafeState
-from robot_io.guard.plausibility import StuckForce
+from palpate.robot_io.guard import Guard, SafeState
+from palpate.robot_io.guard.plausibility import StuckForce
 from tests.robot_io.guard.test_deaf_drive import LIMITS, measured
 
 LIMIT_S = 0.02

@@ -1,6 +1,6 @@
 """Messages for tests of the line."""
 
-from robot_io.link import ContactModel, EstimatedParameter, Intent, ObjectEstimate, Report, Target
+from palpate.robot_io.link import ContactModel, EstimatedParameter, Intent, ObjectEstimate, Report, Target
 
 DOWN = (0.0, 0.0, -1.0)
 

@@ -5,9 +5,18 @@ from math import inf, nan
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-from robot_io.errors import InputError
-from robot_io.link import ContactModel, FrameError, Heard, Target, decode, encode, load_seal, target_number
-from robot_io.link.frame import CHECKSUM, MOST_BYTES, Seal, key_seal
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.link import (
+    ContactModel,
+    FrameError,
+    Heard,
+    Target,
+    decode,
+    encode,
+    load_seal,
+    target_number,
+)
+from palpate.robot_io.link.frame import CHECKSUM, MOST_BYTES, Seal, key_seal
 from tests.robot_io.link.link_parts import estimate, intent, report, target
 
 MESSAGES = [intent(target(), target(7, 0.44), cancelled=(3,), ended=True), report(remark="µ"), estimate()]
@@ -47,7 +56,7 @@ def test_a_frame_is_a_protobuf_message_as_others_read_it():
 
 def test_frames_of_another_version_are_refused_by_name(monkeypatch):
     with monkeypatch.context() as newer_program:
-        newer_program.setattr("robot_io.link.frame.VERSION", 4)
+        newer_program.setattr("palpate.robot_io.link.frame.VERSION", 4)
         newer = framed(MESSAGES[0])
     with pytest.raises(FrameError, match="version 4 of the messages; this program speaks 3"):
         decode(newer)

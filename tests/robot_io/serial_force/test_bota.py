@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force import bota
-from robot_io.drivers.serial_force.bota import BotaStream, crc16, decode_frame
-from robot_io.errors import DeviceError, ProtocolError
-from sim_backend.emulators.serial_sensors import INVALID, OVERRANGE, RAW, SKIPPED, bota_frame
+from palpate.robot_io.drivers.serial_force import bota
+from palpate.robot_io.drivers.serial_force.bota import BotaStream, crc16, decode_frame
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.sim_backend.emulators.serial_sensors import INVALID, OVERRANGE, RAW, SKIPPED, bota_frame
 from tests.wire.parts import BOTA, ODRIVE
 
 VALUES = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=6, max_size=6)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force import lorenz
-from robot_io.drivers.serial_force.lorenz import LorenzCommand, LorenzStream, Telegram, TelegramReader
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers.serial_force import lorenz
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzCommand, LorenzStream, Telegram, TelegramReader
+from palpate.robot_io.errors import InputError, ProtocolError
 
 TELEGRAMS = st.builds(
     Telegram,

@@ -5,13 +5,13 @@ import subprocess
 
 import pytest
 
-from robot_io.driver import DriverCatalogue
-from robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
-from robot_io.errors import DeviceError, ProtocolError
-from robot_io.robot import build_robot
-from robot_io.robot_file import parse_robot_file
-from robot_io.types import Status
-from sim_backend.emulators.serial_sensors import cell_line
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.drivers.serial_force.microcontroller_cell import CellStream, checked, sample_of
+from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators.serial_sensors import cell_line
 from tests.wire.parts import CELL, ODRIVE, ROOT
 
 FIRMWARE = ROOT / "docs" / "firmware" / "load_cell" / "load_cell.ino"

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.driver import DriverCatalogue
-from robot_io.drivers import net_ft
-from robot_io.drivers.net_ft import NetFtLineSettings, NetFtStream, decode_record, parse_configuration
-from robot_io.errors import DeviceError, InputError, ProtocolError
-from robot_io.files.file_model import validate
-from robot_io.robot import build_robot
-from robot_io.robot_file import parse_robot_file
-from robot_io.types import Status
-from sim_backend.emulators.net_ft import EmulatedNetFt, record
+from palpate.robot_io.driver import DriverCatalogue
+from palpate.robot_io.drivers import net_ft
+from palpate.robot_io.drivers.net_ft import NetFtLineSettings, NetFtStream, decode_record, parse_configuration
+from palpate.robot_io.errors import DeviceError, InputError, ProtocolError
+from palpate.robot_io.files.file_model import validate
+from palpate.robot_io.robot import build_robot
+from palpate.robot_io.robot_file import parse_robot_file
+from palpate.robot_io.types import Status
+from palpate.sim_backend.emulators.net_ft import EmulatedNetFt, record
 from tests.wire.parts import NET_FT, ODRIVE
 
 COUNTS = st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6)

@@ -4,16 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.drivers.serial_force import gauges
-from robot_io.drivers.serial_force.gauges import (
+from palpate.robot_io.drivers.serial_force import gauges
+from palpate.robot_io.drivers.serial_force.gauges import (
     Mark10Stream,
     compile_pattern,
     loadstar_stream,
     pattern_stream,
     reading_of,
 )
-from robot_io.drivers.serial_force.stream import Poll, newtons_per
-from robot_io.errors import InputError, ProtocolError
+from palpate.robot_io.drivers.serial_force.stream import Poll, newtons_per
+from palpate.robot_io.errors import InputError, ProtocolError
 
 MARK_10 = r"\s*(?P<value>[-+]?[\d.]+) (?P<unit>\w+)"
 LBF_N = 4.4482216152605  # NIST SP 811

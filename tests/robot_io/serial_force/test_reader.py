@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_io.clock import SimulatedClock
-from robot_io.drivers.serial_force.gauges import loadstar_stream, pattern_stream
-from robot_io.drivers.serial_force.line import SerialReader
-from robot_io.drivers.serial_force.lorenz import LorenzStream
-from robot_io.drivers.serial_force.stream import OwnTime
-from sim_backend.emulators import FaultKind
+from palpate.robot_io.clock import SimulatedClock
+from palpate.robot_io.drivers.serial_force.gauges import loadstar_stream, pattern_stream
+from palpate.robot_io.drivers.serial_force.line import SerialReader
+from palpate.robot_io.drivers.serial_force.lorenz import LorenzStream
+from palpate.robot_io.drivers.serial_force.stream import OwnTime
+from palpate.sim_backend.emulators import FaultKind
 from tests.wire.parts import BOTA, CELL, NET_FT, ODRIVE
 
 

@@ -8,12 +8,12 @@ import can
 import cantools
 import pytest
 
-from robot_io.robot_file import load_robot_file
-from sim_backend.emulators.bench import Plant
-from sim_backend.emulators.mit import EmulatedMitMotor
-from sim_backend.emulators.odrive import EmulatedOdrive
-from sim_backend.emulators.serial_sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
-from sim_backend.scenario import load_scenario
+from palpate.robot_io.robot_file import load_robot_file
+from palpate.sim_backend.emulators.bench import Plant
+from palpate.sim_backend.emulators.mit import EmulatedMitMotor
+from palpate.sim_backend.emulators.odrive import EmulatedOdrive
+from palpate.sim_backend.emulators.serial_sensors import EmulatedGauge, EmulatedLoadstar, EmulatedLorenz
+from palpate.sim_backend.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[3]
 DBC = ROOT / "tests" / "robot_io" / "can"

@@ -10,11 +10,11 @@ import pytest
 import serial
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
-from robot_io.clock import MonotonicClock
-from sim_backend.emulators import dynamixel
-from sim_backend.emulators.bench import Bench, JointState
-from sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
-from sim_backend.emulators.dynamixel_servo import MODELS
+from palpate.robot_io.clock import MonotonicClock
+from palpate.sim_backend.emulators import dynamixel
+from palpate.sim_backend.emulators.bench import Bench, JointState
+from palpate.sim_backend.emulators.dynamixel import DynamixelMounting, EmulatedDynamixelLine
+from palpate.sim_backend.emulators.dynamixel_servo import MODELS
 
 BYTE_S = 10 / 4e6
 HAND_ON_S = 0.04  # real time that a pseudo terminal may take

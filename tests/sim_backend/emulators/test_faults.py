@@ -2,9 +2,9 @@
 
 import pytest
 
-from robot_io.errors import InputError
-from robot_io.files.file_model import validate
-from sim_backend.emulators import Fault, FaultKind, Faults
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import validate
+from palpate.sim_backend.emulators import Fault, FaultKind, Faults
 
 
 def hits(faults, kind=FaultKind.DROP, device=1, times_s=range(10)):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from robot_io.guard import Limits
+from palpate.robot_io.guard import Limits
 from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
 from tests.wire.parts import ROOT
 

@@ -10,17 +10,17 @@ from unittest.mock import patch
 
 import numpy as np
 
-from control.loop.loop import run_loop
-from control.loop.result import LoopResult, Outcome
-from control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_stream
-from control.probing.plan import ProbingPlan
-from control.probing.task import ProbingTask
-from robot_io import Session, SessionMetadata, SessionWriter
-from robot_io.drivers.can.line import Timestamps
-from robot_io.drivers.can.motors import MotorBus
-from robot_io.errors import SessionError
-from robot_io.guard import Guard
-from sim_backend.emulators import Fault
+from palpate.control.loop.loop import run_loop
+from palpate.control.loop.result import LoopResult, Outcome
+from palpate.control.loop.tick_record import NO_ESTIMATE, STREAM_NAME, tick_stream
+from palpate.control.probing.plan import ProbingPlan
+from palpate.control.probing.task import ProbingTask
+from palpate.robot_io import Session, SessionMetadata, SessionWriter
+from palpate.robot_io.drivers.can.line import Timestamps
+from palpate.robot_io.drivers.can.motors import MotorBus
+from palpate.robot_io.errors import SessionError
+from palpate.robot_io.guard import Guard
+from palpate.sim_backend.emulators import Fault
 from tests.log_in_process import LogInProcess
 from tests.wire.fault_matrix.rows import FAMILIES, ProgramFault, Row
 from tests.wire.parts import WireBench

@@ -9,8 +9,8 @@ from enum import StrEnum
 from math import ceil
 from pathlib import Path
 
-from robot_io.guard import Limits
-from sim_backend.emulators import Fault, FaultKind
+from palpate.robot_io.guard import Limits
+from palpate.sim_backend.emulators import Fault, FaultKind
 from tests.wire.parts import (
     BOTA,
     CELL,

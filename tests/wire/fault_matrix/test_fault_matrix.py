@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import pytest
 
-from robot_io.errors import DeviceError
+from palpate.robot_io.errors import DeviceError
 from tests.wire.fault_matrix.document import DOCUMENT, document
 from tests.wire.fault_matrix.rig import FaultRig
 from tests.wire.fault_matrix.rows import HOLDS, ProgramFault, Row, rows
