@@ -5,11 +5,13 @@ PYTHON ?= $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+SIM    := $(VENV)/.sim
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary=:all: -c constraints.txt
 
-.PHONY: demo test test-all quick lint docs env clean
+.PHONY: demo test test-all test-page quick lint docs env clean
 
-demo: $(READY)
+# Only what it needs; what the tests need comes with them.
+demo: $(SIM)
 	@$(BIN)/palpate demo
 
 test: $(READY)
@@ -17,6 +19,10 @@ test: $(READY)
 
 test-all: $(READY)
 	@$(BIN)/pytest -m ""
+
+# The page of the workbench in a real Chromium, which must be there.
+test-page: $(READY)
+	@$(PIP) -e '.[bench]' && $(BIN)/pytest tests/palpate/workbench/test_page.py
 
 # What another Python or machine could break: engines, drivers on emulated wires, and fits.
 quick: $(READY)
@@ -32,20 +38,24 @@ docs: $(READY)
 env: $(READY)
 
 # The interpreter is checked before anything is downloaded.
-$(READY): pyproject.toml constraints.txt
+$(VENV)/bin/python:
 	@command -v "$(PYTHON)" >/dev/null 2>&1 || { \
 	  echo "palpate needs CPython 3.11 or newer ($(or $(PYTHON),python3.11) was not found)."; \
 	  echo "Install it (Debian 12: apt install python3.11 python3.11-venv; elsewhere: pyenv install 3.11, or uv python install 3.11)"; \
 	  echo "and name it if needed: make PYTHON=/path/to/python3.11 demo"; exit 2; }
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if v >= (3, 11) else "palpate needs CPython 3.11 or newer, this is %d.%d. Use: make PYTHON=python3.11" % v)'
-	@echo "Making the environment in $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) --only-binary=:all: -c constraints.txt -e '.[dev]' || { \
+
+$(SIM): EXTRA := sim
+$(READY): EXTRA := dev
+$(SIM) $(READY): pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "Installing palpate[$(EXTRA)] in $(VENV) (once, less than a minute) ..."
+	@$(PIP) -e '.[$(EXTRA)]' || { \
 	  echo "palpate's packages could not be installed (see above). Nothing is compiled here: if a wheel is missing, this"; \
 	  echo "platform is not supported (tested: Linux on x86-64); otherwise look at the network and run make again."; exit 2; }
 	@$(BIN)/python -c 'import pinocchio' || { \
 	  echo "A library of the system is missing (see above); on Debian and Ubuntu: apt install libgomp1"; exit 2; }
-	@touch $@
+	@touch $(if $(filter dev,$(EXTRA)),$(SIM)) $@
 
 clean:
 	rm -rf $(VENV) $(VENV)-* build *.egg-info

@@ -6,11 +6,16 @@ import os
 import select
 import termios
 from contextlib import suppress
-
-import serial
+from typing import TYPE_CHECKING
 
 from palpate.robot_io.clock import Clock, SimulatedClock
 from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.extras import LazyModule
+
+if TYPE_CHECKING:
+    import serial
+else:
+    serial = LazyModule("serial")
 
 
 def reason_of(error: Exception) -> str:
@@ -28,7 +33,7 @@ def reason_of(error: Exception) -> str:
     return os.strerror(number) if number else " ".join(str(error).split())
 
 
-def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> serial.Serial:
+def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = None) -> "serial.Serial":
     """Open a port with 8 data bits, no parity, 1 stop bit; reading never waits.
 
     Args:
@@ -53,7 +58,7 @@ def open_exclusively(path: str, baud_rate: int, write_timeout_s: float | None = 
     return port
 
 
-def close_exclusive(port: serial.Serial) -> None:
+def close_exclusive(port: "serial.Serial") -> None:
     """Close a port and let others use it.
 
     Args:

@@ -69,6 +69,13 @@ def test_no_room_leads_back_to_itself(folder):
     TopologicalSorter(rooms(folder)).prepare()  # raises CycleError with the way round
 
 
+def test_every_import_is_under_the_one_name():
+    """In a checkout `control` can be imported as well, a second time, beside `palpate.control`."""
+    files = (path for path in ROOT.rglob("*.py") if ".venv" not in path.relative_to(ROOT).parts[0])
+    beside = ALLOWED.keys() - {"palpate"}
+    assert not [path for path in files for name in imported_modules(path) if name.split(".")[0] in beside]
+
+
 def test_rooms_that_import_each_other_are_seen(tmp_path):
     house = tmp_path / "house"
     (house / "kitchen").mkdir(parents=True)

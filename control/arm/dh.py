@@ -17,17 +17,22 @@ section 2.8.2.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import pinocchio as pin
 from pydantic import Field, model_validator
 
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import FileModel, Number, YamlDocument, load_yaml, matching, validate
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, frozen_array
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+else:
+    pin = LazyModule("pinocchio")
 
 Name = Annotated[str, matching(r"[A-Za-z][A-Za-z0-9_]{0,63}", "1 to 64 letters, digits or _, a letter first")]
 _POSTURES = 5  # besides the home position

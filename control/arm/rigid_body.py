@@ -11,22 +11,26 @@ World frame: that of the URDF's root link; gravity is 9.81 m/s^2 along -z unless
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from palpate.robot_io.calibration import Calibrations, load_calibrations
 from palpate.robot_io.captured import STDERR, STDOUT, captured
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import read_text
 from palpate.robot_io.files.urdf_text import parse_urdf
 from palpate.robot_io.robot_file import RobotFile
 from palpate.robot_io.types import FloatArray, frozen_array
 
+if TYPE_CHECKING:
+    import pinocchio as pin
+else:
+    pin = LazyModule("pinocchio")
+
 PARAMETERS_PER_LINK = 10
 LEVEL = (0.0, 0.0, -9.81)
-_WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class TipMotion(NamedTuple):
@@ -224,7 +228,9 @@ class RigidBody:
             Shape (6, n): tip velocity [m/s] above angular velocity [rad/s], per joint velocity.
         """
         return np.asarray(
-            pin.computeFrameJacobian(self._model, self._data, position_rad, self._tip, _WORLD_AXES)
+            pin.computeFrameJacobian(
+                self._model, self._data, position_rad, self._tip, pin.LOCAL_WORLD_ALIGNED
+            )
         )
 
     def inverse_dynamics(

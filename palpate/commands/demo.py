@@ -86,7 +86,8 @@ def demo_command(
         out_ = console.stdout()
         print_estimates(out_, demo.found, demo.study.truth_of(demo.found.channel))
         out_.print(f"\nsession    [bold]{shown(demo.session)}[/bold]", soft_wrap=True)
-        out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
+        if demo.recording is not None:
+            out_.print(f"recording  [bold]{shown(demo.recording)}[/bold]", soft_wrap=True)
         for number, plot in enumerate(demo.plots):
             out_.print(f"{'' if number else 'plots':<10} [bold]{shown(plot)}[/bold]", soft_wrap=True)
     hidden = _find_hidden(second, world, seed, again) if second is not None else None
@@ -96,8 +97,9 @@ def demo_command(
     if hidden is not None:
         _print_hidden(hidden)
     session_word = typed(demo.session)
+    viewer = "" if demo.recording else "pip install 'palpate[view]' && "
     steps = [
-        (f"palpate inspect {session_word}", "see arm, forces and estimates in Rerun"),
+        (f"{viewer}palpate inspect {session_word}", "see arm, forces and estimates in Rerun"),
         (
             "palpate doctor --robot my_arm.yaml",
             "your own arm, before it gets power (docs/how-to/hardware.md)",
@@ -134,7 +136,7 @@ def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
         }
     return {
         "session": str(demo.session),
-        "recording": str(demo.recording),
+        "recording": None if demo.recording is None else str(demo.recording),
         "plots": [str(plot) for plot in demo.plots],
         "result": as_data(demo.found, demo.study.truth_of(demo.found.channel)),
         "hidden": of_hidden,

@@ -24,6 +24,7 @@ from typer.core import TyperGroup
 
 from palpate.common.preflight import library_remedy
 from palpate.robot_io.errors import DeviceError, InputError, PalpateError, UnloggedError
+from palpate.robot_io.extras import missing_package
 from palpate.robot_io.files.file_model import one_line
 
 BAD_INPUT = 2
@@ -74,9 +75,7 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
     where = f"set {DEBUG_VARIABLE}=1 to see where; please report it"
     text, code = f"internal error, {type(error).__name__}: {error} ({where})", FAILED
     match error:
-        case UnloggedError():
-            text = str(error)
-        case InputError():
+        case InputError() if not isinstance(error, UnloggedError):
             text, code = str(error), BAD_INPUT
         case PalpateError():
             text = str(error)
@@ -88,6 +87,8 @@ def report_error(error: Exception, *, as_json: bool = False) -> int:
             text = f"cannot write the output: {error.strerror}"
         case MemoryError():
             text = "the memory is full; take fewer runs, or a shorter recording"
+        case ModuleNotFoundError() if missing := missing_package(error.name):
+            text, code = missing, BAD_INPUT
         case ImportError() if remedy := library_remedy(error):
             text = f"a library of the system is missing ({error}); {remedy}"
     # A disk that takes nothing more, or fails, may be behind it: the input may be as good as can be.

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from palpate.estimation.study import ChannelResult, ModelStudy
 from palpate.estimation.study.patterns import Part
 from palpate.render.diagnosis import budget_view, compared, diagnosed, falling, impossible
 from palpate.render.view import Axes, ChannelView, ParameterView, StageView, StudyView, VerdictView
+from palpate.robot_io.extras import missing_package
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _MILLI = 1e3
@@ -366,7 +368,6 @@ def write_outcome(
         InputError: a file cannot be written.
     """
     # what draws takes longer to import than all else, and a verdict should not wait for it
-    from palpate.render.recording.revisions import record_rerun  # noqa: PLC0415
     from palpate.render.report import document  # noqa: PLC0415
 
     texts = {**(texts or {}), REPORT: document(view_of(study, results, commands))}
@@ -375,8 +376,15 @@ def write_outcome(
         for result in results
         if result.added or (result.diagnosis is not None and result.diagnosis.rest is not None)
     ]
+    if grown and not find_spec("rerun"):
+        console.stderr().print(
+            f"without {RECORDING}: {missing_package('rerun')}", soft_wrap=True, markup=False
+        )
+        grown = []
     with whole_set({folder / name: text for name, text in texts.items()}):
         if grown:
+            from palpate.render.recording.revisions import record_rerun  # noqa: PLC0415, slow to import
+
             record_rerun(view_of(study, grown), folder / RECORDING)
     return {"report": folder / REPORT} | ({"recording": folder / RECORDING} if grown else {})
 

@@ -1,11 +1,12 @@
 """Plotly figures, HTML report and Rerun recording of a paired comparison."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import plotly.graph_objects as go
-import rerun.blueprint as rrb
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
@@ -17,6 +18,12 @@ from palpate.render.paired import LETTERS, PairedView, PairView, difference_text
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on
 from palpate.render.report import RUN_TIME, PlotStyle, as_html, draw_curves, rendered, styled, title_axes
 from palpate.render.thinning import rows_by_run, run_curves
+from palpate.robot_io.extras import LazyModule
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+else:
+    rrb = LazyModule("rerun.blueprint")
 
 COLORS = (palette.MEASURED, palette.OTHER)
 

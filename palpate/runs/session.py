@@ -20,6 +20,7 @@ from palpate.robot_io.calibration import Calibrations
 from palpate.robot_io.clock import Clock, MonotonicClock, SimulatedClock
 from palpate.robot_io.driver import DriverCatalogue
 from palpate.robot_io.errors import DeviceError, InputError
+from palpate.robot_io.extras import missing_package
 from palpate.robot_io.guard import Guard
 from palpate.robot_io.robot import Robot, build_robot
 from palpate.robot_io.robot_file import RobotFile
@@ -28,7 +29,7 @@ from palpate.runs.hidden_effects import SEAL, hide, seal_hidden
 from palpate.runs.options import Permission, without_question
 from palpate.runs.robots import DEFAULT_SCENARIO, EMULATED, emulate, is_simulated
 from palpate.sim_backend.drivers import SimulatedBus
-from palpate.sim_backend.engines import EngineName
+from palpate.sim_backend.engines import EngineName, installed_engines
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.sim_backend.world import World
 
@@ -54,6 +55,11 @@ class ArmJob:
     drivers: tuple[str, ...] = ()  # packages or modules with drivers beside palpate's own
     command_line: str = ""  # how the program was started
     permission: Permission = without_question  # called before a real arm is opened; may refuse by raising
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated before anything is read. InputError: no engine is installed."""
+        if self.simulated and not installed_engines():
+            raise InputError(f"nothing can be simulated here: {missing_package('mujoco')}")
 
     @property
     def simulated(self) -> bool:

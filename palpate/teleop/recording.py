@@ -1,10 +1,11 @@
 """Leader and follower on the leader's time line: a Rerun recording and a picture."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from palpate.common.files import whole_file
 from palpate.render import palette
@@ -17,11 +18,19 @@ from palpate.render.recording.file import (
     shown_on,
     time_column,
 )
-from palpate.render.recording.scene import SOLID, log_moving_arm, picture_rows
+from palpate.render.recording.scene import log_moving_arm, picture_rows, solid_shapes
 from palpate.render.recording.session import log_phases
+from palpate.robot_io.extras import LazyModule
 from palpate.teleop.haptics import GUESS
 from palpate.teleop.merged_sessions import ForceComparison, MergedSessions
 from palpate.teleop.virtual_object import GEOMETRY
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+else:
+    rr = LazyModule("rerun")
+    rrb = LazyModule("rerun.blueprint")
 
 _LEADER_BASE_M = (0.0, 0.5, 0.0)  # beside the follower, in the picture only
 _FORCE, _DEPTH, _PHASE, _LINK, _EVENTS = "force", "depth", "phase", "link", "events"
@@ -116,7 +125,7 @@ def _blueprint(merged: MergedSessions) -> rrb.Blueprint:
         name="Follower, and the virtual arm behind it",
         contents=["arm_leader/**", "arm_follower/**"],
         background=rrb.Background(color=BACKGROUND),
-        defaults=SOLID,
+        defaults=solid_shapes(),
         spatial_information=rrb.SpatialInformation(target_frame="world"),
         eye_controls=rrb.EyeControls3D(
             position=(0.9, -1.3, 0.8), look_target=(0.25, 0.2, 0.2), eye_up=(0, 0, 1)

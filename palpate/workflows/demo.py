@@ -1,6 +1,7 @@
 """What a newcomer sees first: probe, estimate and draw; then find what is hidden in another object."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ class Demo:
     session: Path  # the session file
     study: Study  # the session with channels and truth
     found: ChannelEstimates  # estimates of the probed place, by every estimator
-    recording: Path  # for Rerun
+    recording: Path | None  # for Rerun; None where its package is not installed
     plots: tuple[Path, ...]  # pages of figures
 
 
@@ -100,8 +101,10 @@ def show_demo(session: Path) -> Demo:
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
     inspection = look_into(opened, found)
-    inspection.record(folder / RECORDING)
-    return Demo(session, study, found, folder / RECORDING, (inspection.plot(folder),))
+    recording = folder / RECORDING if find_spec("rerun") else None
+    if recording is not None:
+        inspection.record(recording)
+    return Demo(session, study, found, recording, (inspection.plot(folder),))
 
 
 def drawn_seed() -> int:

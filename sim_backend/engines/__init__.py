@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from typing import Literal
 
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import missing_package
 from palpate.sim_backend.engines.engine import Engine
 
 EngineName = Literal["pybullet", "mujoco"]
@@ -40,10 +41,8 @@ def engine_class(name: EngineName) -> type[Engine]:
     """
     package, module, kind = _ENGINES[name]
     if not find_spec(package):
-        raise InputError(
-            f"physics engine '{name}': package {package} is not installed. Install it, or choose "
-            f"engine {default_engine()}"
-        )
+        others = [f"choose {other}" for other in installed_engines()]
+        raise InputError("; or ".join((f"physics engine '{name}': {missing_package(package)}", *others)))
     engine: type[Engine] = getattr(import_module(f"palpate.sim_backend.engines.{module}"), kind)
     return engine
 

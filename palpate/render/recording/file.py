@@ -1,5 +1,7 @@
 """Recording files of Rerun: written whole or not at all, shown in a window, and photographed."""
 
+from __future__ import annotations
+
 import os
 import socket
 import subprocess
@@ -8,25 +10,30 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
-import rerun_cli  # type: ignore[import-untyped]
-from rerun.experimental import ViewerClient
 
 from palpate.common.files import whole_file
 from palpate.render import palette
 from palpate.robot_io.errors import PalpateError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.whole_file import as_utf8
 from palpate.robot_io.types import FloatArray
 
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+    import rerun_cli  # type: ignore[import-untyped]
+    from rerun import experimental
+else:
+    rr = LazyModule("rerun")
+    rrb = LazyModule("rerun.blueprint")
+    experimental = LazyModule("rerun.experimental")
+    rerun_cli = LazyModule("rerun_cli")
+
 TIME, REVISION = "time", "revision"  # timelines
 BACKGROUND = (24, 29, 36)
-WHOLE_TIME = rrb.TimeAxis(
-    view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-)
 Line = tuple[FloatArray, str, float]  # values (n,), colour, width in points
 
 
@@ -104,7 +111,9 @@ def plot(
     """
     axis = rrb.ScalarAxis(range=span) if span else None
     shown = rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=WHOLE_TIME, axis_y=axis, plot_legend=shown)
+    endless = rr.TimeRangeBoundary.infinite()
+    whole_time = rrb.TimeAxis(view_range=rr.TimeRange(start=endless, end=endless))
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=whole_time, axis_y=axis, plot_legend=shown)
 
 
 def shown_on(*contents: rrb.Container | rrb.View, timeline: str) -> rrb.Blueprint:
@@ -183,19 +192,19 @@ def take_picture(
 
 
 @contextmanager
-def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
+def _headless_viewer(size: tuple[int, int]) -> Iterator[experimental.ViewerClient]:
     with socket.socket() as probe:
         probe.bind((_HOST, 0))
         port = probe.getsockname()[1]
     window = f"{size[0]}x{size[1]}"
     process = _start("--headless", "--hide-welcome-screen", "--port", str(port), "--window-size", window)
-    clients: list[ViewerClient] = []
+    clients: list[experimental.ViewerClient] = []
 
     def connected() -> bool:
         if process.poll() is not None:
             raise PalpateError(f"the Rerun viewer ended at once ({_DRIVER})")
         try:
-            client = ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
+            client = experimental.ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
             client.get_state()
         except (OSError, RuntimeError):
             return False
@@ -223,7 +232,7 @@ def _wait_for(is_done: Callable[[], bool], failure: str) -> None:
         time.sleep(_POLL_S)
 
 
-def _start(*arguments: str, detached: bool = False) -> "subprocess.Popen[bytes]":
+def _start(*arguments: str, detached: bool = False) -> subprocess.Popen[bytes]:
     program = Path(rerun_cli.__file__).parent / "rerun"
     environment = os.environ | {"RERUN_APP_ONLY": "true"}  # no questions at the start
     try:

@@ -4,13 +4,14 @@ Rerun's own plots run along a timeline. Here the timeline is the revision, and e
 curves, which are drawn as lines.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from palpate.render import palette
 from palpate.render.recording.file import (
@@ -25,7 +26,15 @@ from palpate.render.recording.file import (
 from palpate.render.terminal import with_interval
 from palpate.render.thinning import rows_by_run, run_curves
 from palpate.render.view import BudgetView, ChannelView, StudyView
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+else:
+    rr = LazyModule("rerun")
+    rrb = LazyModule("rerun.blueprint")
 
 WIDTH, HEIGHT = 160.0, 90.0  # of the frame in the view's own units
 _RULE, _INK = (62, 72, 84), (190, 200, 210)

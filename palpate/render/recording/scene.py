@@ -1,18 +1,17 @@
 """A probing session as it is recorded: the arm in 3D, the object, and the force on it."""
 
+from __future__ import annotations
+
 import tempfile
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import tostring
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
-from rerun.urdf import UrdfJoint, UrdfTree
 
 from palpate.control.loop.task import Phase
 from palpate.control.loop.tick_record import STREAM_NAME
@@ -20,9 +19,19 @@ from palpate.estimation.data.tick_channels import checked_ticks
 from palpate.estimation.estimate import Estimate, ParameterEstimate
 from palpate.render.recording.file import BACKGROUND, time_column
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.urdf_text import parse_urdf, without_files
 from palpate.robot_io.session import Event, Session
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+    import rerun.urdf as urdf_reader
+else:
+    rr = LazyModule("rerun")
+    rrb = LazyModule("rerun.blueprint")
+    urdf_reader = LazyModule("rerun.urdf")
 
 Columns = Mapping[str, NDArray[Any]]
 IN_CONTACT = (Phase.LOADING, Phase.HOLD, Phase.UNLOADING)
@@ -263,8 +272,12 @@ _ARROW = (240, 92, 84)
 _GRID = (120, 134, 150, 60)
 _EYE_DIRECTION = np.array([0.35, -1.0, 0.42])  # from the side: the arm moves in the x-z plane
 _EYE_DISTANCE = 1.5  # in sizes of the scene
-# Rerun draws a URDF's cylinders and boxes as wire frames unless it is told otherwise.
-SOLID = [shape.from_fields(fill_mode="solid") for shape in (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)]
+
+
+def solid_shapes() -> list[rr.AsComponents]:
+    """Defaults of a view: Rerun draws cylinders and boxes of a URDF as wire frames by itself."""
+    shapes = (rr.Cylinders3D, rr.Boxes3D, rr.Ellipsoids3D)
+    return [shape.from_fields(fill_mode="solid") for shape in shapes]
 
 
 def log_arm(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -325,7 +338,7 @@ def log_moving_arm(
         recording.send_columns(f"{entity}/motion/{joint.name}", time_column(time_s), columns)
 
 
-def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree:
+def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> urdf_reader.UrdfTree:
     """Read a URDF from its text; Rerun takes files only.
 
     Meshes and textures are left out: the text may come from a stranger's session, and names any file.
@@ -341,10 +354,12 @@ def load_urdf(text: str, entity: str = _ARM, frame_prefix: str = "") -> UrdfTree
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(drawn, encoding="utf-8")
-        return UrdfTree.from_file_path(path, entity_path_prefix=entity, frame_prefix=frame_prefix or None)
+        return urdf_reader.UrdfTree.from_file_path(
+            path, entity_path_prefix=entity, frame_prefix=frame_prefix or None
+        )
 
 
-def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
+def moving_joints(tree: urdf_reader.UrdfTree) -> list[urdf_reader.UrdfJoint]:
     """The joints that move, from the base outwards.
 
     Args:
@@ -352,7 +367,7 @@ def moving_joints(tree: UrdfTree) -> list[UrdfJoint]:
     """
     inward = {joint.child_link: joint for joint in tree.joints()}
 
-    def distance(joint: UrdfJoint) -> int:
+    def distance(joint: urdf_reader.UrdfJoint) -> int:
         return 1 + distance(inward[joint.parent_link]) if joint.parent_link in inward else 0
 
     moving = [joint for joint in tree.joints() if joint.joint_type in {"revolute", "continuous", "prismatic"}]
@@ -406,7 +421,7 @@ def view_3d(scene: Scene) -> rrb.Spatial3DView:
         name="Arm",
         contents=[f"{_ARM}/**", f"{_OBJECT}/**", f"{_TIP}/**"],
         background=rrb.Background(color=BACKGROUND),
-        defaults=SOLID,
+        defaults=solid_shapes(),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.1, color=_GRID),
         spatial_information=rrb.SpatialInformation(target_frame=ROOT_FRAME),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),

@@ -1,18 +1,27 @@
 """A probing session in Rerun: the arm in 3D; force, depth, phases, torques, estimates, events over time."""
 
+from __future__ import annotations
+
 from itertools import cycle
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from palpate.estimation.signals.blocks import block_index
 from palpate.render import palette
 from palpate.render.palette import phase
 from palpate.render.recording.file import TIME, plot, recording_file, send_lines, shown_on, time_column
 from palpate.render.recording.scene import Scene, log_arm, log_object, view_3d
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+else:
+    rr = LazyModule("rerun")
+    rrb = LazyModule("rerun.blueprint")
 
 _MILLI, _MICRO = 1e3, 1e6
 _FORCE, _DEPTH, _PHASE = "contact/force", "contact/displacement", "phase"
@@ -26,8 +35,6 @@ _SECTIONS = ("read_s", "control_s", "guard_s", "write_s", "observer_s", "log_s")
 _LOWEST, _HIGHEST = 0.7, 1.8  # of an estimate's levels: the range that is shown, with room for the legend
 _ABOVE, _BELOW = 1.0, 1.1  # range of displacement shown, in greatest depths
 _TROUBLE = ("stop", "failure", "log_failed", "observer_failed", "obstacle", "missed_surface")
-_LEVELS = {"trip": rr.TextLogLevel.ERROR} | dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN)
-_LEFT_TOP, _RIGHT_TOP = rrb.Corner2D.LeftTop, rrb.Corner2D.RightTop
 
 
 def record_session(scene: Scene, path: Path) -> None:
@@ -49,9 +56,10 @@ def record_session(scene: Scene, path: Path) -> None:
             recording.log(_SUMMARY, summary, static=True)
         if scene.events:
             times = np.array([event.time_s for event in scene.events]) - scene.ticks["time_s"][0]
+            levels = dict.fromkeys(_TROUBLE, rr.TextLogLevel.WARN) | {"trip": rr.TextLogLevel.ERROR}
             columns = rr.TextLog.columns(
                 text=[f"{event.kind}: {event.text}" for event in scene.events],
-                level=[_LEVELS.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
+                level=[levels.get(event.kind, rr.TextLogLevel.INFO) for event in scene.events],
             )
             recording.send_columns(_EVENTS, time_column(times), columns)
 
@@ -145,7 +153,7 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
         levels += [found.value] if found is not None else []
         levels += [float(np.median(online))] if len(online) else []
         span = (_LOWEST * min(levels), _HIGHEST * max(levels)) if levels and min(levels) > 0 else None
-        estimates.append(plot(entity, title, span, legend=None if estimates else _RIGHT_TOP))
+        estimates.append(plot(entity, title, span, legend=None if estimates else rrb.Corner2D.RightTop))
     notes = rrb.Tabs(
         rrb.TextDocumentView(origin=_SUMMARY, name="Summary"), rrb.TextLogView(origin=_EVENTS, name="Events")
     )
@@ -153,19 +161,23 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     deepest_mm = _MILLI * float(np.nanmax(scene.depth_m)) if scene.depth_m is not None else 0.0
     depths = (-_ABOVE * deepest_mm, _BELOW * deepest_mm) if deepest_mm > 0 else None
     torques = [
-        plot(f"{_TORQUE}/joint_{j + 1}", f"Joint {j + 1} torque [N m]", legend=None if j else _LEFT_TOP)
+        plot(
+            f"{_TORQUE}/joint_{j + 1}",
+            f"Joint {j + 1} torque [N m]",
+            legend=None if j else rrb.Corner2D.LeftTop,
+        )
         for j in range(scene.joints)
     ]
     curves = rrb.Vertical(
-        plot(_FORCE, "Contact force [N]", legend=_LEFT_TOP),
+        plot(_FORCE, "Contact force [N]", legend=rrb.Corner2D.LeftTop),
         rrb.StateTimelineView(origin=_PHASE, name="Phase"),
         plot(_DEPTH, "Displacement [mm]", depths),
         *torques,
         row_shares=[4, 1.6, 3] + [2.6] * scene.joints,
     )
     joints = [plot(f"{_POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(scene.joints)]
-    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=_LEFT_TOP)
-    sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=_LEFT_TOP)
+    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=rrb.Corner2D.LeftTop)
+    sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=rrb.Corner2D.LeftTop)
     return shown_on(
         rrb.Horizontal(left, curves, column_shares=[5, 6], name="Probing"),
         rrb.Vertical(tracking, *joints, name="Joints"),

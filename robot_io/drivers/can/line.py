@@ -19,15 +19,20 @@ import time
 from collections import Counter, deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-import can
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.errors import DeviceError, ProtocolError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import FileModel, matching
 from palpate.robot_io.serial_port import SerialPort
+
+if TYPE_CHECKING:
+    import can
+else:
+    can = LazyModule("can")
 
 _SPEEDS = dict(zip((10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000), range(7), strict=True))
 _SPEEDS[1_000_000] = 8  # 7 is 750 or 800 kbit/s, as the adapter's maker likes it
@@ -40,7 +45,7 @@ _FRAME = re.compile(
 )
 
 
-def encode_line(message: can.Message) -> bytes:
+def encode_line(message: "can.Message") -> bytes:
     """The line for a frame.
 
     Args:
@@ -55,7 +60,7 @@ def encode_line(message: can.Message) -> bytes:
     return f"{kind}{message.arbitration_id:0{digits}X}{message.dlc}{message.data.hex().upper()}\r".encode()
 
 
-def decode_line(line: bytes) -> can.Message:
+def decode_line(line: bytes) -> "can.Message":
     """The frame in a line without its end; a time stamp is left out.
 
     Args:
@@ -106,7 +111,7 @@ class SlcanBus:
         self._lead = b"\rC\r" + speed + b"O\r"  # before the next frame: here, what opens the bus
         self._write(b"")
 
-    def send(self, message: can.Message, timeout: float | None = None) -> None:
+    def send(self, message: "can.Message", timeout: float | None = None) -> None:
         """Hand a frame to the adapter at once.
 
         Args:
@@ -118,7 +123,7 @@ class SlcanBus:
         """
         self._write(encode_line(message))
 
-    def recv(self, timeout: float | None = None) -> can.Message | None:
+    def recv(self, timeout: float | None = None) -> "can.Message | None":
         """The next frame that has come, or None; never waits.
 
         Args:
@@ -368,7 +373,7 @@ class CanLine:
             self._drained_s = frames[-1][1]
         return frames
 
-    def _opened(self) -> can.BusABC | SlcanBus:
+    def _opened(self) -> "can.BusABC | SlcanBus":
         if self._bus is None:
             raise DeviceError(f"{self.label}: not open")
         return self._bus
@@ -383,7 +388,7 @@ class CanLine:
             case Timestamps.NONE:
                 return None
 
-    def _receive(self, bus: can.BusABC | SlcanBus) -> can.Message | None:
+    def _receive(self, bus: "can.BusABC | SlcanBus") -> "can.Message | None":
         try:
             return bus.recv(timeout=0.0)
         except (can.CanError, OSError) as error:
@@ -391,7 +396,7 @@ class CanLine:
         except (ValueError, IndexError, KeyError, TypeError) as error:
             raise ProtocolError(f"{self.label}: bytes that are no frame") from error
 
-    def _accept(self, message: can.Message) -> CanFrame | None:
+    def _accept(self, message: "can.Message") -> CanFrame | None:
         if message.is_error_frame:
             self.counts["error frame"] += 1
             if message.arbitration_id & BUS_OFF:

@@ -7,10 +7,9 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import isnan, nan
-from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-import serial
 from pydantic import Field, StrictBool
 
 from palpate.robot_io.clock import Clock, SimulatedClock
@@ -18,10 +17,16 @@ from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.serial_force.stream import LineSplitter, OwnTime, Poll, ReadingStream
 from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
 from palpate.robot_io.examination import Finding, ok
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.files.file_model import Capacity, FileModel, NotNegative
 from palpate.robot_io.interfaces import Bus, ForceSensor
 from palpate.robot_io.serial_port import close_exclusive, open_exclusively
 from palpate.robot_io.types import Reading, Status
+
+if TYPE_CHECKING:
+    import serial
+else:
+    serial = LazyModule("serial")
 
 _LOOK_S = 1e-3  # the thread looks at least this often
 _PROMPT_S = 2.5e-3  # between two looks: what is found at the second has just arrived
@@ -425,7 +430,7 @@ class SerialLine(ForceLine):
     name = "serial_line"
     Settings = SerialLineSettings
     _own: SerialLineSettings
-    _port: serial.Serial | None
+    _port: "serial.Serial | None"
 
     @property
     def label(self) -> str:

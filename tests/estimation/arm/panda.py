@@ -1,6 +1,6 @@
-"""A published arm of seven joints (URDF from the package example-robot-data), and motion and noise for it."""
+"""An arm of seven joints that stand as those of Franka's arms do, and motion and noise for it."""
 
-from importlib.metadata import files
+from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -9,15 +9,48 @@ from scipy.signal import lfilter
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.arm.pseudo_inertia import inertial_of, nearest_bodies, pseudo_inertias
 
-TIP = "panda_link8"
+TIP = "tip"
 JOINTS = 7
 HOME = np.array([0, -0.3, 0, -1.5, 0, 1.5, 0])  # [rad]
+# Craig's a [m], d [m] and alpha [quarter turns] of each joint, as the maker publishes them.
+DH = [
+    *[(0, 0.333, 0), (0, 0, -1), (0, 0.316, 1), (0.0825, 0, 1)],
+    *[(-0.0825, 0.384, -1), (0, 0, 1), (0.088, 0, 1)],
+]
+# Made up: mass [kg], centre [m] and radii of gyration [m] of each link; no link is symmetric.
+LINKS = [
+    (3.1, (0.01, -0.03, -0.12), (0.13, 0.12, 0.07)),
+    (2.8, (-0.01, -0.09, 0.02), (0.12, 0.07, 0.13)),
+    (2.5, (0.04, 0.02, -0.07), (0.09, 0.1, 0.06)),
+    (2.4, (-0.05, 0.06, 0.02), (0.08, 0.09, 0.1)),
+    (2.9, (0.01, 0.05, -0.13), (0.14, 0.13, 0.06)),
+    (1.5, (0.05, -0.01, 0.01), (0.05, 0.07, 0.06)),
+    (0.9, (0.01, 0.02, 0.07), (0.04, 0.05, 0.03)),
+]
 
 
+@cache
 def panda_urdf() -> str:
-    """The Panda, its fingers held."""
-    (path,) = (f for f in files("example-robot-data") if f.match("panda_description/urdf/panda.urdf"))
-    return path.read_text().replace('type="prismatic"', 'type="fixed"')
+    """The arm; its tip is 0.107 m beyond the last joint."""
+    parts = ['<robot name="seven_joints"><link name="link0"/>']
+    for number, ((a, d, turns), (mass, centre, radii)) in enumerate(zip(DH, LINKS, strict=True), 1):
+        x, y, z = centre
+        ixx, iyy, izz = (mass * radius**2 for radius in radii)
+        products = f'ixy="{0.1 * ixx}" ixz="{-0.1 * iyy}" iyz="{0.05 * izz}"'
+        parts.append(
+            f'<link name="link{number}"><inertial><mass value="{mass}"/><origin xyz="{x} {y} {z}"/>'
+            f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" {products}/>'
+            "</inertial></link>"
+            f'<joint name="joint{number}" type="revolute"><parent link="link{number - 1}"/>'
+            f'<child link="link{number}"/><axis xyz="0 0 1"/>'
+            f'<origin rpy="{turns * np.pi / 2} 0 0" xyz="{a} {-d if turns == 1 else d * (turns == -1)} '
+            f'{d * (turns == 0)}"/><limit lower="-2.9" upper="2.9" effort="87" velocity="2"/></joint>'
+        )
+    parts.append(
+        f'<link name="{TIP}"/><joint name="flange" type="fixed"><parent link="link{JOINTS}"/>'
+        f'<child link="{TIP}"/><origin xyz="0 0 0.107"/></joint></robot>'
+    )
+    return "".join(parts)
 
 
 def panda() -> RigidBody:

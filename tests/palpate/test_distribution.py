@@ -1,0 +1,124 @@
+"""What a wheel holds, and what runs where none of the extras is installed."""
+
+import json
+import shutil
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+from pathlib import PurePath
+from zipfile import ZipFile
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
+
+from palpate.robot_io.extras import EXTRAS
+from tests.palpate.cli import ROOT, run_process
+from tests.palpate.presses import write_presses
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+FOLDERS = ("palpate", "robot_io", "control", "estimation", "sim_backend", "calibration")
+WITHOUT_EXTRAS = f"""
+import sys
+from importlib.machinery import PathFinder
+class Finder(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name.partition(".")[0] in {set(EXTRAS)} else super().find_spec(name, path, target)
+sys.meta_path[sys.meta_path.index(PathFinder)] = Finder
+"""
+RUN = """
+import json
+from typer.testing import CliRunner
+from palpate.commands import app
+for arguments in json.loads(sys.argv[1]):
+    result = CliRunner().invoke(app, arguments, prog_name="palpate")
+    print(json.dumps([arguments, result.exit_code, result.stderr]))
+"""
+
+
+def run_without_extras(folder, *commands):
+    """Exit code and stderr of each command, in a process in which nothing of an extra can be imported."""
+    done = run_process(json.dumps(commands), code=WITHOUT_EXTRAS + RUN, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line)[1:] for line in done.stdout.splitlines()]
+
+
+def git_files(*folders):
+    listed = subprocess.run(
+        ["git", "ls-files", *folders], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return listed.stdout.splitlines()
+
+
+@pytest.mark.skipif(Version(version("setuptools")) < Version("80"), reason="the wheel needs setuptools 80")
+def test_a_wheel_holds_one_package_with_all_its_files(tmp_path):
+    tree = tmp_path / "tree"
+    for name in git_files():
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
+    build = f"from setuptools.build_meta import build_wheel; build_wheel({str(tmp_path)!r})"
+    subprocess.run([sys.executable, "-c", build], cwd=tree, capture_output=True, check=True)
+    (wheel,) = tmp_path.glob("palpate-*.whl")
+    names = set(ZipFile(wheel).namelist())
+    assert {name.partition("/")[0].partition("-")[0] for name in names} == {"palpate"}
+    sources = {name if name.startswith("palpate/") else f"palpate/{name}" for name in git_files(*FOLDERS)}
+    links = {f"palpate/{folder}" for folder in FOLDERS}
+    assert {name for name in names if ".dist-info/" not in name} == sources - links
+
+
+def test_what_is_imported_lazily_is_in_the_extra_that_is_named():
+    extras = PROJECT["optional-dependencies"]
+    for package, extra in EXTRAS.values():
+        assert package in {Requirement(line).name for line in extras[extra]}
+        assert package not in {Requirement(line).name for line in PROJECT["dependencies"]}
+    everything = {extra for line in extras["all"] for extra in Requirement(line).extras} | {"arm"}
+    assert {extra for _, extra in EXTRAS.values()} <= everything
+
+
+def test_data_are_read_fitted_diagnosed_and_reported_without_extras(tmp_path):
+    write_presses(tmp_path / "press.csv")
+    commands = [
+        ["import", "press.csv", "-o", "press.mcap"],
+        *([name, "press.mcap"] for name in ("info", "estimate", "compare")),
+        ["diagnose", "press.csv", "--apply", "--out", "out"],
+        ["report", "press.csv"],
+        ["export", "press.mcap", "--stream", "contact", "-o", "press.parquet"],
+    ]
+    for command, (code, said) in zip(commands, run_without_extras(tmp_path, *commands), strict=True):
+        assert code == 0, (command, said)
+        assert ("pip install 'palpate[view]'" in said) == (command[0] == "diagnose"), said
+    written = {PurePath(path).name for path in (tmp_path / "out").iterdir()}
+    assert {"diagnosis.json", "report.html"} <= written
+    assert "revisions.rrd" not in written
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [
+        (["demo", "--out", "demo.mcap"], "sim"),
+        (["inspect", "press.mcap"], "view"),
+        (["workbench", "press.csv", "--no-browser", "--port", "0"], "workbench"),
+        (["sweep", "paper", "--plan", "--out", "sweep"], "sweep"),
+        (["probe", "--robot", str(ROOT / "robots" / "dynamixel_3dof.yaml"), "--yes"], "arm"),
+    ],
+)
+def test_what_is_missing_is_said_with_the_command_that_installs_it(tmp_path, command, extra):
+    write_presses(tmp_path / "press.csv")
+    *_, (code, said) = run_without_extras(tmp_path, ["import", "press.csv", "-o", "press.mcap"], command)
+    assert code == 2, said
+    assert said.splitlines()[-1].startswith("palpate: ")
+    assert said.endswith(f"pip install 'palpate[{extra}]'\n")
+
+
+def test_help_of_every_command_needs_no_extra(tmp_path):
+    from palpate.commands import COMMANDS
+
+    for code, said in run_without_extras(tmp_path, *([name, "--help"] for name in COMMANDS)):
+        assert code == 0, said
+
+
+def test_importing_palpate_imports_no_library():
+    code = "import sys, palpate; print({'numpy', 'scipy', 'pydantic', 'typer'} & set(sys.modules) or '')"
+    assert run_process(code=code).stdout == "\n"
