@@ -119,6 +119,10 @@ def test_help_of_every_command_needs_no_extra(tmp_path):
         assert code == 0, said
 
 
+def test_the_citation_names_the_version():
+    assert f"version: {PROJECT['version']}\n" in (ROOT / "CITATION.cff").read_text()
+
+
 def test_importing_palpate_imports_no_library():
     code = "import sys, palpate; print({'numpy', 'scipy', 'pydantic', 'typer'} & set(sys.modules) or '')"
     assert run_process(code=code).stdout == "\n"
