@@ -1,19 +1,27 @@
 """Files and tables of arrays: Parquet (LeRobot data sets among them), NPZ, and what is in memory."""
 
+from __future__ import annotations
+
 import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from palpate.estimation.data.column_names import parse_role
 from palpate.estimation.data.file_columns import FileColumns, check_size
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+else:
+    pa = LazyModule("pyarrow")
+    pc = LazyModule("pyarrow.compute")
 
 _LEAST_CELL = 4  # bytes of a value, of whatever type
 _BATCH_ROWS = 256

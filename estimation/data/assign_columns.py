@@ -1,12 +1,14 @@
 """Decides which column holds which quantity, and in which unit."""
 
+from __future__ import annotations
+
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 
 from palpate.estimation.data.choose_columns import (
     DISPLACEMENT,
@@ -39,7 +41,13 @@ from palpate.estimation.data.presses import FEWEST_ROWS, press_sides
 from palpate.estimation.data.table import Table
 from palpate.estimation.data.units import dimension_of
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import FloatArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+else:
+    pa = LazyModule("pyarrow")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """A file of measurements as named columns: text (also .gz), Excel, Parquet, NPZ, or ROS 2 joint states."""
 
+from __future__ import annotations
+
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -8,10 +10,9 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from palpate.estimation.data.array_files import read_npz, read_parquet
 from palpate.estimation.data.file_columns import BAGS, FileColumns, is_bag
@@ -25,7 +26,15 @@ from palpate.estimation.data.table_layout import (
 from palpate.estimation.data.text_table import number_of, read_text_table
 from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
 from palpate.robot_io.errors import InputError, UnknownNameError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+else:
+    pa = LazyModule("pyarrow")
+    pc = LazyModule("pyarrow.compute")
 
 _SHOWN = 60  # characters of a value in an error
 _LONGEST_LABEL = 1000  # characters of the name of a run or a phase
@@ -138,7 +147,7 @@ class Table:
         of_code = np.array([number[text] for text in texts], dtype=np.int64)
         return tuple(number), of_code[coded.indices.to_numpy(zero_copy_only=False)]
 
-    def select(self, chosen: BoolArray) -> "Table":
+    def select(self, chosen: BoolArray) -> Table:
         """Return the table with only some rows.
 
         Args:
@@ -146,7 +155,7 @@ class Table:
         """
         return replace(self, columns=self.columns.filter(pa.array(chosen)), rows=self.rows[chosen])
 
-    def head(self, rows: int) -> "Table":
+    def head(self, rows: int) -> Table:
         """Return the table with only its first rows.
 
         Args:

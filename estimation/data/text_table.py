@@ -1,15 +1,16 @@
 """A text file of measurements: whatever delimiter, decimal mark, encoding and preamble, packed or not."""
 
+from __future__ import annotations
+
 import codecs
 import gzip
 import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 
 from palpate.estimation.data.file_columns import FileColumns, check_size, most_bytes
 from palpate.estimation.data.table_layout import with_run
@@ -22,7 +23,15 @@ from palpate.estimation.data.text_dialect import (
     is_footer,
 )
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
 from palpate.robot_io.types import IntArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.csv as arrow_csv
+else:
+    pa = LazyModule("pyarrow")
+    arrow_csv = LazyModule("pyarrow.csv")
 
 _LONGEST_LINE = 2**20 - 1  # bytes; the reader takes blocks of 1 MiB, and the line must end in one
 _SHOWN = 60  # characters of a line that is refused
@@ -133,20 +142,20 @@ class _Collector:
     """Takes the rows with a wrong number of cells, so that reading goes on."""
 
     def __init__(self) -> None:
-        self.rows: list[pa.csv.InvalidRow] = []
+        self.rows: list[arrow_csv.InvalidRow] = []
 
-    def __call__(self, row: pa.csv.InvalidRow) -> str:
+    def __call__(self, row: arrow_csv.InvalidRow) -> str:
         self.rows.append(row)
         return "skip"
 
 
 def _parse(rows: pa.Buffer, dialect: TextDialect, wrong: _Collector | None = None) -> pa.Table:
     names, delimiter = list(dialect.names), "\t" if dialect.delimiter == BLANKS else dialect.delimiter
-    return pa.csv.read_csv(
+    return arrow_csv.read_csv(
         pa.BufferReader(rows),
-        read_options=pa.csv.ReadOptions(column_names=names, use_threads=wrong is None),
-        parse_options=pa.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
-        convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        read_options=arrow_csv.ReadOptions(column_names=names, use_threads=wrong is None),
+        parse_options=arrow_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=wrong),
+        convert_options=arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
     )
 
 

@@ -1,5 +1,7 @@
 """The measurement of a study: a session, a data file, or arrays in memory."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.array_files import arrow_of
@@ -20,6 +21,12 @@ from palpate.estimation.data.table import table_of
 from palpate.estimation.fit.long_data import shortened
 from palpate.estimation.study.arm import NO_ARM, Arm
 from palpate.robot_io.errors import InputError
+from palpate.robot_io.extras import LazyModule
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+else:
+    pa = LazyModule("pyarrow")
 
 if TYPE_CHECKING:
     from palpate.robot_io.session import Session
@@ -36,10 +43,10 @@ class Source:
     channels: tuple[ChannelData, ...]  # efforts with their motion, as they were measured
     arm: Arm = NO_ARM  # what the channels belong to
     path: Path | None = None  # session, folder of sessions, or data file; None for measurements in memory
-    session: "Session | None" = None  # the first; None if it is none
+    session: Session | None = None  # the first; None if it is none
     unused: tuple[str, ...] = ()  # columns of numbers that nothing was made of
     notes: tuple[str, ...] = ()  # sentences on the data that the reader should see
-    more: "tuple[Session, ...]" = ()  # further probings by the same arm, that belong to the study
+    more: tuple[Session, ...] = ()  # further probings by the same arm, that belong to the study
     read: str = ""  # what was taken for what in a data file; empty for a session
     # A sentence for each channel that was too long to be searched as it was recorded, by name.
     averaged: Mapping[str, str] = field(default_factory=dict)
@@ -76,7 +83,7 @@ class Source:
         """
         return tuple(channel.runs[np.isin(self.recorded(channel), recorded)].tolist())
 
-    def without(self, runs: Sequence[int]) -> "Source":
+    def without(self, runs: Sequence[int]) -> Source:
         """Return the source without some runs.
 
         Args:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.urdf_text import parse_urdf
@@ -87,7 +87,7 @@ def _in_last_moving_link(robot: ET.Element, link: str, point: FloatArray) -> tup
             xyz, rpy = (
                 [float(number) for number in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy")
             )
-            point = Rotation.from_euler("xyz", rpy).apply(point) + xyz
+            point = scipy.spatial.transform.Rotation.from_euler("xyz", rpy).apply(point) + xyz
         link = _name(joint, "parent")
     return link, point
 

@@ -126,3 +126,9 @@ def test_the_citation_names_the_version():
 def test_importing_palpate_imports_no_library():
     code = "import sys, palpate; print({'numpy', 'scipy', 'pydantic', 'typer'} & set(sys.modules) or '')"
     assert run_process(code=code).stdout == "\n"
+
+
+def test_info_imports_no_library_that_it_does_not_need():
+    slow = ("pyarrow", "scipy.spatial", "scipy.optimize", "plotly", "rerun", "pinocchio", "zenoh", "nicegui")
+    code = f"import sys, palpate.commands.sessions; print({set(slow)} & set(sys.modules) or '')"
+    assert run_process(code=code).stdout == "\n"
