@@ -13,6 +13,6 @@ FEW = (
 )
 
 
-def try_few_effects(patch: pytest.MonkeyPatch) -> None:
-    """Studies that are made from now on know no other effects, beside the user's own."""
-    patch.setattr(study, "effect_library", lambda: tuple(EFFECTS[name]() for name in FEW))
+def try_few_effects(patch: pytest.MonkeyPatch, *more: str) -> None:
+    """Studies that are made from now on know no other effects but `more`, beside the user's own."""
+    patch.setattr(study, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*FEW, *more)))

@@ -18,6 +18,7 @@ from palpate.sim_backend.hidden import SealedAnswer, draw_hidden, noise_scale, s
 from palpate.sim_backend.imperfection import IMPERFECTIONS, describe_imperfection, parse_imperfection
 from palpate.sim_backend.scenario import Scenario, load_scenario
 from palpate.study import Study
+from tests.few_effects import try_few_effects
 from tests.mock_robot import write_mock_files
 from tests.palpate.cli import as_json, assert_refused, done, next_commands, run
 
@@ -228,7 +229,8 @@ def test_the_arm_probes_to_the_end_whatever_is_hidden(name, channel, tmp_path):
     assert np.nanmax(Session.open(job.session).samples("tick")["force_n"]) > 9.5
 
 
-def test_joints_say_that_the_force_sensor_is_off_whose_reading_lags(tmp_path):
+def test_joints_say_that_the_force_sensor_is_off_whose_reading_lags(tmp_path, monkeypatch):
+    try_few_effects(monkeypatch, "force_sensor_error")
     (tmp_path / "lag.yaml").write_text("hidden: [{effect: lag, channel: contact, time_s: 0.03}]\n")
     path = tmp_path / "lag.mcap"
     run("probe", "--hidden", tmp_path / "lag.yaml", "-o", path, "--seed", 2, "--online", "none")

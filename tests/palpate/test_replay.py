@@ -20,6 +20,12 @@ from tests.palpate.cli import assert_refused, done, next_commands, run
 pytestmark = pytest.mark.usefixtures("log_in_process")
 
 
+@pytest.fixture(scope="module")
+def recorded(probed):
+    """A study of the probing, which fits once what several replays are held against."""
+    return Study(probed[0], keep=False)
+
+
 def replayed(recorded, path, *options):
     result = done("replay", recorded, "-o", path, *options)
     return result, Study(path, keep=False)
@@ -31,10 +37,10 @@ def contact_of(first, second):
     return found
 
 
-def test_in_the_same_world_the_motion_and_the_force_come_again(probed, tmp_path):
+def test_in_the_same_world_the_motion_and_the_force_come_again(probed, recorded, tmp_path):
     result, twin = replayed(probed[0], tmp_path / "twin.mcap", "--seed", 6)
     assert ["compare", str(probed[0]), str(tmp_path / "twin.mcap")] in next_commands(result)
-    found = contact_of(Study(probed[0], keep=False), twin)
+    found = contact_of(recorded, twin)
     assert found.followed > 95.0
     assert not any(one.differs for one in found.differences if one.name.startswith("stiffness"))
     ticks = [Session.open(path).samples("tick") for path in (probed[0], tmp_path / "twin.mcap")]
@@ -44,7 +50,7 @@ def test_in_the_same_world_the_motion_and_the_force_come_again(probed, tmp_path)
     assert "default.mcap" in Session.open(tmp_path / "twin.mcap").metadata.extra["replay_of"]
 
 
-def test_in_another_world_the_other_object_shows_and_json_names_the_session(probed, tmp_path):
+def test_in_another_world_the_other_object_shows_and_json_names_the_session(probed, recorded, tmp_path):
     world = tmp_path / "softer.yaml"
     world.write_text("object: {law: {name: kelvin_voigt, stiffness_n_m: 300, damping_n_s_m: 20}}\n")
     told, twin = replayed(probed[0], tmp_path / "twin.mcap", "--scenario", world, "--json")
@@ -55,7 +61,7 @@ def test_in_another_world_the_other_object_shows_and_json_names_the_session(prob
         "cause": "",
         "sealed": None,
     }
-    found = {one.name: one for one in contact_of(Study(probed[0], keep=False), twin).differences}
+    found = {one.name: one for one in contact_of(recorded, twin).differences}
     assert found["stiffness.k"].second.value == pytest.approx(300.0, rel=0.01)
     assert found["stiffness.k"].value == pytest.approx(-200.0, rel=0.02)
     assert found["stiffness.k"].differs

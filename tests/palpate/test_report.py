@@ -17,6 +17,7 @@ from palpate.render.report import bold, document, typeset, write_report
 from palpate.render.view import StudyView
 from palpate.robot_io.errors import InputError
 from palpate.study import Study
+from tests.few_effects import try_few_effects
 from tests.palpate.presses import write_presses
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -34,7 +35,9 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(study):
-    (found,) = study.diagnose().channels
+    with pytest.MonkeyPatch.context() as patch:
+        try_few_effects(patch)
+        (found,) = study.diagnose().channels
     return study.result(study.channel(), ["cubic_stiffness"], found)
 
 

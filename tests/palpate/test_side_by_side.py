@@ -75,14 +75,14 @@ def test_what_the_model_lacks_alike_in_two_repetitions_leaves_their_difference_s
         )
 
     kept = []
-    for seed in range(1, 5):
+    for seed in (1, 2):
         found = {
             one.name: one for one in sides(hardening(400.0, seed), hardening(400.0, seed + 10)).differences
         }
         kept += [abs(one.value) < one.half for one in found.values()]
         one = found["stiffness.k"]
         assert one.half < 1.0 < 20.0 < np.hypot(one.first.std_err, one.second.std_err)
-    assert sum(kept) >= 7  # of 8, at 95 %
+    assert sum(kept) >= 3  # of 4, at 95 %
     found = {one.name: one for one in sides(hardening(400.0, 1), hardening(405.0, 12)).differences}
     assert found["stiffness.k"].differs
     assert found["stiffness.k"].value == pytest.approx(5.0, abs=0.6)

@@ -21,7 +21,7 @@ def frame(tmp_path):
     return pa.table(dict(zip(("time_s", "displacement_m", "force_N", "run"), rows.T, strict=True)))
 
 
-def test_the_examples_in_the_docstrings_run():
+def test_the_examples_in_the_docstrings_run(few_effects):
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     result = doctest.testmod(palpate.study, optionflags=flags)
     assert result.attempted >= 12
@@ -132,7 +132,7 @@ def test_what_has_a_number_is_exported_also_if_that_is_zero(tmp_path):
         study.remove("bias")
 
 
-def test_each_result_prints_as_a_small_table(study):
+def test_each_result_prints_as_a_small_table(few_effects, study):
     found = study.diagnose()
     shown = [study, study.compare(), study.compare()["contact"], found, study.fit("contact")]
     shown += [study.estimate(["lsq"])[0], study.results()[0], study.revisions]
