@@ -19,6 +19,8 @@ from palpate.estimation.study import Arm, ModelStudy, Revision
 from palpate.estimation.study.fitting import Progress
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import Export, FittedChannel, export_scenario
+from palpate.export.simulator import Written, write_simulator
+from palpate.export.target_terms import Target
 from palpate.render.build import view_of
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
@@ -201,13 +203,55 @@ class Study(ModelStudy):
             InputError: no channel is a joint, a revision is not of one or of other data, several are of one
                 joint, or a file cannot be written.
         """
-        place, numbers = _path(path, "feedforward"), [revisions] if isinstance(revisions, int) else revisions
+        place = _path(path, "feedforward")
+        fitted, failures = self._fitted_joints(revisions, "a feedforward is")
+        made = make_feedforward(fitted)
+        made = replace(made, left_out=(*made.left_out, *failures))
+        made.write(place, self.source.name)
+        return made
+
+    def export_simulator(
+        self,
+        path: Path | str,
+        target: Target | str,
+        patch: Path | str | None = None,
+        revisions: int | Sequence[int] = (),
+    ) -> Written:
+        """Write friction, rotor, spring, payload and gravity of joints for another simulator.
+
+        Args:
+            path: the file, replaced if it is there, but not where it is `patch`. For BAM it is of one servo:
+                of several joints each has its own, with the joint in its name.
+            target: "mjcf", "urdf", "isaaclab" or "bam".
+            patch: file of the user into which values are written: of a MJCF needed, of a URDF by default the
+                arm's, of BAM a parameter file of the motor. It is only read.
+            revisions: as for `export_feedforward`.
+
+        Raises:
+            InputError: as `export_feedforward`, the target is unknown, or `patch` is missing, not readable or
+                lacks a joint.
+        """
+        if target not in set(Target):
+            raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(Target)}")
+        place, target = _path(path, "output"), Target(target)
+        base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
+        fitted, failures = self._fitted_joints(revisions, f"{target} is")
+        source = self.source.name
+        return write_simulator(
+            fitted, target, place, self.source.arm, patch=base, failures=failures, source=source
+        )
+
+    def _fitted_joints(
+        self, revisions: int | Sequence[int], what: str
+    ) -> tuple[list[FittedJoint], list[str]]:
+        """Joints with their newest or chosen models, and why others have none."""
+        numbers = [revisions] if isinstance(revisions, int) else revisions
         if not isinstance(numbers, list | tuple):
             raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
         joints = {one.name: one for one in self.channels if one.kind is not ChannelKind.CONTACT}
         if not joints:
             raise InputError(
-                f"{self._file}: no channel is a joint, and a feedforward is of joints. Channels: "
+                f"{self._file}: no channel is a joint, and {what} of joints. Channels: "
                 + ", ".join(one.name for one in self.channels)
             )
         chosen = {name: kept for name, one in joints.items() if (kept := self.newest(one)) is not None}
@@ -235,10 +279,7 @@ class Study(ModelStudy):
             fitted.append(FittedJoint(name, model, joint.kind, joint.effort_unit, fit))
         if not fitted:
             raise InputError(failures[0])
-        made = make_feedforward(fitted)
-        made = replace(made, left_out=(*made.left_out, *failures))
-        made.write(place, self.source.name)
-        return made
+        return fitted, failures
 
     def to_export(self, numbers: Sequence[int] = ()) -> list[Revision]:
         """The revisions that `export` writes; see there."""

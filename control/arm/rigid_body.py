@@ -157,6 +157,11 @@ class RigidBody:
         return tuple(self._model.names[1:])
 
     @property
+    def tip_in_last_link(self) -> FloatArray:
+        """Where the tip is in the frame of the link that its last joint moves, shape (3,) [m]."""
+        return frozen_array(self._model.frames[self._tip].placement.translation)
+
+    @property
     def weightless_joint(self) -> str:
         """Name of the first joint that moves neither mass nor inertia, empty if there is none."""
         inertia = np.diag(self.mass_matrix(pin.neutral(self._model)))

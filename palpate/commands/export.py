@@ -36,6 +36,21 @@ class Format(StrEnum):
 
     SCENARIO = "scenario"
     FEEDFORWARD = "feedforward"
+    MJCF = "mjcf"
+    URDF = "urdf"
+    ISAACLAB = "isaaclab"
+    BAM = "bam"
+
+
+# Name of the file that is written by default.
+_FILES = {
+    Format.SCENARIO: SCENARIO,
+    Format.FEEDFORWARD: FEEDFORWARD,
+    Format.MJCF: "model.xml",
+    Format.URDF: "arm.urdf",
+    Format.ISAACLAB: "actuators.py",
+    Format.BAM: "bam.json",
+}
 
 
 @takes_data
@@ -50,9 +65,18 @@ def export_command(
         Format,
         typer.Option(
             "--format",
-            help="A simulated world, or joint torques as a table and as functions in Python and C.",
+            help="A simulated world; joint torques as a table and as functions in Python and C; or joints "
+            "for MuJoCo, a URDF, Isaac Lab or BAM.",
         ),
     ] = Format.SCENARIO,
+    patch: Annotated[
+        Path | None,
+        typer.Option(
+            help="MJCF, URDF (default: that of --urdf) or BAM's file of the motor into which values are "
+            "written; it is only read.",
+            metavar="FILE",
+        ),
+    ] = None,
     stream: Annotated[
         str | None,
         typer.Option(
@@ -69,7 +93,7 @@ def export_command(
         typer.Option(
             "--out",
             "-o",
-            help="Scenario or feedforward (.yaml), or table (.csv, .parquet) to write.",
+            help="Scenario or feedforward (.yaml), simulator's file, or table (.csv, .parquet) to write.",
             metavar="FILE",
         ),
     ] = None,
@@ -83,10 +107,14 @@ def export_command(
     With --format feedforward, writes gravity, inertia and friction of each joint as a table, and as a Python
     and a C function of the desired motion.
 
+    With --format mjcf or urdf, writes friction, rotor, spring, gravity and payload of the joints into a copy
+    of the file of --patch; with isaaclab or bam, into a file of actuators.
+
     With --stream, writes recorded data as CSV or Parquet: a stream of a session, its events, or a channel in
     the form that palpate import reads.
 
     Examples: palpate export stiff.mcap; palpate export swing.csv --format feedforward -o arm.yaml;
+    palpate export arm.csv --urdf arm.urdf --format mjcf --patch arm.xml -o better.xml;
     palpate export stiff.mcap --stream tick -o ticks.parquet
     """
     given = [
@@ -94,8 +122,8 @@ def export_command(
         for name, value in (("--stream", stream), ("--layout", layout), ("--revision", revision))
         if value
     ]
-    if form is Format.FEEDFORWARD and (stream or layout):
-        given.append("--format feedforward")
+    if form is not Format.SCENARIO and (stream or layout):
+        given.append(f"--format {form}")
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)}: one file is written; name one of them")
     if layout is not None:
@@ -106,17 +134,28 @@ def export_command(
         return
     place = folder_to_read(data.file, folder)
     study = data.study(None, place)
+    path, force = out or place / _FILES[form], force or out is None
+    if patch is not None and form in (Format.SCENARIO, Format.FEEDFORWARD):
+        raise InputError(f"--patch {patch}: --format {form} patches no file. Valid: mjcf, urdf, bam")
     if form is Format.FEEDFORWARD:
-        _export_feedforward(
-            data,
-            study,
-            out or place / FEEDFORWARD,
-            revision or (),
-            force=force or out is None,
-            as_json=as_json,
+        _export_feedforward(data, study, path, revision or (), force=force, as_json=as_json)
+        return
+    if form is not Format.SCENARIO:
+        output_file(path, force=force, keep=[data.file])
+        written = study.export_simulator(path, form.value, patch, revision or [])
+        paths = [str(file) for file in written.files]
+
+        def show_files() -> None:
+            for file in written.files:
+                print_files(console.stdout(), {form.value: file})
+            _print_lines(written.used, written.left_out)
+
+        content = {"file": str(data.file), "format": form.value, "files": paths}
+        console.present(
+            content | {"used": written.used, "left_out": written.left_out}, show_files, as_json=as_json
         )
         return
-    path = output_file(out or place / SCENARIO, force=force or out is None, keep=[data.file])
+    output_file(path, force=force, keep=[data.file])
     before = len(study.revisions)
     kept = study.to_export(revision or ())
     if len(study.revisions) > before:

@@ -34,12 +34,7 @@ def parse_urdf(text: str) -> Element:
     Raises:
         ValueError: it is no such URDF, or larger than any arm needs.
     """
-    if len(text) > MOST_BYTES:
-        raise ValueError(f"larger than {MOST_BYTES} characters")
-    try:
-        robot = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Bounded()))  # noqa: S314, bounded
-    except ElementTree.ParseError as error:
-        raise ValueError(str(error)) from error
+    robot = parse_xml(text)
     if robot.tag != "robot":
         raise ValueError(f"its root is <{robot.tag}>, not <robot>")
     _check_tree(robot)
@@ -49,6 +44,28 @@ def parse_urdf(text: str) -> Element:
     for element in robot.iter():
         list(_numbers(element))
     return robot
+
+
+def parse_xml(text: str, *, comments: bool = False) -> Element:
+    """Parse XML without document type or entities, of bounded size.
+
+    Args:
+        text: XML.
+        comments: keep comments within the root element.
+
+    Returns:
+        The root element.
+
+    Raises:
+        ValueError: it is no XML, has a document type, or is larger than any arm needs.
+    """
+    if len(text) > MOST_BYTES:
+        raise ValueError(f"larger than {MOST_BYTES} characters")
+    try:
+        parser = ElementTree.XMLParser(target=_Bounded(insert_comments=comments))  # noqa: S314, bounded
+        return ElementTree.fromstring(text, parser)  # noqa: S314, bounded
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
 
 
 def last_link(robot: Element) -> str:

@@ -1,0 +1,183 @@
+"""Fitted joints as a patched MJCF or URDF, as Isaac Lab's actuators, or as BAM's parameters."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.common.files import output_file, write_text
+from palpate.control.arm.rigid_body import RigidBody
+from palpate.estimation.study import Arm
+from palpate.export.feedforward import FittedJoint
+from palpate.export.target_terms import Target, TargetArm, TargetJoint, as_comment, express
+from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import read_text
+
+
+@dataclass(frozen=True)
+class Written:
+    """Files of a target."""
+
+    files: tuple[Path, ...]
+    used: tuple[str, ...]  # what went into them, one line each
+    left_out: tuple[str, ...]  # what the target cannot express, with the reason, one line each
+
+
+def write_simulator(
+    joints: Sequence[FittedJoint],
+    target: Target,
+    path: Path,
+    mounted: Arm,
+    *,
+    patch: Path | None,
+    failures: Sequence[str],
+    source: str,
+) -> Written:
+    """Write fitted joints as the file of a simulator.
+
+    Args:
+        joints: with their fits.
+        target: the simulator.
+        path: file to write; of BAM, of several joints each has its own with the joint in its name.
+        mounted: the arm to which the joints belong.
+        patch: file of the user that is read, or None.
+        failures: why other joints have no fit, one line each.
+        source: what was measured, for people.
+
+    Raises:
+        InputError: `patch` is missing, not readable or lacks a joint, or a file cannot be written.
+    """
+    body = None
+    if mounted.urdf:
+        body = RigidBody.from_urdf(mounted.urdf, mounted.tip_frame, origin=mounted.origin)
+    names = () if body is None else body.joint_names
+    arm = express(joints, target, source, names, mounted.rotor_inertia_kg_m2)
+    arm = replace(arm, left_out=(*arm.left_out, *failures))
+    used = [f"{joint.channel} '{joint.name}': {line}" for joint in arm.joints for line in joint.lines()]
+    texts: dict[Path, str]
+    if target is Target.BAM:
+        motor = {} if patch is None else _read_bam(patch)
+        if patch is None:
+            line = 'BAM needs "actuator", "kt" and "R" of the motor: name a parameter file of it with --patch'
+            arm = replace(arm, left_out=(*arm.left_out, line))
+        several = len(arm.joints) > 1
+        texts = {
+            (path.with_stem(f"{path.stem}_{joint.channel}") if several else path): _bam_text(
+                arm, joint, motor
+            )
+            for joint in arm.joints
+        }
+    elif target is Target.ISAACLAB:
+        if patch is not None:
+            raise InputError(f"--patch {patch}: Isaac Lab's actuators are written as a file of their own")
+        texts = {path: _isaaclab_text(arm)}
+    else:
+        mounting = Mounting(mounted.tip_frame, np.array(mounted.gravity_m_s2), *_tip_and_axis(body))
+        if patch is None and (target is Target.MJCF or not mounted.urdf):
+            raise InputError(f"--format {target} patches a file of yours: name it with --patch FILE")
+        text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))
+        if target is Target.MJCF:
+            patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None)
+        else:
+            patched = patch_urdf(text, place, arm, mounting)
+        texts, used = {path: patched.text}, list(patched.used)
+        arm = replace(arm, left_out=patched.left_out)
+    kept = [Path(each) for each in (patch, mounted.origin) if each and Path(each).is_file()]
+    for file in texts:
+        output_file(file, force=True, keep=kept)
+    for file, text in texts.items():
+        write_text(file, text)
+    return Written(tuple(texts), tuple(used), arm.left_out)
+
+
+def _tip_and_axis(body: RigidBody | None) -> tuple[np.ndarray, np.ndarray]:
+    """The tip in the last link, and the axis of the first joint, pointing along world x or y."""
+    if body is None:
+        return np.zeros(3), np.array([0.0, 1.0, 0.0])
+    axis = body.joint_axes()[0].axis_world
+    return body.tip_in_last_link, axis * np.sign(axis[np.argmax(np.abs(axis))])
+
+
+def _isaaclab_text(arm: TargetArm) -> str:
+    """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
+
+    Args:
+        arm: expressed for `Target.ISAACLAB`.
+    """
+    lines = [
+        f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
+        "",
+        "Friction is an effort [N m, N of a linear axis], as in Isaac Sim 5 and newer.",
+        "stiffness and damping are gains of the drive and stay those of the USD.",
+        '"""',
+        "",
+        "from isaaclab.actuators import ImplicitActuatorCfg",
+        "",
+        *(f"# not in it: {as_comment(line)}" for line in arm.left_out),
+        "ACTUATORS = {",
+    ]
+    for joint in arm.joints:
+        lines += [
+            f"    {joint.name!r}: ImplicitActuatorCfg(",
+            f"        joint_names_expr=[{joint.name!r}],",
+            "        stiffness=None,",
+            "        damping=None,",
+        ]
+        for key, value in joint.values.items():
+            lines.append(f"        {key}={value.number!r},  # {as_comment('; '.join(value.fitted))}")
+        lines.append("    ),")
+    return "\n".join([*lines, "}", ""])
+
+
+# Values of BAM's models; one that is not fitted is zero, since BAM has defaults that are not.
+_BAM_MODELS: Mapping[str, tuple[str, ...]] = {
+    "m1": ("friction_base", "friction_viscous"),
+    "m2": ("friction_base", "friction_viscous", "friction_stribeck", "dtheta_stribeck", "alpha"),
+    "m3": ("friction_base", "friction_viscous", "load_friction_base"),
+    "m4": (
+        *("friction_base", "friction_viscous", "friction_stribeck", "dtheta_stribeck", "alpha"),
+        *("load_friction_base", "load_friction_stribeck"),
+    ),
+}
+_OF_BAM = frozenset({"armature", *_BAM_MODELS["m4"]})
+
+
+def _bam_text(arm: TargetArm, joint: TargetJoint, motor: Mapping[str, object]) -> str:
+    """Write a parameter file of BAM (better-actuator-models) for the servo of one joint.
+
+    Args:
+        arm: expressed for `Target.BAM`.
+        joint: one of its joints.
+        motor: parameters of the motor that friction says nothing of (actuator, kt, R ...), kept as they are.
+    """
+    model = next(
+        name for name, keys in _BAM_MODELS.items() if not (joint.values.keys() - {"armature"}) - {*keys}
+    )
+    known = {key: value.number for key, value in joint.values.items()}
+    content = {key: value for key, value in motor.items() if key not in _OF_BAM}
+    content |= {"model": model} | {key: known.get(key, 0.0) for key in _BAM_MODELS[model]}
+    if (armature := known.get("armature", motor.get("armature"))) is not None:
+        content["armature"] = armature
+    content["palpate"] = {"source": arm.source, "values": joint.lines(), "not_in_it": list(joint.lost)}
+    return json.dumps(content, indent=4, ensure_ascii=True) + "\n"
+
+
+def _read_bam(path: Path) -> Mapping[str, object]:
+    """Read a parameter file of BAM.
+
+    Args:
+        path: JSON, one object.
+
+    Raises:
+        InputError: it is no such file.
+    """
+    try:
+        content = json.loads(read_text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no parameter file of BAM ({error})") from error
+    if not isinstance(content, dict) or "actuator" not in content:
+        raise InputError(f'{path}: no parameter file of BAM: it names no "actuator"')
+    return content

@@ -1,0 +1,300 @@
+"""What other simulators can express of fitted joints: for each target and effect how, or why not."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import isfinite
+
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.kinds import Kind
+from palpate.export.feedforward import FittedJoint
+
+
+class Target(StrEnum):
+    """Simulator whose file is written."""
+
+    MJCF = "mjcf"
+    URDF = "urdf"
+    ISAACLAB = "isaaclab"
+    BAM = "bam"
+
+
+Fitted = Mapping[str, float]  # parameters of one effect, by their own names
+
+
+@dataclass(frozen=True)
+class Term:
+    """How a target expresses an effect."""
+
+    values: Callable[[Fitted], Mapping[str, float]]  # the target's values by name; those of effects add
+    lost: str = ""  # what of the effect the target does not express
+    units: Mapping[str, str] = field(default_factory=dict)  # of parameters, in which alone it is so
+
+
+def _named(lost: str = "", **names: str) -> Term:
+    """Values that are fitted parameters: target's name = fitted name."""
+    return Term(lambda p: {key: p[name] for key, name in names.items()}, lost)
+
+
+def _mean(p: Fitted, name: str, ends: tuple[str, str]) -> float:
+    return max(0.5 * (p[name + ends[0]] + p[name + ends[1]]), 0.0)
+
+
+def _asymmetric(dry: Sequence[str], viscous: str) -> Term:
+    """Friction of two directions as the mean of both."""
+    return Term(
+        lambda p: {
+            **dict.fromkeys(dry, _mean(p, "", ("forward", "backward"))),
+            viscous: _mean(p, "viscous_", ("forward", "backward")),
+        },
+        "friction is the same in both directions: their mean is written",
+    )
+
+
+_ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is not in it"
+_AT_ONCE = "dry friction turns round at once: the path over which it builds up is not in it"
+_NO_PLACE = "dry friction has one level everywhere: its waves over the position are not in it"
+_OF_BODIES = "is of the whole joint with what it carries: set masses and inertias of the bodies by hand"
+_NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot tell"
+_NO_LOAD = "has no friction that grows with the load"
+_LATE = "is of the reading: an action delay would delay the command instead"
+_GAIN = "is the scale of the reading: the joint has the torque of the drive's scale divided by it"
+
+# Reasons that hold for every target; those of `TABLE` go before.
+REASONS: Mapping[str, str] = {
+    "bias": _NO_BIAS,
+    "gravity_tilt": "is the weight of a single pendulum: fit with the arm's URDF for an angle",
+    "inertia": _OF_BODIES,
+    "pendulum": _OF_BODIES,
+    "rigid_body_fitted": _OF_BODIES,
+    "weight": _OF_BODIES,
+}
+SILENT = frozenset({"rigid_body"})  # what the arm's own file says
+_TILT = {"tilt": "rad"}
+
+TABLE: Mapping[Target, Mapping[str, Term | str]] = {
+    Target.MJCF: {
+        "armature": _named(armature="inertia"),
+        "asymmetric_friction": _asymmetric(("frictionloss",), "damping"),
+        "backlash": _named(
+            "the motor's own share of inertia and friction stays with the first joint", gap="gap"
+        ),
+        "coulomb_friction": _named(frictionloss="force"),
+        "cubic_stiffness": _named(cubic="k3"),
+        "damping": _named(damping="c"),
+        "delay": _named(sensor_delay_s="time"),
+        "gravity_tilt": Term(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
+        "joint_elasticity": "needs a second body behind a spring",
+        "joint_spring": _named(stiffness="k", preload="preload"),
+        "load_dependent_friction": _NO_LOAD,
+        "load_dependent_presliding": _NO_LOAD,
+        "payload": _named(payload_kg="mass"),
+        "position_dependent_friction": _named(_NO_PLACE, frictionloss="level"),
+        "presliding_friction": _named(_AT_ONCE, frictionloss="force"),
+        "quadratic_friction": _named(damping_quadratic="d2"),
+        "stiffness": _named(stiffness="k"),
+        "stribeck_friction": _named(_ONE_LEVEL, frictionloss="coulomb"),
+        "torque_gain": Term(lambda p: {"gear": 1.0 / p["gain"]}),
+        "torque_ripple": "only a <dcmotor> has cogging",
+        "viscous_friction": _named(damping="d"),
+    },
+    Target.URDF: {
+        "armature": "a URDF has no inertia of a rotor",
+        "asymmetric_friction": _asymmetric(("friction",), "damping"),
+        "coulomb_friction": _named(friction="force"),
+        "damping": _named(damping="c"),
+        "gravity_tilt": "a URDF has no gravity: turn the base by it where the arm is placed",
+        "load_dependent_friction": _NO_LOAD,
+        "load_dependent_presliding": _NO_LOAD,
+        "payload": _named(payload_kg="mass"),
+        "position_dependent_friction": _named(_NO_PLACE, friction="level"),
+        "presliding_friction": _named(_AT_ONCE, friction="force"),
+        "stribeck_friction": _named(_ONE_LEVEL, friction="coulomb"),
+        "torque_gain": _GAIN,
+        "viscous_friction": _named(damping="d"),
+    },
+    Target.ISAACLAB: {
+        "armature": _named(armature="inertia"),
+        "asymmetric_friction": _asymmetric(("friction", "dynamic_friction"), "viscous_friction"),
+        "backlash": "needs a second joint in the USD",
+        "coulomb_friction": _named(friction="force", dynamic_friction="force"),
+        "damping": _named(viscous_friction="c"),
+        "delay": _LATE,
+        "gravity_tilt": "is set in the scene: SimulationCfg(gravity=...)",
+        "load_dependent_friction": _NO_LOAD,
+        "load_dependent_presliding": _NO_LOAD,
+        "payload": "is a mass of the USD: add a rigid body at the tip, or randomize_rigid_body_mass",
+        "position_dependent_friction": _named(_NO_PLACE, friction="level", dynamic_friction="level"),
+        "presliding_friction": _named(_AT_ONCE, friction="force", dynamic_friction="force"),
+        "stribeck_friction": Term(
+            lambda p: {
+                "friction": max(p["coulomb"] + p["rise"], p["coulomb"]),
+                "dynamic_friction": p["coulomb"],
+            },
+            "static friction ends as soon as the joint moves, not over the Stribeck speed",
+        ),
+        "torque_gain": _GAIN,
+        "viscous_friction": _named(viscous_friction="d"),
+    },
+    Target.BAM: {
+        "armature": _named(armature="inertia"),
+        "asymmetric_friction": _asymmetric(("friction_base",), "friction_viscous"),
+        "coulomb_friction": _named(friction_base="force"),
+        "damping": _named(friction_viscous="c"),
+        "delay": _LATE,
+        # BAM's load is the difference of motor and external torque, twice the load of a joint in balance
+        "load_dependent_friction": Term(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
+        "payload": "is a mass of the arm, and not of the servo",
+        "position_dependent_friction": _named(_NO_PLACE, friction_base="level"),
+        "presliding_friction": _named(_AT_ONCE, friction_base="force"),
+        "stribeck_friction": Term(
+            lambda p: {
+                "friction_base": p["coulomb"],
+                "friction_stribeck": max(p["rise"], 0.0),
+                "dtheta_stribeck": p["speed"],
+                "alpha": 2.0,
+            }
+        ),
+        "torque_gain": _GAIN,
+        "viscous_friction": _named(friction_viscous="d"),
+    },
+}
+OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values that belong to no single joint
+_OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of a target."""
+
+    number: float  # in SI units
+    fitted: tuple[str, ...]  # parameters that it comes from, with their 95 % intervals
+
+
+Values = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class TargetJoint:
+    """What a target is told of one joint."""
+
+    channel: str  # such as "joint_2"
+    name: str  # in the arm's file; the channel's where there is none
+    values: Values
+    lost: tuple[str, ...]  # what of the fitted model is not in the values, one line each
+
+    @property
+    def number(self) -> int:
+        """Of the joint, from 1."""
+        return int(self.channel.removeprefix("joint_"))
+
+    def lines(self) -> list[str]:
+        """Each value with what it comes from, one line each."""
+        return [f"{key} {each.number:.5g} ({'; '.join(each.fitted)})" for key, each in self.values.items()]
+
+
+@dataclass(frozen=True)
+class TargetArm:
+    """What a target is told of an arm."""
+
+    source: str  # what was measured
+    joints: tuple[TargetJoint, ...]
+    arm: Values  # of the whole arm, see `OF_ARM`
+    left_out: tuple[str, ...]  # what the target cannot express, one line each
+
+
+def express(
+    joints: Sequence[FittedJoint],
+    target: Target,
+    source: str,
+    names: Sequence[str] = (),
+    rotors: Sequence[float] = (),
+) -> TargetArm:
+    """Look up in `TABLE` what a target can express of fitted joints.
+
+    Args:
+        joints: with their fits.
+        target: the simulator.
+        source: what was measured, for people.
+        names: of all joints of the arm in its file, from the base outwards; empty where none is known.
+        rotors: inertia [kg m^2] of each joint's rotor that is in the base model; empty for none.
+    """
+    told, left_out = list[TargetJoint](), list[str]()
+    arm: dict[str, tuple[float, Value, str]] = {}  # half interval, value, channel
+    for joint in sorted(joints, key=lambda each: each.number):
+        own: dict[str, Value] = {}
+        lost = list[str]()
+        rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
+        if rotor and isinstance(TABLE[target].get("armature"), Term):
+            own["armature"] = Value(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
+        for effect, parameters in _by_effect(joint).items():
+            term = TABLE[target].get(effect, _reason(effect))
+            fitted = tuple(f"{effect}.{name} {_shown(each)}" for name, each in parameters.items())
+            if isinstance(term, str) or any(parameters[p].unit != u for p, u in term.units.items()):
+                if effect not in SILENT:
+                    reason = term if isinstance(term, str) else REASONS[effect]
+                    lost.append("; ".join([f"'{effect}' {reason}", *fitted]))
+                continue
+            numbers = term.values({name: each.value for name, each in parameters.items()})
+            for key, number in numbers.items():
+                if key not in OF_ARM:
+                    before = own.get(key, Value(0.0, ()))
+                    own[key] = Value(before.number + number, before.fitted + fitted)
+                    continue
+                (half,) = (each.half_interval for each in parameters.values())
+                rank = half if isfinite(half) else float("inf")
+                if key in arm:
+                    lost.append(f"'{effect}' is one for the whole arm, and taken where it is known best")
+                if key not in arm or rank < arm[key][0]:
+                    arm[key] = (rank, Value(number, fitted), joint.name)
+            if term.lost:
+                lost.append(f"'{effect}': {term.lost}")
+            lost += [
+                f"{effect}.{name} {_shown(each)} is in, but its interval holds zero"
+                for name, each in parameters.items()
+                if each.interval[0] <= 0.0 <= each.interval[1]
+            ]
+        name = names[joint.number - 1] if joint.number <= len(names) else joint.name
+        told.append(TargetJoint(joint.name, name, own, tuple(lost)))
+        left_out += [f"{joint.name}: {line}" for line in lost]
+    whole = {key: value for key, (_, value, _) in arm.items()}
+    return TargetArm(source, tuple(told), whole, tuple(left_out))
+
+
+def _by_effect(joint: FittedJoint) -> Mapping[str, dict[str, ParameterEstimate]]:
+    effects: dict[str, dict[str, ParameterEstimate]] = {each.name: {} for each in joint.fit.model.effects}
+    for name, parameter in joint.fit.parameters.items():
+        effect, _, own = name.partition(".")
+        effects.setdefault(effect, {})[own] = parameter
+    return effects
+
+
+def _shown(parameter: ParameterEstimate) -> str:
+    low, high = parameter.interval
+    known = f"95 %: {low:.4g} to {high:.4g}" if isfinite(low) and isfinite(high) else "no interval"
+    return f"{parameter.value:.5g} {parameter.unit} ({known})"
+
+
+def _reason(effect: str) -> str:
+    if effect in REASONS:
+        return REASONS[effect]
+    if effect not in EFFECTS:
+        return "is an effect of your own, for which the file has no term"
+    kind = EFFECTS[effect].kind
+    if kind in _OF_READING:
+        return "is an error of the reading, which no simulated joint has"
+    if kind is Kind.RUN_DIFFERENCES:
+        return "differs from run to run"
+    return f"has no term in the file (equation: {EFFECTS[effect].equation})"
+
+
+def as_comment(text: str) -> str:
+    """Make a text safe within a comment of XML or Python, or a docstring: one line that ends none.
+
+    Args:
+        text: any text, such as the name of a file.
+    """
+    plain = json.dumps(text, ensure_ascii=True)[1:-1].replace("\\", "/")
+    return plain.replace('/"', "'").replace("--", "- -")

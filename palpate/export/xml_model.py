@@ -1,0 +1,349 @@
+"""Fitted joints written into a MJCF or a URDF: attributes of joints, gravity, and a payload at the tip."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, cos, degrees, sin
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from palpate.export.target_terms import TargetArm, TargetJoint, Value, as_comment
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.urdf_text import parse_xml
+from palpate.robot_io.types import FloatArray
+
+PAYLOAD = "palpate_payload"
+_SMALL_INERTIA = "1e-9"  # of a point mass, which neither format allows to be zero [kg m^2]
+_SMALL_ARMATURE = 1e-5  # between the flanks of a gap, where MuJoCo needs some inertia [kg m^2]
+_JOINTS = ("hinge", "slide")
+_SCALED = ("motor", "general")  # actuators whose force is a gain times the control
+_PASSIVE = ("armature", "damping", "frictionloss", "stiffness")
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the arm stands, and where its tip is."""
+
+    tip_frame: str  # name of the tip's frame, empty where no URDF is known
+    tip_m: FloatArray  # shape (3,), the tip in the frame of the link that the last joint moves
+    gravity_m_s2: FloatArray  # shape (3,), fall acceleration in the axes of the base
+    tilt_axis: FloatArray  # shape (3,), unit axis about which a tilt turns the base
+
+
+@dataclass(frozen=True)
+class Patched:
+    """A patched file."""
+
+    text: str  # of the file
+    used: tuple[str, ...]  # what was written, one line each
+    left_out: tuple[str, ...]  # what is not in it or was kept, one line each
+
+
+def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_name: bool) -> Patched:
+    """Write the values of an arm into the text of a MJCF.
+
+    A value replaces that of the file: the fitted model has no friction, spring or rotor but these.
+
+    Args:
+        text: of the MJCF.
+        place: where it comes from, for errors.
+        arm: expressed for `Target.MJCF`.
+        mounting: of the arm.
+        by_name: find joints by their names; otherwise the n-th hinge or slide joint is joint n.
+
+    Raises:
+        InputError: the file cannot be read, is no MJCF, or lacks a joint.
+    """
+    root = _parsed(text, place, "mujoco")
+    model = _Mjcf(place, root)
+    for joint in arm.joints:
+        model.set_joint(model.joint(joint, by_name=by_name), joint)
+    if (tilt := arm.arm.get("tilt_rad")) is not None:
+        gravity = _turned(mounting.gravity_m_s2, mounting.tilt_axis, -tilt.number)
+        option = root.find("option")
+        option = _inserted(root, 0, "option") if option is None else option
+        option.set("gravity", " ".join(f"{value:.9g}" for value in gravity))
+        _comment(root, option, "gravity", tilt.fitted)
+        model.used.append(f"arm: gravity {option.get('gravity')} ({'; '.join(tilt.fitted)})")
+    if (payload := arm.arm.get("payload_kg")) is not None:
+        model.add_payload(payload, mounting)
+    return _patched(text, root, arm, model.used, model.left_out)
+
+
+def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Patched:
+    """Write the values of an arm into the text of a URDF.
+
+    Args:
+        text: of the URDF.
+        place: where it comes from, for errors.
+        arm: expressed for `Target.URDF`.
+        mounting: of the arm.
+
+    Raises:
+        InputError: the file cannot be read, is no URDF, or lacks a joint.
+    """
+    root = _parsed(text, place, "robot")
+    used, left_out = list[str](), list[str]()
+    joints = {element.get("name", ""): element for element in root.findall("joint")}
+    for joint in arm.joints:
+        element = _named(place, joints, joint)
+        if joint.values:
+            dynamics = element.find("dynamics")
+            dynamics = SubElement(element, "dynamics") if dynamics is None else dynamics
+            for key, value in joint.values.items():
+                dynamics.set(key, f"{value.number:.9g}")
+            _comment(root, element, joint.channel, joint.lines())
+            used += [f"{joint.channel} '{joint.name}': {line}" for line in joint.lines()]
+    payload = arm.arm.get("payload_kg")
+    if payload is not None and payload.number <= 0.0:
+        left_out.append(_too_light(payload.number))
+    elif payload is not None:
+        link = SubElement(root, "link", {"name": PAYLOAD})
+        inertial = SubElement(link, "inertial")
+        SubElement(inertial, "mass", {"value": f"{payload.number:.9g}"})
+        moments = dict.fromkeys(("ixx", "iyy", "izz"), _SMALL_INERTIA)
+        SubElement(inertial, "inertia", moments | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
+        mount = SubElement(root, "joint", {"name": f"{PAYLOAD}_mount", "type": "fixed"})
+        SubElement(mount, "parent", {"link": mounting.tip_frame})
+        SubElement(mount, "child", {"link": PAYLOAD})
+        _comment(root, link, "payload", payload.fitted)
+        used.append(f"arm: link '{PAYLOAD}' at '{mounting.tip_frame}' ({'; '.join(payload.fitted)})")
+    return _patched(text, root, arm, used, left_out)
+
+
+class _Mjcf:
+    """A MJCF that is being changed."""
+
+    def __init__(self, place: str, root: Element) -> None:
+        self._place, self._root = place, root
+        self.used, self.left_out = list[str](), list[str]()
+        self._parents = {child: parent for parent in root.iter() for child in parent}
+        self._defaults = {
+            each.get("class", "main"): each for top in root.findall("default") for each in top.iter("default")
+        }
+        worldbody = root.findall("worldbody")
+        self._joints = [
+            element
+            for body in worldbody
+            for element in body.iter("joint")
+            if self.value(element, "type", "hinge") in _JOINTS
+        ]
+
+    def value(self, element: Element, name: str, absent: str) -> str:
+        """An attribute of an element, by itself or from its default class."""
+        if (own := element.get(name)) is not None:
+            return own
+        tags = {element.tag} if element.tag == "joint" else {element.tag, *_SCALED}
+        default = self._defaults.get(self._class_of(element))
+        while default is not None:
+            for each in default:
+                if each.tag in tags and (value := each.get(name)) is not None:
+                    return value
+            above = self._parents.get(default)
+            default = above if above is not None and above.tag == "default" else None
+        return absent
+
+    def _class_of(self, element: Element) -> str:
+        if (own := element.get("class")) is not None:
+            return own
+        above = self._parents.get(element)
+        while above is not None:
+            if (childclass := above.get("childclass")) is not None:
+                return childclass
+            above = self._parents.get(above)
+        return "main"
+
+    def joint(self, joint: TargetJoint, *, by_name: bool) -> Element:
+        if by_name:
+            return _named(self._place, {each.get("name", ""): each for each in self._joints}, joint)
+        if joint.number > len(self._joints):
+            raise InputError(
+                f"{self._place}: has {len(self._joints)} hinge and slide joints, "
+                f"but {joint.channel} was measured"
+            )
+        return self._joints[joint.number - 1]
+
+    def set_joint(self, element: Element, joint: TargetJoint) -> None:
+        """Write one joint's values."""
+        number = {key: value.number for key, value in joint.values.items()}
+        is_hinge = self.value(element, "type", "hinge") == "hinge"
+        in_file = degrees if is_hinge and self._in_degrees() else float
+        attributes = {key: number[key] for key in ("armature", "frictionloss") if key in number}
+        texts = {key: f"{value:.9g}" for key, value in attributes.items()}
+        if number.keys() & {"damping", "damping_quadratic"}:
+            texts["damping"] = _polynomial(number.get("damping", 0.0), number.get("damping_quadratic", 0.0))
+        if number.keys() & {"stiffness", "cubic"}:
+            k, p, k3 = (number.get(key, 0.0) for key in ("stiffness", "preload", "cubic"))
+            rest = _rest(k, p, k3)
+            if rest is None:
+                self.left_out.append(
+                    f"{joint.channel}: preload {p:.5g} without a spring that has a place of rest"
+                )
+                rest = 0.0
+            texts["stiffness"] = _polynomial(k + 3.0 * k3 * rest**2, 3.0 * k3 * rest, k3)
+            texts["springref"] = f"{in_file(rest):.9g}"
+        for key in _PASSIVE:
+            before = self.value(element, key, "0")
+            if key not in texts and any(float(word) for word in before.split()):
+                line = f"{key} {before} of the file is kept: the fitted model has none"
+                self.left_out.append(f"{joint.channel}: {line}")
+        for key, value in texts.items():
+            element.set(key, value)
+        if joint.values:
+            _comment(self._root, element, joint.channel, joint.lines())
+            self.used += [f"{joint.channel} '{element.get('name', '')}': {line}" for line in joint.lines()]
+        if "gap" in number:
+            self._add_gap(element, joint, in_file(0.5 * number["gap"]))
+        if "gear" in number:
+            self._scale_actuators(element, joint, number["gear"])
+        if "sensor_delay_s" in number:
+            self._add_sensor(element, joint, number["sensor_delay_s"])
+
+    def _in_degrees(self) -> bool:
+        angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
+        return not angles or angles[-1] == "degree"
+
+    def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:
+        name = f"{element.get('name') or joint.channel}_backlash"
+        if any(key.get("qpos") for key in self._root.iter("key")):
+            line = "'backlash' needs one more joint: remove the file's keyframes with positions first"
+            self.left_out.append(f"{joint.channel}: {line}")
+            return
+        parent = self._parents[element]
+        gap = _inserted(parent, list(parent).index(element) + 1, "joint")
+        copied = {key: self.value(element, key, "") for key in ("type", "axis", "pos")}
+        own = {"name": name, "limited": "true", "range": f"{-half:.9g} {half:.9g}"}
+        own |= {"armature": f"{_SMALL_ARMATURE}", "damping": "0", "frictionloss": "0", "stiffness": "0"}
+        for key, value in (own | {key: value for key, value in copied.items() if value}).items():
+            gap.set(key, value)
+        self.used.append(
+            f"{joint.channel}: new joint '{name}': positions and velocities have one number more"
+        )
+
+    def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
+        actuators = [
+            each
+            for section in self._root.findall("actuator")
+            for each in section
+            if each.get("joint") is not None and each.get("joint") == element.get("name")
+        ]
+        scaled = [each for each in actuators if each.tag in _SCALED and not each.get("biastype")]
+        for each in scaled:
+            first, *further = self.value(each, "gear", "1").split()
+            each.set("gear", " ".join([f"{float(first) * factor:.9g}", *further]))
+            _comment(self._root, each, "gear", [f"{first} of the file times {factor:.9g}"])
+        if not scaled:
+            kinds = ", ".join(f"<{each.tag}>" for each in actuators) or "none"
+            line = f"'torque_gain' scales the gear of a <motor>; actuators of this joint: {kinds}"
+            self.left_out.append(f"{joint.channel}: {line}")
+
+    def _add_sensor(self, element: Element, joint: TargetJoint, delay_s: float) -> None:
+        option = self._root.find("option")
+        step_s = float("0.002" if option is None else option.get("timestep", "0.002"))
+        if element.get("name") is None:
+            element.set("name", joint.channel)
+        section = self._root.find("sensor")
+        section = SubElement(self._root, "sensor") if section is None else section
+        sensor = SubElement(section, "jointactuatorfrc", {"name": f"{joint.channel}_effort"})
+        sensor.set("joint", element.get("name", ""))
+        sensor.set("delay", f"{delay_s:.9g}")
+        sensor.set("nsample", str(ceil(delay_s / step_s) + 1))
+        _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
+
+    def add_payload(self, payload: Value, mounting: Mounting) -> None:
+        """Add a point mass at the tip."""
+        if payload.number <= 0.0:
+            self.left_out.append(_too_light(payload.number))
+            return
+        site = self._tip(mounting.tip_frame, "site")
+        body = self._tip(mounting.tip_frame, "body")
+        if site is not None:
+            place, where = self._parents[site], site.get("pos", "0 0 0")
+        elif body is not None:
+            place, where = body, "0 0 0"
+        else:
+            place = self._parents[self._joints[-1]]
+            where = " ".join(f"{value:.9g}" for value in mounting.tip_m)
+        load = SubElement(place, "body", {"name": PAYLOAD, "pos": where})
+        moments = " ".join([_SMALL_INERTIA] * 3)
+        SubElement(
+            load, "inertial", {"pos": "0 0 0", "mass": f"{payload.number:.9g}", "diaginertia": moments}
+        )
+        _comment(self._root, load, "payload", payload.fitted)
+        where = f"at ({where}) of '{place.get('name', place.tag)}'"
+        self.used.append(f"arm: new body '{PAYLOAD}' {where} ({'; '.join(payload.fitted)})")
+
+    def _tip(self, name: str, tag: str) -> Element | None:
+        bodies = self._root.findall("worldbody")
+        return next((each for top in bodies for each in top.iter(tag) if each.get("name") == name), None)
+
+
+def _rest(k: float, preload: float, cubic: float) -> float | None:
+    """The position nearest zero where k q + preload + cubic q^3 is zero; None where there is none."""
+    roots = np.roots(np.trim_zeros([cubic, 0.0, k, preload], "f"))
+    real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
+    return min(real, key=abs) if real else (0.0 if preload == 0.0 else None)
+
+
+def _polynomial(*coefficients: float) -> str:
+    """Coefficients of MuJoCo's polynomial of a spring or damper, without zeros at its end."""
+    kept = np.trim_zeros(np.array(coefficients), "b")
+    return " ".join(f"{value:.9g}" for value in kept) or "0"
+
+
+def _turned(vector: FloatArray, axis: FloatArray, angle_rad: float) -> FloatArray:
+    """Rotate by Rodrigues' formula."""
+    across = np.cross(axis, vector)
+    along: FloatArray = axis * (axis @ vector) * (1.0 - cos(angle_rad))
+    return vector * cos(angle_rad) + across * sin(angle_rad) + along
+
+
+def _too_light(mass_kg: float) -> str:
+    return f"'payload' {mass_kg:.5g} kg is less than nothing: take it off the last body by hand"
+
+
+def _parsed(text: str, place: str, tag: str) -> Element:
+    try:
+        root = parse_xml(text, comments=True)
+    except ValueError as error:
+        raise InputError(f"{place}: not readable as XML ({error})") from error
+    if root.tag != tag:
+        raise InputError(f"{place}: its root is <{root.tag}>, not <{tag}>")
+    return root
+
+
+def _named(place: str, joints: Mapping[str, Element], joint: TargetJoint) -> Element:
+    if joint.name not in joints:
+        raise InputError(
+            f"{place}: no joint is called '{joint.name}' ({joint.channel} of the URDF). "
+            f"Valid: {', '.join(name for name in joints if name) or 'none'}"
+        )
+    return joints[joint.name]
+
+
+def _inserted(parent: Element, index: int, tag: str) -> Element:
+    element = Element(tag)
+    parent.insert(index, element)
+    return element
+
+
+def _comment(root: Element, element: Element, title: str, lines: Sequence[str]) -> None:
+    """Put a comment before an element."""
+    parent = next(each for each in root.iter() if element in list(each))
+    text = f" palpate {title}: {as_comment('; '.join(lines))} "
+    parent.insert(list(parent).index(element), ElementTree.Comment(text))
+
+
+def _patched(
+    before: str, root: Element, arm: TargetArm, used: Sequence[str], left_out: Sequence[str]
+) -> Patched:
+    """The file's own text up to its root, comments on what is not in it, and the changed root."""
+    out = (*arm.left_out, *left_out)
+    lines = [f"Patched by palpate export from {arm.source}.", *(f"not in it: {line}" for line in out)]
+    said = "".join(f"<!-- {as_comment(line)} -->\n" for line in lines)
+    head, opened, _ = before.partition(f"<{root.tag}")
+    head = head if opened and head.count("<!--") == head.count("-->") else ""
+    ElementTree.indent(root)
+    text = f"{head}{said}{ElementTree.tostring(root, encoding='unicode')}\n"
+    return Patched(text, tuple(used), out)
