@@ -75,7 +75,7 @@ def write_simulator(
             raise InputError(f"--patch {patch}: Isaac Lab's actuators are written as a file of their own")
         texts = {path: _isaaclab_text(arm)}
     else:
-        mounting = Mounting(mounted.tip_frame, np.array(mounted.gravity_m_s2), *_tip_and_axis(body))
+        mounting = Mounting(mounted.tip_frame, *_tip_and_axis(body), np.array(mounted.gravity_m_s2))
         if patch is None and (target is Target.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} patches a file of yours: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))

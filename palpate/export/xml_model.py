@@ -27,8 +27,8 @@ class Mounting:
 
     tip_frame: str  # name of the tip's frame, empty where no URDF is known
     tip_m: FloatArray  # shape (3,), the tip in the frame of the link that the last joint moves
-    gravity_m_s2: FloatArray  # shape (3,), fall acceleration in the axes of the base
     tilt_axis: FloatArray  # shape (3,), unit axis about which a tilt turns the base
+    gravity_m_s2: FloatArray  # shape (3,), fall acceleration in the axes of the base
 
 
 @dataclass(frozen=True)
@@ -169,8 +169,11 @@ class _Mjcf:
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
         in_file = degrees if is_hinge and self._in_degrees() else float
-        attributes = {key: number[key] for key in ("armature", "frictionloss") if key in number}
-        texts = {key: f"{value:.9g}" for key, value in attributes.items()}
+        texts: dict[str, str] = {
+            key: f"{number[key]:.9g}" for key in ("armature", "frictionloss") if key in number
+        }
+        if "frictionloss" in texts:  # by default friction turns round some 10 ms ahead of the motion
+            texts["solreffriction"] = f"{2.0 * self._step_s():.9g} 1"
         if number.keys() & {"damping", "damping_quadratic"}:
             texts["damping"] = _polynomial(number.get("damping", 0.0), number.get("damping_quadratic", 0.0))
         if number.keys() & {"stiffness", "cubic"}:
@@ -199,6 +202,10 @@ class _Mjcf:
             self._scale_actuators(element, joint, number["gear"])
         if "sensor_delay_s" in number:
             self._add_sensor(element, joint, number["sensor_delay_s"])
+
+    def _step_s(self) -> float:
+        steps = [each.get("timestep") for each in self._root.findall("option")]
+        return float(next((step for step in reversed(steps) if step), "0.002"))
 
     def _in_degrees(self) -> bool:
         angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
@@ -239,8 +246,6 @@ class _Mjcf:
             self.left_out.append(f"{joint.channel}: {line}")
 
     def _add_sensor(self, element: Element, joint: TargetJoint, delay_s: float) -> None:
-        option = self._root.find("option")
-        step_s = float("0.002" if option is None else option.get("timestep", "0.002"))
         if element.get("name") is None:
             element.set("name", joint.channel)
         section = self._root.find("sensor")
@@ -248,7 +253,7 @@ class _Mjcf:
         sensor = SubElement(section, "jointactuatorfrc", {"name": f"{joint.channel}_effort"})
         sensor.set("joint", element.get("name", ""))
         sensor.set("delay", f"{delay_s:.9g}")
-        sensor.set("nsample", str(ceil(delay_s / step_s) + 1))
+        sensor.set("nsample", str(ceil(delay_s / self._step_s()) + 1))
         _comment(self._root, sensor, "delay", joint.values["sensor_delay_s"].fitted)
 
     def add_payload(self, payload: Value, mounting: Mounting) -> None:
@@ -281,7 +286,7 @@ class _Mjcf:
 
 def _rest(k: float, preload: float, cubic: float) -> float | None:
     """The position nearest zero where k q + preload + cubic q^3 is zero; None where there is none."""
-    roots = np.roots(np.trim_zeros([cubic, 0.0, k, preload], "f"))
+    roots = np.roots(np.array([cubic, 0.0, k, preload]))
     real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * (1.0 + abs(root.real))]
     return min(real, key=abs) if real else (0.0 if preload == 0.0 else None)
 

@@ -1,0 +1,266 @@
+"""`palpate export --format mjcf|urdf|isaaclab|bam`: fitted joints in other simulators, judged by MuJoCo."""
+
+import json
+import sys
+from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.simulator_round_trip import CASES, NOISE_NM, URDF, round_trip
+from palpate import Study
+from palpate.estimation.effects import EFFECTS
+from palpate.export.target_terms import TABLE, Target, TargetArm, TargetJoint, Value
+from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
+from palpate.robot_io.errors import InputError
+from tests.palpate.cli import as_json, assert_refused, run
+from tests.palpate.presses import write_table
+
+HAND_MADE = """<!-- hand made -->
+<mujoco>
+  <compiler angle="degree"/>
+  <default>
+    <joint damping="0.7"/>
+    <default class="strong"><motor gear="3 0 0 0 0 0"/></default>
+  </default>
+  <worldbody>
+    <body name="upper">
+      <!-- mine -->
+      <joint name="shoulder" axis="0 1 0"/>
+      <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+      <body name="fore" pos="0.3 0 0">
+        <joint name="elbow" axis="0 1 0"/>
+        <inertial pos="0.1 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" class="strong"/><position joint="elbow" kp="5"/></actuator>
+</mujoco>
+"""
+LEVEL = Mounting("tip", np.array([0.25, 0.0, 0.02]), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, -9.81]))
+
+
+def arm_of(arm=(), **values):
+    """An arm whose only fitted joint is its elbow, with these values."""
+    own = {key: Value(number, (f"{key} from -- a fit",)) for key, number in values.items()}
+    whole = {key: Value(number, (key,)) for key, number in dict(arm).items()}
+    return TargetArm("swing--1.csv", (TargetJoint("joint_2", "elbow", own, ()),), whole, ())
+
+
+def patched(arm, text=HAND_MADE, **options):
+    result = patch_mjcf(text, "mine.xml", arm, LEVEL, by_name=options.get("by_name", True))
+    return mujoco.MjModel.from_xml_string(result.text), result
+
+
+def effort(model, q=(0.0, 0.0), v=(0.0, 0.0), a=(0.0, 0.0)):
+    """What MuJoCo's inverse dynamics takes at the elbow."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+    mujoco.mj_inverse(model, data)
+    return data.qfrc_inverse[1]
+
+
+@pytest.mark.parametrize("name", ["viscous", "coulomb_and_viscous", "torque_gain"])
+def test_an_exported_joint_predicts_an_unseen_motion_as_well_as_the_fit_promised(name, tmp_path):
+    trip = round_trip(CASES[name], tmp_path, diagnose=False)
+    assert trip.replayed < 1.05 * trip.promised < 1.2 * NOISE_NM < 0.2 * trip.nominal
+
+
+def test_springs_dampers_and_rotor_act_as_their_equations_say():
+    spring = {"stiffness": 1.5, "preload": -0.6, "cubic": 2.0}
+    plain = mujoco.MjModel.from_xml_string(HAND_MADE.replace('damping="0.7"', ""))
+    model, _ = patched(arm_of(damping=0.3, damping_quadratic=0.08, armature=0.02, **spring))
+    for q, v, a in ((0.7, 1.3, 4.0), (-0.4, -2.0, 1.0), (0.0, 0.5, -3.0)):
+        extra = effort(model, (0.2, q), (0.0, v), (0.0, a)) - effort(plain, (0.2, q), (0.0, v), (0.0, a))
+        expected = 1.5 * q - 0.6 + 2.0 * q**3 + 0.3 * v + 0.08 * v * abs(v) + 0.02 * a
+        assert extra == pytest.approx(expected, abs=1e-6)
+
+
+def test_dry_friction_turns_round_with_the_motion_and_not_ahead_of_it():
+    model, _ = patched(arm_of(frictionloss=0.5, damping=0.0))
+    plain = mujoco.MjModel.from_xml_string(HAND_MADE.replace('damping="0.7"', ""))
+    for v, a in ((0.05, -8.0), (-0.05, 8.0), (1.0, 0.0)):
+        extra = effort(model, v=(0.0, v), a=(0.0, a)) - effort(plain, v=(0.0, v), a=(0.0, a))
+        assert extra == pytest.approx(0.5 * np.sign(v), abs=1e-3)
+
+
+def test_a_payload_goes_to_the_tip_and_a_tilt_into_gravity():
+    model, result = patched(arm_of({"payload_kg": 0.4, "tilt_rad": 0.1}))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    load = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "palpate_payload")
+    assert model.body_mass[load] == 0.4
+    assert data.xpos[load] == pytest.approx([0.55, 0.0, 0.02])
+    turned = 9.81 * np.array([np.sin(0.1), 0.0, -np.cos(0.1)])
+    assert model.opt.gravity == pytest.approx(turned)
+    site = '<site name="tip" pos="0.2 0 0"/></body></body>'
+    model, _ = patched(arm_of({"payload_kg": 0.4}), HAND_MADE.replace("</body>\n    </body>", site))
+    assert model.body_pos[-1] == pytest.approx([0.2, 0.0, 0.0])
+    _, result = patched(arm_of({"payload_kg": -0.1}))
+    assert any("less than nothing" in line for line in result.left_out)
+
+
+def test_a_gap_lets_the_link_move_by_itself_and_no_further():
+    model, result = patched(arm_of(gap=0.02, damping=0.0))
+    model.dof_armature[:2] = 1e6  # motors that hold still, while gravity pulls the link through the gap
+    data = mujoco.MjData(model)
+    assert model.nq == 3
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+    assert data.qpos[2] == pytest.approx(0.01, rel=0.1)
+    assert any("elbow_backlash" in line for line in result.used)
+    frozen = HAND_MADE.replace("</mujoco>", '<keyframe><key qpos="0 0"/></keyframe></mujoco>')
+    _, result = patched(arm_of(gap=0.02), frozen)
+    assert any("keyframes" in line for line in result.left_out)
+
+
+def test_a_torque_scale_goes_into_the_gear_of_motors_alone():
+    scaled = TargetArm("", (TargetJoint("joint_1", "", {"gear": Value(1.25, ())}, ()),), {}, ())
+    model, result = patched(scaled, by_name=False)
+    assert model.actuator_gear[0, 0] == pytest.approx(3.75)
+    assert not result.left_out[1:]  # beside the damping that is kept
+    model, result = patched(arm_of(gear=1.25))
+    assert model.actuator_gear[1, 0] == 1.0
+    assert any("<position>" in line for line in result.left_out)
+
+
+def test_a_late_reading_becomes_a_late_sensor():
+    model, _ = patched(arm_of(sensor_delay_s=0.008, damping=0.0))
+    data, read, true = mujoco.MjData(model), [], []
+    for step in range(40):
+        data.ctrl[1] = 1.0 if step >= 10 else 0.0
+        mujoco.mj_step(model, data)
+        read.append(data.sensordata[0])
+        true.append(data.qfrc_actuator[1])
+    assert int(np.argmax(np.array(read) > 0.5)) - int(np.argmax(np.array(true) > 0.5)) == 4  # of 2 ms
+
+
+def test_what_the_file_says_otherwise_is_kept_and_said():
+    _, result = patched(arm_of(armature=0.02))
+    assert "damping 0.7 of the file is kept" in result.left_out[0]
+    assert "hand made" in result.text
+    assert "<!-- mine -->" in result.text
+    assert "from - - a fit" in result.text
+    assert "not in it: joint_2: damping 0.7" in result.text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (HAND_MADE.replace("elbow", "wrist"), "no joint is called 'elbow'"),
+        ('<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>', "document type"),
+        ("<robot/>", "its root is <robot>"),
+        ("<mujoco>", "not readable"),
+    ],
+)
+def test_a_file_that_cannot_be_patched_is_refused(text, words):
+    with pytest.raises(InputError, match=words):
+        patch_mjcf(text, "mine.xml", arm_of(damping=1.0), LEVEL, by_name=True)
+
+
+def test_a_urdf_gets_dynamics_and_a_payload_that_mujoco_reads():
+    result = patch_urdf(URDF, "arm.urdf", arm_of({"payload_kg": 0.4}, friction=0.3, damping=0.2), LEVEL)
+    before, after = (mujoco.MjModel.from_xml_string(text) for text in (URDF, result.text))
+    assert (after.dof_damping[1], after.dof_frictionloss[1]) == (0.2, 0.3)
+    assert np.sum(after.body_mass) - np.sum(before.body_mass) == pytest.approx(0.4)
+
+
+def test_every_effect_of_the_table_is_in_the_library():
+    assert {effect for terms in TABLE.values() for effect in terms} <= set(EFFECTS)
+    assert set(TABLE) == set(Target)
+
+
+@pytest.fixture(scope="module")
+def swinging(tmp_path_factory):
+    """A joint with Stribeck and viscous friction and a delay, recorded, and its study."""
+    folder = tmp_path_factory.mktemp("swinging")
+    rng, t = np.random.default_rng(3), np.arange(0.0, 6.0, 0.004)
+    columns = {name: [] for name in ("run", "time_s", "position_rad", "velocity_rad_s", "torque_Nm")}
+    for number, rate in enumerate((1.1, 1.7, 2.6, 3.5)):
+        v = 0.8 * rate * np.cos(rate * t)
+        a = -0.8 * rate**2 * np.sin(rate * t)
+        friction = (0.4 + 0.3 * np.exp(-((v / 0.3) ** 2))) * np.sign(v) + 0.1 * v
+        torque = 0.05 * a + friction + rng.normal(0.0, 0.01, len(t))
+        rows = (np.full(len(t), number), t, 0.8 * np.sin(rate * t), v, torque)
+        for name, values in zip(columns, rows, strict=True):
+            columns[name].extend(values)
+    data = write_table(folder / "swing.csv", **columns)
+    Study(data, "inertia", folder=folder / "study").add("stribeck_friction")
+    return data, folder
+
+
+def exported(swinging, form, *options):
+    data, folder = swinging
+    out = folder / f"out.{form}"
+    said = as_json(
+        "export", data, "--folder", folder / "study", "--format", form, "-o", out, "--force", *options
+    )
+    return out.read_text(), said
+
+
+def test_isaac_lab_gets_static_and_dynamic_friction(swinging, monkeypatch):
+    text, said = exported(swinging, "isaaclab")
+    package, module = ModuleType("isaaclab"), ModuleType("isaaclab.actuators")
+    module.ImplicitActuatorCfg = SimpleNamespace
+    monkeypatch.setitem(sys.modules, "isaaclab", package)
+    monkeypatch.setitem(sys.modules, "isaaclab.actuators", module)
+    content = {}
+    exec(compile(text, "actuators.py", "exec"), content)
+    joint = content["ACTUATORS"]["joint_1"]
+    assert joint.joint_names_expr == ["joint_1"]
+    assert joint.friction == pytest.approx(0.7, rel=0.05)
+    assert joint.dynamic_friction == pytest.approx(0.4, rel=0.05)
+    assert joint.viscous_friction == pytest.approx(0.1, rel=0.1)
+    assert "95 %" in text
+    assert any("'inertia' is of the whole joint" in line for line in said["left_out"])
+    assert any("Stribeck speed" in line for line in said["left_out"])
+
+
+def test_bam_gets_its_stribeck_model_and_keeps_the_motor(swinging, tmp_path):
+    motor = tmp_path / "motor.json"
+    motor.write_text(
+        json.dumps({"actuator": "sts3215", "kt": 1.3, "R": 2.7, "model": "m6", "armature": 0.02})
+    )
+    text, _ = exported(swinging, "bam", "--patch", motor)
+    content = json.loads(text)
+    assert (content["actuator"], content["kt"], content["R"], content["armature"]) == (
+        "sts3215",
+        1.3,
+        2.7,
+        0.02,
+    )
+    assert (content["model"], content["alpha"]) == ("m2", 2.0)
+    assert content["friction_base"] == pytest.approx(0.4, rel=0.05)
+    assert content["friction_stribeck"] == pytest.approx(0.3, rel=0.1)
+    assert content["dtheta_stribeck"] == pytest.approx(0.3, rel=0.1)
+    assert content["friction_viscous"] == pytest.approx(0.1, rel=0.1)
+    _, said = exported(swinging, "bam")
+    assert any('"kt"' in line for line in said["left_out"])
+
+
+def test_a_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
+    mine = tmp_path / "mine.xml"
+    mine.write_text(HAND_MADE)
+    text, said = exported(swinging, "mjcf", "--patch", mine)
+    joint = ElementTree.fromstring(text).find(".//joint[@name='shoulder']")
+    assert float(joint.get("frictionloss")) == pytest.approx(0.4, rel=0.05)
+    assert float(joint.get("damping")) == pytest.approx(0.1, rel=0.1)
+    assert mine.read_text() == HAND_MADE
+    assert any("rise at low speed" in line for line in said["left_out"])
+
+
+def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
+    data, folder = swinging
+    mine = tmp_path / "mine.xml"
+    mine.write_text(HAND_MADE)
+    base = ("export", data, "--folder", folder / "study")
+    assert_refused(run(*base, "--format", "mjcf", "-o", tmp_path / "x.xml"), "--patch FILE")
+    out = run(*base, "--format", "mjcf", "--patch", mine, "-o", mine, "--force")
+    assert_refused(out, "is what is read")
+    assert mine.read_text() == HAND_MADE
+    assert_refused(run(*base, "--patch", mine), "patches no file")
+    bad = tmp_path / "bad.json"
+    bad.write_text("[]")
+    assert_refused(run(*base, "--format", "bam", "--patch", bad, "-o", tmp_path / "b.json"), "bad.json")
