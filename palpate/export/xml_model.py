@@ -227,6 +227,9 @@ class _Mjcf:
         self.used.append(
             f"{joint.channel}: new joint '{name}': positions and velocities have one number more"
         )
+        if not float(self.value(element, "armature", "0")):
+            line = "the rotor of its motor is not known: without an armature the flanks of the gap are soft"
+            self.left_out.append(f"{joint.channel}: {line}")
 
     def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
         actuators = [

@@ -103,14 +103,18 @@ def test_a_payload_goes_to_the_tip_and_a_tilt_into_gravity():
 
 
 def test_a_gap_lets_the_link_move_by_itself_and_no_further():
-    model, result = patched(arm_of(gap=0.02, damping=0.0))
-    model.dof_armature[:2] = 1e6  # motors that hold still, while gravity pulls the link through the gap
+    # motors that hold still, while gravity pulls the link through the gap
+    heavy = HAND_MADE.replace('name="shoulder"', 'name="shoulder" armature="1e6"')
+    model, result = patched(arm_of(gap=0.02, damping=0.0, armature=1e6), heavy)
     data = mujoco.MjData(model)
     assert model.nq == 3
     for _ in range(2000):
         mujoco.mj_step(model, data)
     assert data.qpos[2] == pytest.approx(0.01, rel=0.1)
     assert any("elbow_backlash" in line for line in result.used)
+    assert not any("flanks" in line for line in result.left_out)
+    _, result = patched(arm_of(gap=0.02))
+    assert any("flanks" in line for line in result.left_out)
     frozen = HAND_MADE.replace("</mujoco>", '<keyframe><key qpos="0 0"/></keyframe></mujoco>')
     _, result = patched(arm_of(gap=0.02), frozen)
     assert any("keyframes" in line for line in result.left_out)
