@@ -2,27 +2,6 @@
 
 import numpy as np
 
-from tests.contract import readings
-
-READ = (lambda robot: robot.encoder.read_position(), lambda robot: robot.encoder.read_velocity())
-
-
-def test_it_knows_its_joints_and_nothing_else_before_the_first_sample(bench):
-    assert bench.robot.encoder.joint_count == bench.robot_file.joint_count
-    bench.robot.configure()
-    for read in READ:
-        readings.check_before_first_sample(bench, read, bench.robot.joint_count)
-
-
-def test_samples_are_fresh_and_honest(active):
-    for read in READ:
-        readings.check_samples(active, read, active.robot.joint_count, active.robot_file.limits.encoder_age_s)
-
-
-def test_a_reading_is_a_snapshot(active):
-    for read in READ:
-        readings.check_reading_is_a_snapshot(active, read)
-
 
 def test_the_velocity_is_the_rate_of_the_position(active):
     """Over 50 ticks under a push, the integral of the velocity is the way that was gone."""

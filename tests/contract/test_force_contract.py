@@ -2,25 +2,6 @@
 
 import pytest
 
-from tests.contract import readings
-
-
-def read_force(robot):
-    return robot.force.read_force()
-
-
-def test_unknown_before_the_first_sample(bench):
-    bench.robot.configure()
-    readings.check_before_first_sample(bench, read_force, 1)
-
-
-def test_samples_are_fresh_and_honest(active):
-    readings.check_samples(active, read_force, 1, active.robot_file.limits.force_age_s)
-
-
-def test_a_reading_is_a_snapshot(active):
-    readings.check_reading_is_a_snapshot(active, read_force)
-
 
 def test_free_air_is_about_zero(active):
     assert abs(active.tick().force_n) < 1.0

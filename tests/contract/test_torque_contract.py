@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.contract import readings
-
 SMALL = 0.05  # of the torque limit
-
-
-def read_torque(robot):
-    return robot.torque.read_torque()
 
 
 def small_torque(bench):
@@ -19,22 +13,6 @@ def small_torque(bench):
 def noise_nm(bench):
     """What a torque sensor may show beside the torque [N m]."""
     return 0.05 * np.array(bench.robot_file.limits.torque_nm)
-
-
-def test_it_knows_its_joints_and_nothing_else_before_the_first_sample(bench):
-    assert bench.robot.torque.joint_count == bench.robot_file.joint_count
-    bench.robot.configure()
-    readings.check_before_first_sample(bench, read_torque, bench.robot.joint_count)
-
-
-def test_samples_are_fresh_and_honest(active):
-    readings.check_samples(
-        active, read_torque, active.robot.joint_count, active.robot_file.limits.torque_age_s
-    )
-
-
-def test_a_reading_is_a_snapshot(active):
-    readings.check_reading_is_a_snapshot(active, read_torque)
 
 
 def test_staging_says_what_will_be_sent_and_leaves_its_argument(active):
