@@ -84,6 +84,8 @@ def code_version(module: str) -> str:
 
 def _folder_of(module: str) -> Path:
     found = importlib.util.find_spec(module)
+    if found is not None and found.submodule_search_locations:  # a package, with or without an __init__.py
+        return Path(next(iter(found.submodule_search_locations)))
     if found is None or found.origin is None:
         raise InputError(f"work '{module}': Python finds no such module")
     return Path(found.origin).parent

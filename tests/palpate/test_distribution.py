@@ -1,6 +1,7 @@
 """What a wheel holds, and what runs where none of the extras is installed."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -126,6 +127,17 @@ def test_the_citation_names_the_version():
 def test_importing_palpate_imports_no_library():
     code = "import sys, palpate; print({'numpy', 'scipy', 'pydantic', 'typer'} & set(sys.modules) or '')"
     assert run_process(code=code).stdout == "\n"
+
+
+def test_python_control_is_found_in_a_checkout_too(tmp_path):
+    """`control` at the root has no `__init__.py`: a package of that name anywhere on the path comes first."""
+    (tmp_path / "control").mkdir()
+    (tmp_path / "control" / "__init__.py").write_text("")
+    code = (
+        "import sys; sys.path[:0] = ['.']; import control, palpate.control.loop.task; print(control.__file__)"
+    )
+    done = run_process(code=code, env=os.environ | {"PYTHONPATH": str(tmp_path)})
+    assert done.stdout == f"{tmp_path / 'control' / '__init__.py'}\n", done.stderr
 
 
 def test_info_imports_no_library_that_it_does_not_need():

@@ -1,1 +1,0 @@
-"""Rigid body, controllers, the real-time loop and the probing task."""
