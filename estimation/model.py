@@ -18,7 +18,7 @@ from palpate.estimation.effect import (
 from palpate.estimation.regression import Regression
 from palpate.estimation.signals.cache_by_array import IdentityKey
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 Parameters = Mapping[str, float]  # "effect.parameter" -> value
 Parts = tuple[FloatArray, FloatArray]  # columns (n, p) and known effort (n,), before any sensor
@@ -187,7 +187,7 @@ class Model:
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
-        pushing = [parameters[name] * one for name, one in zip(self.gains, self._one_sided, strict=True)]
+        pushing = [parameters[name] * one for name, one in zip(self.gains, self.one_sided, strict=True)]
         lets_go = parts[0] @ np.array(pushing) < 0.0
         return np.flatnonzero(lets_go if data.touching is None else lets_go & ~data.touching)
 
@@ -213,7 +213,7 @@ class Model:
         lifted = self.lifted(data, parameters, parts) if lifted is None else lifted
         if len(lifted):
             slopes = slopes.copy("K")
-            for column in np.flatnonzero(self._one_sided):
+            for column in np.flatnonzero(self.one_sided):
                 slopes[lifted, column] = 0.0
         effort: FloatArray = known + slopes @ np.array([parameters[name] for name in self.gains])
         for sensor in self.sensors:
@@ -232,9 +232,9 @@ class Model:
         return [e for e in self.effects if isinstance(e, AdditiveEffect)]
 
     @cached_property
-    def _one_sided(self) -> list[bool]:
-        """Whether each column is of an effect that can only push."""
-        return [effect.one_sided for effect in self.additive for _ in effect.gains]
+    def one_sided(self) -> BoolArray:
+        """Whether each gain is of an effect that can only push, shape (q,)."""
+        return np.array([effect.one_sided for effect in self.additive for _ in effect.gains], dtype=np.bool_)
 
     @cached_property
     def sensors(self) -> list[SensorEffect]:

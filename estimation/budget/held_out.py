@@ -17,6 +17,8 @@ _COLLINEAR = 1e-9  # the same for the base model, which is not shrunken
 _MOST_BLOCKS = 6000  # more are thinned out evenly
 _PIECES = 16  # of a run; every second one tells the run's own gain and zero for the others
 _SINGULAR = 1e-9
+_FEW = 1e-3  # of the blocks, on which an object that lets go changes no fit
+_ROUNDS = 6  # of finding where it lets go
 _WEAK = 1e-3  # of the largest singular value, below which a run does not tell a coefficient
 
 Kinds = frozenset[Kind]
@@ -28,6 +30,7 @@ class BaseColumns:
 
     columns: FloatArray  # shape (m, q)
     lower: FloatArray  # smallest coefficient that makes physical sense, shape (q,)
+    one_sided: BoolArray  # whether each is part of what an object pushes with, which cannot pull, shape (q,)
 
 
 class SquaredErrors(ABC):
@@ -89,22 +92,28 @@ class HeldOutError(SquaredErrors):
         rows = np.flatnonzero(self.used)
         rows = rows[:: -(-len(rows) // _MOST_BLOCKS)]
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
-        self._of_runs = {law.kinds: law.columns[rows] for law in self.laws if law not in shared}
+        of_runs = [law for law in self.laws if Kind.RUN_DIFFERENCES in law.kinds]
+        self._of_runs = {law.kinds: law.columns[rows] for law in of_runs}
         parts = [self.base.columns, *(law.columns for law in shared)]
         columns = np.hstack(parts)[rows]
         size = np.sqrt(np.mean(columns**2, axis=0))
         self._columns: FloatArray = columns / np.where(size > 0.0, size, 1.0)
         self._target: FloatArray = self.target[rows]
+        touching = self.blocked.data.touching
+        known = np.zeros(len(rows)) if touching is None else self.blocked.reduce(touching.astype(float))[rows]
+        self._may_lift: BoolArray = known == 0.0
         needs: list[Kinds] = [frozenset()] * self.base.columns.shape[1]
         for law in shared:
             needs += [law.kinds] * law.columns.shape[1]
         self._needs = needs
         signs = [self.base.lower >= 0.0, *(law.nonnegative for law in shared)]
         self._nonnegative: BoolArray = np.concatenate(signs)
+        sides = [self.base.one_sided, *(np.full(law.columns.shape[1], law.one_sided) for law in shared)]
+        self._one_sided: BoolArray = np.concatenate(sides)
         self._run: IntArray = np.unique(self.blocked.run[rows], return_inverse=True)[1]
         self._half: IntArray = _alternating_pieces(self._run, self._target)
-        fold = self.blocked.fold[rows]
-        self._folds = [np.flatnonzero(fold == number) for number in np.unique(fold)]
+        self._fold: IntArray = np.unique(self.blocked.fold[rows], return_inverse=True)[1]
+        self._folds = [np.flatnonzero(self._fold == number) for number in range(int(self._fold.max()) + 1)]
         self._grams = np.stack([self._columns[part].T @ self._columns[part] for part in self._folds])
         self._moments = np.stack([self._columns[part].T @ self._target[part] for part in self._folds])
 
@@ -142,14 +151,40 @@ class HeldOutError(SquaredErrors):
         """Predict each fold from the others with these columns, shape (n,)."""
         is_base = chosen < self.base.columns.shape[1]
         penalty = np.where(is_base, _COLLINEAR, ridge) * len(self._target)
-        whole, moments = self._grams.sum(axis=0), self._moments.sum(axis=0)
         lower, upper = np.where(self._nonnegative[chosen], 0.0, -np.inf), np.full(len(chosen), np.inf)
+        grams = self._grams[:, chosen[:, None], chosen]
+        moments, whole = self._moments[:, chosen], np.arange(len(self._folds))
         predicted = np.empty(len(self._target))
-        for rows, gram, moment in zip(self._folds, self._grams, self._moments, strict=True):
-            system = (whole - gram)[np.ix_(chosen, chosen)] + np.diag(penalty)
-            coefficients = solve_within_bounds(system, (moments - moment)[chosen], lower, upper)
-            predicted[rows] = self._columns[np.ix_(rows, chosen)] @ coefficients
+        for fold, rows in enumerate(self._folds):
+            others = whole != fold
+            system, moment = grams[others].sum(axis=0) + np.diag(penalty), moments[others].sum(axis=0)
+            coefficients = solve_within_bounds(system, moment, lower, upper)
+            lifted = self._lifted(chosen, coefficients)
+            for _ in range(_ROUNDS if lifted.mean() > _FEW else 0):
+                train = np.flatnonzero(lifted & (self._fold != fold))
+                change, less = self._where_lifted(chosen, train)
+                coefficients = solve_within_bounds(system - change, moment - less, lower, upper)
+                before, lifted = lifted, self._lifted(chosen, coefficients)
+                if np.array_equal(lifted, before):
+                    break
+            pushes = self._one_sided[chosen]
+            columns = self._columns[np.ix_(rows, chosen)]
+            predicted[rows] = columns @ coefficients
+            predicted[rows] -= lifted[rows] * (columns[:, pushes] @ coefficients[pushes])
         return predicted
+
+    def _lifted(self, chosen: IntArray, coefficients: FloatArray) -> BoolArray:
+        """Blocks where an object would have to pull, which it cannot: there it lets go, shape (n,)."""
+        pushes = self._one_sided[chosen]
+        if not pushes.any():
+            return np.zeros(len(self._target), dtype=np.bool_)
+        return self._may_lift & (self._columns[:, chosen[pushes]] @ coefficients[pushes] < 0.0)
+
+    def _where_lifted(self, chosen: IntArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Products of columns on some blocks, less those of what still acts where the object has let go."""
+        columns, target = self._columns[np.ix_(rows, chosen)], self._target[rows]
+        rest = columns * ~self._one_sided[chosen]
+        return columns.T @ columns - rest.T @ rest, (columns - rest).T @ target
 
 
 def fit_each_run(signal: FloatArray, columns: FloatArray, run: IntArray) -> FloatArray:

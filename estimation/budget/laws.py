@@ -6,25 +6,29 @@ relaxation and inertia take up effort, they never give it back.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.fit.blocks import BlockedData
-from palpate.estimation.fit.smooth_features import curves, hats, reversal_memory
+from palpate.estimation.fit.smooth_features import hats, reversal_memory
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.exponential_memory import low_pass, relax
 from palpate.estimation.signals.free_air import is_one_way, zero_in_free_air
-from palpate.estimation.signals.runwise import derivative, running_max, sample_time
+from palpate.estimation.signals.runwise import derivative, running_max, sample_time, shift
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _TURNS = (0.001, 0.003, 0.01, 0.04, 0.15)  # paths over which a reversal is remembered, as shares of the range
 _DIRECTIONS = (0.004, 0.02)  # shares of the usual speed, over which the direction turns
+_BENDS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the range, and of all samples
 _TIMES = 8  # relaxation times, from a few samples to twice the longest run
 _SHORTEST_S = 0.01
+_LAGS_S = (0.01, 0.03, 0.1, 0.3)  # of sensors
 _REACHES = (0.02, 0.06, 0.2)  # of the deepest contact, over which adhesion fades
+_OFFSETS = (0.03, 0.1, 0.3)  # of the deepest indentation, by which the surface lies deeper or higher
+_SETS = (0.1, 0.3, 0.6, 0.9)  # of the deepest indentation so far, by which a surface has sunk
 _FULL_SCALE = 0.95  # of the largest reading, above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
 _MOST_RUNS = 30  # of which each may have waves of its own
@@ -33,6 +37,8 @@ _WAVE_SHARE = 0.02  # of what is left, that one more wave must take away
 _BINS = 8192  # over the range or the turn
 _WHOLE_TURN = 0.75  # of a turn: with a wider range, waves are whole numbers a turn
 _LEAST_WAVES = 3  # within a range that is no turn: fewer are any smooth law
+# What an object pushes with; friction may also act at the sides of the tool, and adhesion pulls.
+_OF_OBJECT = (Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY, Kind.CONTACT_GEOMETRY)
 _GRAVITY_RANGE = 0.3  # [rad], above which gravity differs from a constant and a spring
 
 
@@ -43,6 +49,7 @@ class Law:
     kinds: frozenset[Kind]  # kinds that must all be in a model for the columns to count
     columns: FloatArray  # shape (m, k)
     nonnegative: BoolArray  # shape (k,), whether physics fixes the sign of a column's coefficient
+    one_sided: bool = True  # whether it is part of what an object pushes with, which cannot pull
 
 
 def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray) -> list[Law]:
@@ -68,19 +75,20 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
     zero = zero_in_free_air(data)
     fade = _fading(time_s, run, touching, is_contact=is_contact)
     laws = [
-        _law(Kind.ELASTIC_SHAPE, curves(depth)),
+        _law(Kind.ELASTIC_SHAPE, _bends(depth), unit_depth * np.abs(unit_depth), unit_depth**3),
         _law(Kind.RATE_DEPENDENCE, *_dissipation(unit_speed), nonnegative=True),
         _law(Kind.FRICTION, *_friction(blocked, unit_speed, depth, touching), nonnegative=True),
         _law(Kind.TIME_MEMORY, *fade(depth), nonnegative=True),
         _law((Kind.ELASTIC_SHAPE, Kind.TIME_MEMORY), *fade(depth * unit_depth), nonnegative=True),
         _law(Kind.INERTIA, acceleration, nonnegative=True),
         _law(Kind.SENSOR_DYNAMICS, derivative(effort, time_s, run)),
-        _sensor_statics(effort, blocked.effort, has_bias=zero is None or not zero.is_zero),
+        _law(Kind.SENSOR_DYNAMICS, *_late(effort, time_s, run), nonnegative=True),
+        _sensor_statics(effort, blocked.effort, run, has_bias=zero is None or not zero.is_zero),
     ]
     if (zero is None or not zero.is_steady) and not is_one_way(position, run):
         laws.append(_law(Kind.DRIFT, time_s - time_s.mean()))
     if is_contact:
-        laws.append(_contact_geometry(position, depth, touching, run))
+        laws += _contact_geometry(position, depth, touching, run)
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
         laws.append(_law((Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE), *products))
     else:
@@ -98,7 +106,10 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
     laws.append(_law(Kind.RECORDED_CONTEXT, *map(hats, recorded), *(unit * effort for unit in scaled)))
     direction = np.tanh(unit_speed / _DIRECTIONS[-1])
     laws.append(_law((Kind.FRICTION, Kind.RECORDED_CONTEXT), *(unit * direction for unit in scaled)))
-    return [law for law in laws if law.columns.size]
+    pushing = frozenset(_OF_OBJECT) if is_contact else frozenset[Kind]()
+    return [
+        replace(law, one_sided=law.one_sided and law.kinds <= pushing) for law in laws if law.columns.size
+    ]
 
 
 def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool = False) -> Law:
@@ -110,6 +121,19 @@ def _law(kind: Kind | tuple[Kind, ...], *columns: FloatArray, nonnegative: bool 
 def _unit(signal: FloatArray) -> FloatArray:
     """The signal over its root mean square."""
     return np.asarray(signal / (float(np.sqrt(np.mean(signal**2))) or 1.0))
+
+
+def _bends(signal: FloatArray) -> FloatArray:
+    """Piecewise linear functions away from zero, which go on straight where another run went further.
+
+    Hats would fall to zero beyond the runs that they are fitted to, and the furthest run would refuse them.
+    """
+    low, high = float(signal.min()), float(signal.max())
+    steps = np.quantile(np.abs(signal[signal != 0.0]), _BENDS) if np.any(signal) else np.zeros(1)
+    knots = np.unique(np.concatenate([[0.0], steps, np.max(np.abs(signal)) * np.array(_BENDS)]))
+    up = [np.maximum(signal - knot, 0.0) for knot in knots if knot < high]
+    down = [np.minimum(signal + knot, 0.0) for knot in knots if knot < -low]
+    return np.column_stack([*up, *down]) if up or down else signal[:, None]
 
 
 def _fading(
@@ -128,6 +152,14 @@ def _fading(
     return fade
 
 
+def _late(effort: FloatArray, time_s: FloatArray, run: IntArray) -> list[FloatArray]:
+    """What a slow or late sensor has not shown yet of an effort."""
+    step = sample_time(time_s, run)
+    times = [lag for lag in _LAGS_S if lag > step]
+    slow = [low_pass(effort, time_s, run, lag) - effort for lag in times]
+    return slow + [shift(effort, time_s, run, lag) - effort for lag in times]
+
+
 def _dissipation(unit_speed: FloatArray) -> list[FloatArray]:
     """Forces against the motion that grow with speed: in proportion, faster, and slower."""
     return [
@@ -142,26 +174,45 @@ def _friction(
     blocked: BlockedData, unit_speed: FloatArray, depth: FloatArray, touching: FloatArray
 ) -> list[FloatArray]:
     directions = [np.tanh(unit_speed / share) for share in _DIRECTIONS]
-    columns = [*directions, *(reversal_memory(depth, blocked.run, share) * touching for share in _TURNS)]
+    columns = [
+        *(half(direction, 0.0) for direction in directions for half in (np.maximum, np.minimum)),
+        *(reversal_memory(depth, blocked.run, share) * touching for share in _TURNS),
+    ]
     if "load" in blocked.data.context:
         columns.append(directions[-1] * np.abs(blocked.reduce(blocked.data.context["load"])))
     return columns
 
 
-def _contact_geometry(position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray) -> Law:
-    """A step at the surface, a set that grows with the deepest indentation so far, and adhesion."""
-    deepest = _unit(running_max(depth, run)) * touching
+def _contact_geometry(
+    position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray
+) -> list[Law]:
+    """A step at the surface, a set that grows with the deepest indentation so far, and adhesion.
+
+    Where the surface has sunk by a share of the deepest indentation, a spring has lost that much of its
+    strain, and a spring whose force grows with the square has lost the difference of squares.
+    """
     touched = running_max((position > 0.0).astype(np.float64), run) * (position <= 0.0)
     reaches = np.max(position, initial=1e-9) * np.array(_REACHES)
     adhesion = touched[:, None] * np.exp(np.minimum(position, 0.0)[:, None] / reaches)
-    columns = np.column_stack([touching, -deepest, -(deepest**2), -adhesion])
-    return Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
+    strain = (_unit(depth) * touching)[:, None]
+    left = np.maximum(strain - running_max(strain[:, 0], run)[:, None] * np.array(_SETS), 0.0)
+    deepest = float(np.max(position, initial=0.0)) or 1.0
+    deeper = np.array(_OFFSETS) * deepest
+    shifted = [np.maximum(position[:, None] + sign * deeper, 0.0) for sign in (-1.0, 1.0)]
+    offsets = [(moved - np.maximum(position, 0.0)[:, None]) / deepest for moved in shifted]
+    both = (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY)
+    return [
+        _law(Kind.CONTACT_GEOMETRY, left - strain, *offsets, nonnegative=True),
+        _law(both, left**2 - strain**2, nonnegative=True),
+        replace(_law(Kind.CONTACT_GEOMETRY, -touching, -adhesion, nonnegative=True), one_sided=False),
+    ]
 
 
-def _sensor_statics(predicted: FloatArray, measured: FloatArray, *, has_bias: bool) -> Law:
-    """A bias of any sign, what a sensor cuts off near its largest readings, and what it hides about zero.
+def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:
+    """A bias of any sign, what a sensor cuts off at its largest readings, hides about zero, or is behind by.
 
-    A zero that free air shows to be none is no bias.
+    A zero that free air shows to be none is no bias. A reading that is behind after each reversal is below
+    the effort while that grows, where friction adds to it.
     """
     low, high = np.quantile(measured, [0.001, 0.999])
     cut = [
@@ -170,7 +221,9 @@ def _sensor_statics(predicted: FloatArray, measured: FloatArray, *, has_bias: bo
     ]
     widths = [share * float(np.ptp(predicted)) for share in _DEAD_BANDS]
     bias = [np.ones(len(predicted))] * has_bias
-    columns = np.column_stack([*bias, *cut, *(-np.clip(predicted, -w, w) for w in widths)])
+    hidden = [-np.clip(predicted, -w, w) for w in widths]
+    behind = [-reversal_memory(predicted, run, share) for share in _TURNS]
+    columns = np.column_stack([*bias, *cut, *hidden, *behind])
     return Law(frozenset({Kind.SENSOR_STATICS}), columns, np.arange(columns.shape[1]) >= len(bias))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.estimation.budget import BudgetEntry
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.diagnosis.bootstrap import SMALL, encoder_step_error, improvement_test
-from palpate.estimation.diagnosis.candidates import Candidate, parameter_count
+from palpate.estimation.diagnosis.candidates import Candidate, held_out_of_all, parameter_count
 from palpate.estimation.diagnosis.forms import FormTest, PartiallyLinear, form_tests
 from palpate.estimation.diagnosis.search import LEVEL, NEAR, Search, backward_step
 from palpate.estimation.effect import Effect
@@ -103,10 +103,12 @@ def accept_forms(
     noise = measurement_noise(search.start).value
     while search.added_effects(end):
         tests = form_tests(partial, end, kinds - {Kind.RUN_DIFFERENCES})
-        taken = {
-            test.effect: search.without(end, test.effect).held_out_mean_square - end.held_out_mean_square
-            for test in tests
-        }
+        left = held_out_of_all(end.problem, end.solution)
+        count = max(int(end.problem.used.sum()), 1)
+        taken = {}
+        for test in tests:
+            less = search.without(end, test.effect)
+            taken[test.effect] = (held_out_of_all(less.problem, less.solution) - left) / count
         entries = partial.entries_beside(frozenset(test.kind for test in tests))
         rest = end.flexible.explained / max(int(end.problem.used.sum()), 1)  # less may be a part of that
         unexplained = max(end.rmse**2 - noise**2, 0.0)

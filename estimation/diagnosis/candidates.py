@@ -60,10 +60,23 @@ class Candidate:
         """
         best = self.search.best
         best = solve_gains(problem, best.model, best.parameters)  # with its blocks
-        names = (*best.model.gains, *best.model.inner)
-        columns = np.column_stack([best.columns, *inner_slopes(problem, best)])
-        followed = problem.solve(columns, best.target, names, best.model.held, best.model.gain_bounds)
-        return min(float(followed.held_out.sum()), self.held_out)
+        return min(held_out_of_all(problem, best), self.held_out)
+
+
+def held_out_of_all(problem: FitProblem, solution: Solution) -> float:
+    """Sum of squared residuals in runs that tell no parameter at all, to first order.
+
+    Inner parameters are fitted to all runs. Held where they are while gains are fitted fold by fold, they
+    would let a law with many of them seem better than one of the same curve with as many gains.
+
+    Args:
+        problem: where.
+        solution: with its blocks.
+    """
+    names = (*solution.model.gains, *solution.model.inner)
+    columns = np.column_stack([solution.columns, *inner_slopes(problem, solution)])
+    fit = problem.solve(columns, solution.target, names, solution.model.held, solution.model.gain_bounds)
+    return float(fit.held_out.sum())
 
 
 def effect_library() -> tuple[Effect, ...]:

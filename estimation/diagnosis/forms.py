@@ -15,8 +15,14 @@ import numpy as np
 from palpate.estimation.budget.budget import BudgetEntry, ErrorBudget, error_budget
 from palpate.estimation.budget.held_out import BaseColumns, HeldOutError, Kinds, SquaredErrors
 from palpate.estimation.budget.laws import Law, flexible_laws
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.bootstrap import SMALL
-from palpate.estimation.diagnosis.candidates import applicable_effects, parameter_count, screen_effects
+from palpate.estimation.diagnosis.candidates import (
+    applicable_effects,
+    held_out_of_all,
+    parameter_count,
+    screen_effects,
+)
 from palpate.estimation.diagnosis.search import Search
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
@@ -133,23 +139,38 @@ def error_of_kinds(start: FitResult) -> HeldOutError:
     """Prepare the held-out errors of a fitted model beside the flexible laws of any set of kinds."""
     blocked, solution = start.problem.blocked, start.solution
     laws = flexible_laws(blocked, blocked.effort - solution.residual, solution.residual)
-    return HeldOutError(_base_columns(start), laws, solution.target, blocked, start.problem.used)
+    base, target = _base_columns(start)
+    return HeldOutError(base, laws, target, blocked, start.problem.used)
 
 
-def _base_columns(start: FitResult) -> BaseColumns:
-    """The base model's columns, and what filters took off its derived motion where that is plausible."""
+def _base_columns(start: FitResult) -> tuple[BaseColumns, FloatArray]:
+    """The base model's columns, and what filters took off its derived motion; the effort that they explain.
+
+    The object is not let go where the base model alone would have it: beside a law it may push there.
+    """
     solution, problem = start.solution, start.problem
-    lower = np.array([parameter.lower for parameter in solution.model.gains.values()])
-    bias = smoothing_bias(problem.blocked, problem.blocked.effort - solution.residual, start.filters)
-    if bias.shape[1]:
+    model, blocked, parameters = solution.model, problem.blocked, solution.parameters
+    slopes, effort = model.linearise(blocked.data, parameters, lifted=np.empty(0, dtype=np.int64))
+    columns = blocked.reduce(slopes)
+    gains = np.array([parameters[name] for name in model.gains])
+    target = blocked.reduce(blocked.data.effort - effort) + columns @ gains
+    lower = np.array([parameter.lower for parameter in model.gains.values()])
+    one_sided = model.one_sided & (blocked.data.kind is ChannelKind.CONTACT)
+    base = BaseColumns(columns, lower, one_sided)
+    bias = smoothing_bias(blocked, blocked.effort - solution.residual, start.filters)
+    count = bias.shape[1]
+    if count:
         both = np.hstack([solution.columns, bias])
-        fit = solve_normal_equations(
-            problem.normal_equations(both, solution.target, list(solution.model.gains))
-        )
+        fit = solve_normal_equations(problem.normal_equations(both, solution.target, list(model.gains)))
         better = fit.held_out.sum() < solution.held_out
-        if better and is_plausible_bias(bias, fit.gains[-bias.shape[1] :]):
-            return BaseColumns(both, np.append(lower, np.full(bias.shape[1], -np.inf)))
-    return BaseColumns(solution.columns, lower)
+        if better and is_plausible_bias(bias, fit.gains[-count:]):
+            beside = np.hstack([columns, bias])
+            base = BaseColumns(
+                beside,
+                np.append(lower, np.full(count, -np.inf)),
+                np.append(base.one_sided, np.zeros(count, bool)),
+            )
+    return base, target
 
 
 def named_forms(partial: PartiallyLinear) -> FitResult:
@@ -291,14 +312,17 @@ def _form_test(partial: PartiallyLinear, end: FitResult, effect: Effect, kinds: 
     columns = partial.law_columns(own, kinds)
     law, both = _with_law(problem, without, columns), _with_law(problem, with_it, columns)
     count = max(int(end.problem.used.sum()), 1)
-    taken = without.held_out - with_it.held_out
+    # A law is fitted without the run that judges it, and so must be all parameters of an effect.
+    left = held_out_of_all(problem, with_it)
+    taken = held_out_of_all(problem, without) - left
+    by_law = max(without.held_out - law, without.held_out - both, taken)
     return FormTest(
         effect.name,
         effect.kind,
         taken / count,
-        max(without.held_out - law, without.held_out - both, taken) / count,
+        by_law / count,
         (with_it.held_out - both) / count,
-        with_it.held_out / count,
+        left / count,
     )
 
 
