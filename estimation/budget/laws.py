@@ -27,7 +27,7 @@ _TIMES = 8  # relaxation times, from a few samples to twice the longest run
 _SHORTEST_S = 0.01
 _LAGS_S = (0.01, 0.03, 0.1, 0.3)  # of sensors
 _REACHES = (0.02, 0.06, 0.2)  # of the deepest contact, over which adhesion fades
-_OFFSETS = (0.03, 0.1, 0.3)  # of the deepest indentation, by which the surface lies deeper or higher
+_OFFSETS = (0.03, 0.1, 0.3)  # of the deepest indentation, by which the surface lies higher
 _SETS = (0.1, 0.3, 0.6, 0.9)  # of the deepest indentation so far, by which a surface has sunk
 _FULL_SCALE = 0.95  # of the largest reading, above which a sensor may saturate
 _DEAD_BANDS = (0.01, 0.03, 0.1)  # half widths, as shares of the effort's range
@@ -186,7 +186,9 @@ def _friction(
 def _contact_geometry(
     position: FloatArray, depth: FloatArray, touching: FloatArray, run: IntArray
 ) -> list[Law]:
-    """A step at the surface, a set that grows with the deepest indentation so far, and adhesion.
+    """A surface that lies elsewhere, a set that grows with the deepest indentation so far, and adhesion.
+
+    Where the surface lies deeper, a spring pushes less by the same force everywhere, or not at all.
 
     Where the surface has sunk by a share of the deepest indentation, a spring has lost that much of its
     strain, and a spring whose force grows with the square has lost the difference of squares.
@@ -197,15 +199,12 @@ def _contact_geometry(
     strain = (_unit(depth) * touching)[:, None]
     left = np.maximum(strain - running_max(strain[:, 0], run)[:, None] * np.array(_SETS), 0.0)
     deepest = float(np.max(position, initial=0.0)) or 1.0
-    deeper = np.array(_OFFSETS) * deepest
-    shifted = [np.maximum(position[:, None] + sign * deeper, 0.0) for sign in (-1.0, 1.0)]
-    offsets = [(moved - np.maximum(position, 0.0)[:, None]) / deepest for moved in shifted]
+    higher = [np.clip(position / deepest + share, 0.0, share) for share in _OFFSETS]
+    columns = np.column_stack([touching, left - strain, *higher])
+    surface = Law(frozenset({Kind.CONTACT_GEOMETRY}), columns, np.arange(columns.shape[1]) > 0)
     both = (Kind.ELASTIC_SHAPE, Kind.CONTACT_GEOMETRY)
-    return [
-        _law(Kind.CONTACT_GEOMETRY, left - strain, *offsets, nonnegative=True),
-        _law(both, left**2 - strain**2, nonnegative=True),
-        replace(_law(Kind.CONTACT_GEOMETRY, -touching, -adhesion, nonnegative=True), one_sided=False),
-    ]
+    pull = _law(Kind.CONTACT_GEOMETRY, -touching, -adhesion, nonnegative=True)
+    return [surface, _law(both, left**2 - strain**2, nonnegative=True), replace(pull, one_sided=False)]
 
 
 def _sensor_statics(predicted: FloatArray, measured: FloatArray, run: IntArray, *, has_bias: bool) -> Law:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from palpate.estimation.budget.laws import flexible_laws, periodic_columns
 from palpate.estimation.diagnosis.forms import analyse_kinds
@@ -56,6 +57,53 @@ OF_KIND = {
     Kind.SENSOR_STATICS: lambda: swings(1, sensor=lambda torque, run: np.clip(torque, -1.0, 1.0)),
     Kind.RECORDED_CONTEXT: warm,
 }
+
+
+def slow(torque, run):
+    """A sensor behind by a first-order lag of 0.1 s, sampled at 250 Hz."""
+    parts = (torque[run == number] for number in np.unique(run))
+    share = 1.0 - np.exp(-0.004 / 0.1)
+    return np.concatenate([lfilter([share], [1.0, share - 1.0], part) for part in parts])
+
+
+def hysteretic(torque, run):
+    """A sensor that stands still for 0.4 N m after each reversal."""
+    reading = torque.copy()
+    for k in range(1, len(torque)):
+        if run[k] == run[k - 1]:
+            reading[k] = np.clip(reading[k - 1], torque[k] - 0.2, torque[k] + 0.2)
+    return reading
+
+
+# Laws that bend, and runs that go further, faster or longer than those that told the law.
+FURTHER = {
+    "a kink below the depth of all runs but one": (
+        Kind.ELASTIC_SHAPE,
+        lambda: press(lambda t, x, v, run: 2.0 * K * np.maximum(x - 0.004, 0.0)),
+    ),
+    "friction that differs by direction": (
+        Kind.FRICTION,
+        lambda: swings(1, lambda q, v, a: np.where(v > 0, 0.5, 0.1) * np.tanh(v / 0.02)),
+    ),
+    "damping with the square, until the object lets go": (
+        Kind.RATE_DEPENDENCE,
+        lambda: press(lambda t, x, v, run: 4e3 * v * np.abs(v)),
+    ),
+    "a dent of more than half of the depth": (
+        Kind.CONTACT_GEOMETRY,
+        lambda: press(lambda t, x, v, run: 3.0 * plastic(t, x, v, run)),
+    ),
+    "a slow sensor": (Kind.SENSOR_DYNAMICS, lambda: swings(1, sensor=slow)),
+    "a sensor that hangs": (Kind.SENSOR_STATICS, lambda: swings(1, sensor=hysteretic)),
+}
+
+
+@pytest.mark.parametrize("what", FURTHER)
+def test_a_law_takes_what_its_kind_does_in_runs_that_go_further(what):
+    kind, made = FURTHER[what]
+    first = analysed(made()).budget.entries[0]
+    assert first.kind is kind
+    assert first.sufficient > 0.7
 
 
 def analysed(data):
