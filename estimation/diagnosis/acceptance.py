@@ -154,8 +154,9 @@ def _accounts_for_error(
     """Whether an effect's kind accounts for a part of the error that no other kind takes in its place.
 
     A kind without a law of its own is taken at its effect's word, and so is an effect that alone leaves less
-    than the laws of all kinds together. Beside little that nothing explains, a named form is told from
-    another kind's law by its few parameters.
+    than the laws of all kinds together. A share counts for
+    a kind of the smallest set only: beside that, a needless law has a share too. Beside little that nothing
+    explains, a named form is told from another kind's law by its few parameters.
 
     Args:
         search: that led to the model.
@@ -170,7 +171,8 @@ def _accounts_for_error(
         return True
     entry, start = entries[test.kind], search.start
     is_told_apart = not entry.replaceable_by or unexplained < _UNDECIDED * taken
-    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_told_apart):
+    is_counted = test.kind in partial.kinds and is_told_apart
+    if entry.necessary >= _LEAST_OF_KIND or (entry.share >= _LEAST_OF_KIND and is_counted):
         return True
     (effect,) = (one for one in end.solution.model.effects if one.name == test.effect)
     alone = search.fitted(start.solution.model.with_effect(effect), end.solution.parameters)
