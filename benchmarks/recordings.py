@@ -3,9 +3,11 @@
     python benchmarks/recordings.py DATA_DIR [NAME ...] --out FILE [--answers FOLDER]
 
 DATA_DIR has a folder for each recording with the import.csv.gz that benchmarks/measured/convert.py wrote; a
-recording that it lacks is skipped. Three figures count: the kind with the largest share of the budget is an
-expected one; a form is named that the recipe accepts, or the largest kind's form is said to be unknown; no
-name is false. Recordings that are held out are run once, by somebody who did not write the rules.
+recording that it lacks is skipped. With `raw` in the recipe (a list of options) the origin's own files are
+diagnosed instead, so that the reading of files is judged too. Three figures count: the kind with the largest
+share of the budget is an expected one; a form is named that the recipe accepts, or the largest kind's form is
+said to be unknown; no name is false. Where the recipe has `verdicts`, one of them is right by itself.
+Recordings that are held out are run once, by somebody who did not write the rules.
 """
 
 import json
@@ -38,7 +40,15 @@ def command_of(recipe: dict[str, Any], file: Path) -> list[str]:
     ]
     for column in recipe.get("context", []):
         command += ["--context", column]
-    return command + (["--fresh-runs"] if recipe.get("fresh_runs") else [])
+    return command + (["--fresh-runs"] if recipe.get("fresh_runs") else []) + recipe.get("raw", [])
+
+
+def file_of(recipe: dict[str, Any], folder: Path) -> Path:
+    """What is diagnosed: the converted file, or the origin's file, or the folder of several."""
+    if "raw" not in recipe:
+        return folder / "import.csv.gz"
+    files = sorted((folder / "raw").glob("*"))
+    return files[0] if len(files) == 1 else folder / "raw"
 
 
 def answer_of(recipe: dict[str, Any], file: Path, kept: Path | None = None) -> dict[str, Any]:
@@ -110,12 +120,13 @@ def main() -> None:
     results: list[Score] = []
     with options.out.open("w") if options.out else nullcontext() as out:
         for name in options.names or known:
-            file = options.data_dir / name / "import.csv.gz"
-            if not file.is_file():
+            recipe = load_recipe(name)
+            file = file_of(recipe, options.data_dir / name)
+            if not file.exists():
                 print(f"\n{name}: skipped, there is no {file}")
                 continue
             kept = options.answers / f"{name}.json" if options.answers else None
-            results.append(run(load_recipe(name), file, kept))
+            results.append(run(recipe, file, kept))
             show(results[-1])
             if out:
                 out.write(json.dumps(asdict(results[-1])) + "\n")

@@ -14,6 +14,7 @@ import fnmatch
 import gzip
 import hashlib
 import io
+import itertools
 import subprocess
 import sys
 import zipfile
@@ -38,7 +39,7 @@ SPLITS = ("develop", "held_out")
 def split_of(recipe: Mapping[str, Any]) -> str:
     """Part that a recording belongs to.
 
-    It is the recipe's `split`, where there is one: the 23 recordings that were collected last are all held
+    It is the recipe's `split`, where there is one: the recordings that were collected last are all held
     out. Else it is `develop` if the last hex digit of the name's SHA-256 is even.
     """
     by_name = SPLITS[int(hashlib.sha256(recipe["name"].encode()).hexdigest()[-1], 16) % 2]
@@ -96,7 +97,9 @@ def _number(cell: str, decimal: str) -> float:
 def _named(rows: NDArray[np.float64], names: list[str]) -> Columns:
     """Columns by their number and by their name."""
     columns = {str(i): rows[:, i] for i in range(rows.shape[1])}
-    return columns | {name.strip().strip('"'): rows[:, i] for i, name in enumerate(names) if name.strip()}
+    return columns | {
+        name.strip().strip('"'): rows[:, i] for i, name in enumerate(names[: rows.shape[1]]) if name.strip()
+    }
 
 
 def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -122,15 +125,24 @@ def read_text(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 
 
 def read_workbook(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
-    """Read the sheet whose number is `sheet` (default 0) of an Excel file; `skip` as in `read_text`."""
-    sheet = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content)).get_sheet_by_index(
-        options.get("sheet", 0)
-    )
-    rows = sheet.to_python(skip_empty_area=False)
+    """Read sheets of an Excel file; `skip` as in `read_text`.
+
+    Args:
+        content: bytes of the file.
+        options: `sheet`: number of the sheet (default 0), or `sheets`: pattern of the names of several.
+    """
+    book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(content))
+    chosen = book.sheet_names[options.get("sheet", 0) :][:1]
+    if "sheets" in options:
+        chosen = fnmatch.filter(book.sheet_names, options["sheets"])
     skip = options.get("skip", 1)
-    names = [str(name) for name in rows[options.get("names", skip - 1)]]
-    numbers = [[cell if isinstance(cell, int | float) else np.nan for cell in row] for row in rows[skip:]]
-    return [_named(np.array(numbers, dtype=np.float64), names)]
+    tables: list[Columns] = []
+    for sheet in chosen:
+        rows = book.get_sheet_by_name(sheet).to_python(skip_empty_area=False)
+        names = [str(name) for name in rows[options.get("names", skip - 1)]]
+        numbers = [[cell if isinstance(cell, int | float) else np.nan for cell in row] for row in rows[skip:]]
+        tables.append(_named(np.array(numbers, dtype=np.float64), names))
+    return tables
 
 
 def read_matlab(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
@@ -149,7 +161,9 @@ def read_numpy(content: bytes, options: Mapping[str, Any]) -> list[Columns]:
 def _columns_of(arrays: Mapping[str, Any]) -> Columns:
     """Columns of all matrices of numbers, each turned upright."""
     columns: dict[str, NDArray[np.float64]] = {}
-    for name, value in arrays.items():
+    for name, content in arrays.items():
+        is_cell = isinstance(content, np.ndarray) and content.dtype == object and content.size == 1
+        value = content.item() if is_cell else content
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu" and value.size > 1:
             matrix = np.asarray(value if value.shape[0] >= value.shape[1] else value.T, dtype=np.float64)
             columns |= {name: matrix[:, 0]} | {f"{name}.{i}": matrix[:, i] for i in range(matrix.shape[1])}
@@ -275,12 +289,15 @@ READERS: dict[str, Reader] = {
 }
 
 
-def _column(tables: Columns, spec: Mapping[str, Any]) -> NDArray[np.float64]:
-    """One output column: factors times columns, or row numbers times `step`; less its start or mean."""
+def _column(tables: Columns, spec: Mapping[str, Any], item: str) -> NDArray[np.float64]:
+    """One output column: factors times columns, or row numbers times `step`; less its start or mean.
+
+    `item` stands for {} in the names of columns.
+    """
     count = len(next(iter(tables.values())))
     values: NDArray[np.float64] = np.arange(count, dtype=np.float64) * float(spec.get("step", 0.0))
     for name, factor in spec.get("sum", {}).items():
-        values = values + float(factor) * tables[str(name)]
+        values = values + float(factor) * tables[str(name).replace("{}", item)]
     values = values + float(spec.get("offset", 0.0))
     zero = spec.get("zero")
     if zero is None:
@@ -306,14 +323,43 @@ def _files(recipe: Mapping[str, Any], origin: Origin) -> list[str]:
 
 
 def _tables(recipe: Mapping[str, Any], origin: Origin) -> Iterator[tuple[str, list[Columns]]]:
-    """Tables of each file; with `join`, first columns of several files make one table under those names."""
+    """Tables of each file, as `join`, `chain`, `each` and `restarts` make them.
+
+    `join`: names under which several files make one table, whose columns are NAME.COLUMN (NAME the first).
+    `chain`: columns that are made of others, one below the other. `each`: texts that stand for {} in the
+    recipe's columns, a run each. `restarts`: the column that falls where a new run begins.
+    """
     read, paths = recipe["read"], _files(recipe, origin)
     reader, joined = READERS[read["format"]], read.get("join", [])
-    if not joined:
-        yield from ((path, reader(origin.read(path), read)) for path in paths)
-    for first in range(0, len(paths) if joined else 0, max(len(joined), 1)):
-        parts = [reader(origin.read(path), read)[0]["0"] for path in paths[first : first + len(joined)]]
-        yield paths[first], [dict(zip(joined, parts, strict=True))]
+    for first in range(0, len(paths), max(len(joined), 1)):
+        tables = reader(origin.read(paths[first]), read)
+        if joined:
+            parts = zip(joined, paths[first : first + len(joined)], strict=True)
+            tables = [_joined({name: reader(origin.read(path), read)[0] for name, path in parts})]
+        if chain := read.get("chain"):
+            tables = [
+                {name: np.concatenate([table[key] for key in keys]) for name, keys in chain.items()}
+                for table in tables
+            ]
+        if restarts := read.get("restarts"):
+            tables = [run for table in tables for run in _split(table, str(restarts))]
+        yield paths[first], tables
+
+
+def _joined(parts: Mapping[str, Columns]) -> Columns:
+    """Columns of several tables in one."""
+    table = {f"{name}.{column}": values for name, part in parts.items() for column, values in part.items()}
+    return table | {name: part["0"] for name, part in parts.items() if "0" in part}
+
+
+def _split(table: Columns, clock: str) -> list[Columns]:
+    """Parts of a table between which its clock falls; rows without a time are left out."""
+    table = {name: values[np.isfinite(table[clock])] for name, values in table.items()}
+    edges = [0, *(np.flatnonzero(np.diff(table[clock]) < 0) + 1).tolist(), len(table[clock])]
+    return [
+        {name: values[start:stop] for name, values in table.items()}
+        for start, stop in itertools.pairwise(edges)
+    ]
 
 
 def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[str, NDArray[np.float64]]]]:
@@ -329,11 +375,13 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
     read = recipe["read"]
     runs: list[tuple[str, dict[str, NDArray[np.float64]]]] = []
     for number, (path, tables) in enumerate(_tables(recipe, origin)):
-        for table in tables:
+        for table, item in itertools.product(tables, read.get("each", [""])):
             first, last = read.get("rows", [None, None])
             cut = {name: values[first:last] for name, values in table.items()}
             columns = {
-                name: _column(cut, spec) for name, spec in recipe["columns"].items() if "of_file" not in spec
+                name: _column(cut, spec, str(item))
+                for name, spec in recipe["columns"].items()
+                if "of_file" not in spec
             }
             count = len(next(iter(columns.values())))
             for name, spec in recipe["columns"].items():
@@ -342,6 +390,8 @@ def runs_of(recipe: Mapping[str, Any], origin: Origin) -> list[tuple[str, dict[s
             kept = np.all([np.isfinite(values) for values in columns.values()], axis=0)
             time = columns["time_s"]  # it stands still where a row was written twice
             kept &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+            for name, (low, high) in read.get("within", {}).items():
+                kept &= (columns[name] >= low) & (columns[name] <= high)
             columns = {name: values[kept] for name, values in columns.items()}
             if "thin" in read:
                 columns = _thin(columns, read["thin"])
@@ -391,7 +441,7 @@ def _decimate(
 
 
 def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
-    """Write FOLDER/import.csv.gz.
+    """Write FOLDER/import.csv.gz; with `raw` in the recipe, also the origin's files into FOLDER/raw.
 
     Args:
         recipe: content of the recipe.
@@ -402,6 +452,10 @@ def convert(recipe: Mapping[str, Any], origin: Origin, folder: Path) -> int:
         Number of rows.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if "raw" in recipe:
+        (folder / "raw").mkdir(exist_ok=True)
+        for number, path in enumerate(_files(recipe, origin)):
+            (folder / "raw" / f"{number} {PurePosixPath(path).name}").write_bytes(origin.read(path))
     total = 0
     names = list(recipe["columns"])
     with (

@@ -55,6 +55,7 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
         if not names & {entry["effect"], *entry.get("confused_with", [])}
     ]
     unknown = leading is not None and leading.get("form") == "unknown"
+    fair = channel["verdict"] in expected.get("verdicts", [])  # nothing is missing, or it cannot be said
     baseline, final = channel.get("baseline"), channel.get("final")
     return Score(
         recording=recipe["name"],
@@ -66,8 +67,8 @@ def score(recipe: dict[str, Any], channel: dict[str, Any], seconds: float) -> Sc
         accepted=[entry["effect"] for entry in accepted],
         expected=expected["kinds"],
         kind=leading["kind"] if leading else None,
-        kind_right=leading is not None and leading["kind"] in expected["kinds"],
-        form_right=len(wrong) < len(accepted) or (not accepted and unknown),
+        kind_right=fair or (leading is not None and leading["kind"] in expected["kinds"]),
+        form_right=fair or len(wrong) < len(accepted) or (not accepted and unknown),
         false_names=wrong,
         seconds=seconds,
     )

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import openpyxl
 import pytest
+from scipy.io import savemat
 
 from benchmarks.measured.convert import RECIPES, SPLITS, Origin, convert, load_recipe, split_of
-from benchmarks.measured.ladder import TERMS, Ladder, load
+from benchmarks.measured.ladder import TERMS, Ladder, load, thin
 from benchmarks.measured.score import score, summary
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.models import MODELS
@@ -127,6 +129,57 @@ def test_conversion_reads_vectors_and_columns_of_a_numpy_archive(tmp_path: Path)
     assert [row["position_rad"] for row in rows_of(tmp_path / "out")] == [2, 5, 8, 11]
 
 
+def test_falling_clock_begins_a_run_and_each_item_makes_one(tmp_path: Path) -> None:
+    rows = ["t;Fa;Fb", *(f"{t};{i};{10 * i}" for i, t in enumerate([0, 1, 2, 0, 1, 2]))]
+    (tmp_path / "a.txt").write_text("\n".join(rows))
+    recipe = recipe_of(decimal=".", files=["a.txt"], restarts="t", each=["a", "b"])
+    recipe["columns"] = {"time_s": {"sum": {"t": 1.0}}, "force_N": {"sum": {"F{}": 1.0}}}
+    convert({**recipe, "raw": []}, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["run"] for row in table] == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
+    assert [row["force_N"] for row in table] == [0, 1, 2, 0, 10, 20, 3, 4, 5, 30, 40, 50]
+    assert (tmp_path / "out/raw/0 a.txt").read_text() == "\n".join(rows)
+
+
+def test_joined_matlab_files_are_chained_and_cut_to_a_range(tmp_path: Path) -> None:
+    cell = np.empty((1, 1), dtype=object)
+    cell[0, 0] = np.arange(3.0, 0.0, -1.0)
+    savemat(tmp_path / "b.mat", {"up": 10.0 * np.arange(4.0), "down": cell})
+    read = {
+        "format": "matlab",
+        "files": ["a.mat", "b.mat"],
+        "join": ["x", "f"],
+        "within": {"x_m": [0.5, 2.5]},
+    }
+    savemat(tmp_path / "a.mat", {"up": np.arange(4.0), "down": cell})
+    chain = {"x": ["x.up", "x.down"], "f": ["f.up", "f.down"]}
+    columns = {"time_s": {"step": 0.1}, "x_m": {"sum": {"x": 1.0}}, "force_N": {"sum": {"f": 1.0}}}
+    recipe = {"read": {**read, "chain": chain}, "columns": columns}
+    convert(recipe, Origin(tmp_path, ""), tmp_path / "out")
+    table = rows_of(tmp_path / "out")
+    assert [row["x_m"] for row in table] == [1, 2, 2, 1]
+    assert [row["force_N"] for row in table] == [10, 20, 2, 1]
+    assert [row["time_s"] for row in table] == [0.1, 0.2, 0.5, 0.6]
+
+
+def test_sheets_that_match_are_runs(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    for number, title in enumerate(["Results", "Test 1", "Test 2"]):
+        sheet = book.create_sheet(title)
+        for row in (["t", "F"], ["s", "N"], [0, number], [1, 2 * number]):
+            sheet.append(row)
+    book.save(tmp_path / "a.xlsx")
+    read = {"format": "workbook", "files": ["a.xlsx"], "sheets": "Test *", "skip": 2, "names": 0}
+    columns = {"time_s": {"sum": {"t": 1.0}}, "force_N": {"sum": {"F": 1.0}}}
+    convert({"read": read, "columns": columns}, Origin(tmp_path, ""), tmp_path / "out")
+    assert [(row["run"], row["force_N"]) for row in rows_of(tmp_path / "out")] == [
+        (0, 1),
+        (0, 2),
+        (1, 2),
+        (1, 4),
+    ]
+
+
 def test_conversion_reads_the_commit_of_a_repository_and_not_its_work_tree(tmp_path: Path) -> None:
     def git(*arguments: str) -> str:
         command = [
@@ -196,6 +249,16 @@ def test_ladder_finds_nothing_in_noise(tmp_path: Path) -> None:
     assert min(ladder.attempt(name)[0] for name in ladder.built) > 0.97 * ladder.error
 
 
+def test_thinned_ladder_keeps_eight_runs_and_so_many_rows(tmp_path: Path) -> None:
+    write_motion(tmp_path / "a.csv", coulomb=0.5, noise=0.02)
+    s = load(tmp_path / "a.csv")
+    s.run = np.arange(len(s.run)) // 400
+    part = thin(s, 500)
+    assert np.unique(part.run).tolist() == list(range(8))
+    assert 400 < len(part.x) <= 500
+    assert np.isin(part.effort, s.effort).all()
+
+
 RECIPE = {
     "name": "x",
     "expected": {
@@ -233,6 +296,13 @@ def test_score_finds_a_false_name_but_not_one_that_cannot_be_told_from_a_right_o
     unsure = named("drift")
     unsure["accepted"][0]["form"] = "unknown"
     assert score(RECIPE, unsure, 1.0).false_names == []
+
+
+def test_verdict_that_the_recipe_allows_is_right_by_itself() -> None:
+    recipe = {**RECIPE, "expected": {**RECIPE["expected"], "verdicts": ["insufficient"]}}
+    fair = score(recipe, {"verdict": "insufficient"}, 1.0)
+    assert (fair.kind_right, fair.form_right, fair.false_names) == (True, True, [])
+    assert not score(recipe, {"verdict": "adequate"}, 1.0).kind_right
 
 
 def test_refused_recording_counts_as_wrong() -> None:
