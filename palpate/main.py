@@ -50,7 +50,7 @@ def run() -> None:
             from palpate.commands import app  # noqa: PLC0415, only once the ground is known to be firm
         except ModuleNotFoundError as error:
             missing = f"the Python package '{error.name or error}' is not installed"
-            sys.exit(_refuse(f"{missing}: run make env, and start .venv/bin/palpate"))
+            sys.exit(_refuse(f"{missing}: pip install palpate (in a checkout: make env)"))
         app()
     except KeyboardInterrupt:  # while commands are still being imported; later the commands see to it
         print("palpate: interrupted", file=sys.stderr)

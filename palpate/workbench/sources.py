@@ -249,16 +249,13 @@ class Feed:
         port: 0 for any free one.
 
     Raises:
-        InputError: the Foxglove SDK is not installed, or the port cannot be had.
+        ModuleNotFoundError: the Foxglove SDK is not installed.
+        InputError: the port cannot be had.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        try:
-            import foxglove  # noqa: PLC0415, an extra
-        except ImportError as error:
-            raise InputError(
-                "--foxglove: the package foxglove-sdk is not installed: pip install foxglove-sdk"
-            ) from error
+        import foxglove  # noqa: PLC0415, an extra
+
         try:
             self._server = foxglove.start_server(
                 name="palpate", host=host, port=port, message_backlog_size=_MOST_WAITING
