@@ -10,6 +10,7 @@ from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
     effect_library,
     extended_models,
+    held_out_of_all,
     is_misnamed,
     is_possible,
     parameter_count,
@@ -20,7 +21,8 @@ from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit.fit_problem import Solution, solve_gains
 from palpate.estimation.fit.fit_result import fit_model
 from palpate.estimation.model import Model
-from tests.estimation.presses import session
+from tests.estimation.presses import kelvin_voigt, maxwell, session
+from tests.estimation.searches import PRESS
 from tests.estimation.swings import read, swings
 
 BASE = ("pendulum", "viscous_friction")
@@ -235,3 +237,28 @@ def test_an_offset_of_the_model_may_be_nothing_beside_another_effect():
     )
     (found,) = screen_effects(off, [EFFECTS["bias"]()], refined=0)
     assert found.search.best.parameters["contact_offset.offset"] == 0.0
+
+
+def test_an_inner_parameter_is_no_cheaper_than_a_gain_where_runs_differ():
+    """One relaxing branch, written with a gain or with a share of the spring, of another size in each run."""
+    gains = np.array([200.0, 900.0, 300.0, 800.0, 100.0, 700.0])
+    data = session(4, lambda t, x, v, run: kelvin_voigt(x, v, gains[run] * maxwell(t, x, run, 0.3)))
+    good = np.ones(len(data), dtype=np.bool_)
+    branch = fit_model(
+        data, PRESS.with_effect(EFFECTS["stress_relaxation"]()), {"stress_relaxation.tau": 0.3}, good
+    )
+    found = branch.solution.parameters
+    sudden = found["stiffness.k"] + found["stress_relaxation.k1"]
+    same = {
+        "stiffness.k": sudden,
+        "damping.c": found["damping.c"],
+        "relaxation_spectrum.fast": found["stress_relaxation.k1"] / sudden,
+        "relaxation_spectrum.slow": 0.0,
+        "relaxation_spectrum.fast_time": found["stress_relaxation.tau"],
+        "relaxation_spectrum.slow_time": 30.0,
+    }
+    spectrum = fit_model(data, PRESS.with_effect(EFFECTS["relaxation_spectrum"]()), same, good)
+    assert spectrum.solution.sse == pytest.approx(branch.solution.sse, rel=1e-3)
+    assert spectrum.solution.held_out < 0.97 * branch.solution.held_out
+    by_all = [held_out_of_all(fit.problem, fit.solution) for fit in (branch, spectrum)]
+    assert by_all[1] > by_all[0]
