@@ -96,24 +96,21 @@ class Profile:
         Returns:
             Value and derivatives.
         """
-        wave, wave_rate, wave_acceleration = self._wave(time_s)
+        # The wave between -1 and 1, with its derivatives by time.
+        angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
+        rate = self._rates + self._sweep * time_s
+        sine, cosine = np.sin(angle), np.cos(angle)
+        wave, wave_rate, wave_acceleration = (
+            self._scale * float(cosine.sum()),
+            -self._scale * float(rate @ sine),
+            -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
+        )
         fade, fade_rate, fade_acceleration = quintic(time_s, self._ramp_s)
         below = wave - self._offset
         return ProfilePoint(
             fade * below,
             fade_rate * below + fade * wave_rate,
             fade_acceleration * below + 2.0 * fade_rate * wave_rate + fade * wave_acceleration,
-        )
-
-    def _wave(self, time_s: float) -> tuple[float, float, float]:
-        """The wave between -1 and 1, with its derivatives by time."""
-        angle = self._phases + time_s * (self._rates + 0.5 * self._sweep * time_s)
-        rate = self._rates + self._sweep * time_s
-        sine, cosine = np.sin(angle), np.cos(angle)
-        return (
-            self._scale * float(cosine.sum()),
-            -self._scale * float(rate @ sine),
-            -self._scale * float(rate**2 @ cosine + self._sweep * sine.sum()),
         )
 
 

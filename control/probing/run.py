@@ -122,23 +122,19 @@ class ProbingRun:
         output = self._control.step(measurement, reference, dt_s)
         if output.in_contact:
             self.desired_force_n = goal.force_n
-            self._touched(output)
+            speed_m_s, set_m_s = output.state.speed_m_s, self.spec.speed_m_s
+            surface_m = self._control.surface_travel_m
+            place = self._site.line.point_at(surface_m).tolist()
+            travel = f"{1e3 * surface_m:.1f} mm on from the approach line's start"
+            text = f"touch at {1e3 * speed_m_s:.0f} mm/s, {travel}"
+            if speed_m_s < 0.98 * set_m_s:
+                text += f"; the set speed {1e3 * set_m_s:.0f} mm/s was not reached yet"
+            self._event("touch", text, surface_travel_m=surface_m, surface_world_m=place, tip_m_s=speed_m_s)
+            self._site.start_above(surface_m, self._plan.retract_m)
+            self._enter(Phase.LOADING, self._loading)
         elif output.state.travel_m >= self._site.search_travel_m or self._must_turn(output):
             self._missed(output.state.travel_m)
         return output
-
-    def _touched(self, output: ControlOutput) -> None:
-        speed_m_s, set_m_s = output.state.speed_m_s, self.spec.speed_m_s
-        surface_m = self._control.surface_travel_m
-        place = self._site.line.point_at(surface_m).tolist()
-        text = (
-            f"touch at {1e3 * speed_m_s:.0f} mm/s, {1e3 * surface_m:.1f} mm on from the approach line's start"
-        )
-        if speed_m_s < 0.98 * set_m_s:
-            text += f"; the set speed {1e3 * set_m_s:.0f} mm/s was not reached yet"
-        self._event("touch", text, surface_travel_m=surface_m, surface_world_m=place, tip_m_s=speed_m_s)
-        self._site.start_above(surface_m, self._plan.retract_m)
-        self._enter(Phase.LOADING, self._loading)
 
     def _missed(self, travel_m: float) -> None:
         line, from_m = self._site.line, self._site.approach_travel_m

@@ -278,11 +278,27 @@ class ProbingTask:
         self._move_s += dt_s
         path = self._brake or self._way
         output = self._control.step_joints(measurement, path.at(self._move_s), dt_s)
-        if self._is_blocked(output.force_n):
-            self._give_up(f"{output.force_n:.1f} N on the way")
+        share = abs(output.force_n) / self._plan.force_limit_n
+        if share < _OBSTACLE_SHARE:
+            self._obstacle_share = _OBSTACLE_SHARE
+        is_touch = abs(output.force_n) > self._control.switch.touch_force_n  # and not a noisy sensor
+        is_strong = share > self._obstacle_share
+        self._blocked_ticks = self._blocked_ticks + 1 if is_strong and is_touch else 0
+        is_blocked = self._blocked_ticks >= _OBSTACLE_TICKS
+        if is_blocked:
+            # Go back without the remaining runs; on the way back already, trip the guard.
+            what = f"{output.force_n:.1f} N on the way"
+            if not self._specs:
+                raise SafetyTripError(f"{what} back to where the task started: something is in the way")
+            text = f"{what} to a target: something is in the way"
+            self._fail("obstacle", text)
+            self._specs.clear()
+            self._obstacle_share = _LEAVING_SHARE
+            self._turn_back()
         elif self._brake:
             if self._move_s >= self._brake.duration_s:
-                self._go_home()
+                home = self._routes.find(self._here, self._start).points_rad
+                self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
         elif self._swings:
             if self._move_s >= self._way.duration_s:
                 swing = self._swings.popleft()
@@ -298,25 +314,6 @@ class ProbingTask:
                 self._end_at_rest(measurement)
         return output
 
-    def _is_blocked(self, force_n: float) -> bool:
-        share = abs(force_n) / self._plan.force_limit_n
-        if share < _OBSTACLE_SHARE:
-            self._obstacle_share = _OBSTACLE_SHARE
-        is_touch = abs(force_n) > self._control.switch.touch_force_n  # and not a noisy sensor
-        is_strong = share > self._obstacle_share
-        self._blocked_ticks = self._blocked_ticks + 1 if is_strong and is_touch else 0
-        return self._blocked_ticks >= _OBSTACLE_TICKS
-
-    def _give_up(self, what: str) -> None:
-        """Go back without the remaining runs; on the way back already, trip the guard."""
-        if not self._specs:
-            raise SafetyTripError(f"{what} back to where the task started: something is in the way")
-        text = f"{what} to a target: something is in the way"
-        self._fail("obstacle", text)
-        self._specs.clear()
-        self._obstacle_share = _LEAVING_SHARE
-        self._turn_back()
-
     def _turn_back(self) -> None:
         """Brake, and go back the way that the arm came."""
         self._swings.clear()
@@ -324,11 +321,6 @@ class ProbingTask:
         self._passed_rad = self._way.passed_rad(self._move_s)
         limit_rad_s2 = _BRAKE_FACTOR * self._plan.joint_acceleration_rad_s2
         self._brake, self._move_s = self._way.brake_at(self._move_s, limit_rad_s2), 0.0
-
-    def _go_home(self) -> None:
-        """Follow the way that the arm came, which was free, and continue from there."""
-        home = self._routes.find(self._here, self._start).points_rad
-        self._follow((self._control.reference_rad, *self._passed_rad, *home[1:]))
 
     def _end_at_rest(self, measurement: Measurement) -> None:
         """Finish once the arm is at rest."""

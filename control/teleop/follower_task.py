@@ -148,19 +148,16 @@ class FollowerTask:
             self._runs = output.run + 1
         events = tuple(self._numbered(event) for event in output.events)
         if output.done:
-            self._conclude(task)
+            number, failed = short_number(self._queue.current), "; ".join(task.failures)
+            if task.cancelled:
+                self._finish(TargetState.CANCELLED, f"target {number} left: {failed}")
+            elif task.runs_done == 0:
+                self._finish(TargetState.FAILED, f"target {number}: {failed}")
+            else:
+                self._finish(TargetState.DONE, failed)
             self._under_way = None
             self._hold.start(measurement)
         return output._replace(done=False, events=(*events, *self._events))
-
-    def _conclude(self, task: ProbingTask) -> None:
-        number, failed = short_number(self._queue.current), "; ".join(task.failures)
-        if task.cancelled:
-            self._finish(TargetState.CANCELLED, f"target {number} left: {failed}")
-        elif task.runs_done == 0:
-            self._finish(TargetState.FAILED, f"target {number}: {failed}")
-        else:
-            self._finish(TargetState.DONE, failed)
 
     def _finish(self, state: TargetState, remark: str) -> None:
         number = self._queue.current

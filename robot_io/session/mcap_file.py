@@ -77,7 +77,12 @@ def scan(data: bytes) -> Scan:
             raise
     if scanner.closed and not scanner.content.complete:
         raise SessionError("damaged: its end is there, but not all that comes before")
-    _put_in_order(scanner.content)
+    # Put messages into the order in which they were logged: chunks of a file may lie in any.
+    content = scanner.content
+    for topic, numbers in content.sequence.items():
+        order, messages = np.argsort(np.asarray(numbers), kind="stable"), content.messages[topic]
+        content.messages[topic] = [messages[index] for index in order.tolist()]
+        content.sequence[topic] = array("L", sorted(numbers))
     return scanner.content
 
 
@@ -89,14 +94,6 @@ def _damaged(error: Exception) -> SessionError:
         case struct.error():
             return SessionError("damaged: a record in it is too short")
     return SessionError(f"damaged: {error}")
-
-
-def _put_in_order(content: Scan) -> None:
-    """Put messages into the order in which they were logged: chunks of a file may lie in any."""
-    for topic, numbers in content.sequence.items():
-        order, messages = np.argsort(np.asarray(numbers), kind="stable"), content.messages[topic]
-        content.messages[topic] = [messages[index] for index in order.tolist()]
-        content.sequence[topic] = array("L", sorted(numbers))
 
 
 class Growing:
@@ -146,7 +143,9 @@ class _Scanner:
     def run(self) -> None:
         for opcode, start, end in _records(self._data, len(MCAP0_MAGIC)):
             if opcode == Opcode.DATA_END:
-                self._check_sum(DataEnd.read(_stream(self._data[start:end])), start - _RECORD.size)
+                checksum = DataEnd.read(_stream(self._data[start:end])).data_section_crc
+                if checksum not in {0, zlib.crc32(memoryview(self._data)[: start - _RECORD.size])}:
+                    raise SessionError("damaged: the checksum of its data does not fit")
                 self.content.complete = self.closed
                 return
             self.take(opcode, self._data[start:end])
@@ -156,11 +155,21 @@ class _Scanner:
             metadata = Metadata.read(_stream(record))
             self.content.metadata[metadata.name] = metadata.metadata
         elif opcode == Opcode.CHUNK:
-            self._take_chunk(_uncompressed(Chunk.read(_stream(record))))
-
-    def _check_sum(self, record: DataEnd, data_end: int) -> None:
-        if record.data_section_crc not in {0, zlib.crc32(memoryview(self._data)[:data_end])}:
-            raise SessionError("damaged: the checksum of its data does not fit")
+            chunk = Chunk.read(_stream(record))
+            size = chunk.uncompressed_size
+            if size > MAX_CHUNK_BYTES:
+                raise SessionError(f"a chunk of {size} bytes; at most {MAX_CHUNK_BYTES}")
+            if chunk.compression == "lz4":
+                data: bytes = LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
+            elif chunk.compression == "":
+                data = chunk.data
+            else:
+                raise SessionError(
+                    f"a chunk compressed with '{chunk.compression[:20]}'; sessions use lz4 or none"
+                )
+            if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
+                raise SessionError("damaged: the checksum of a chunk does not fit")
+            self._take_chunk(data)
 
     def _take_chunk(self, chunk: bytes) -> None:
         self._bytes_left -= len(chunk)
@@ -192,21 +201,6 @@ def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
 
 def _stream(data: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(data))
-
-
-def _uncompressed(chunk: Chunk) -> bytes:
-    size = chunk.uncompressed_size
-    if size > MAX_CHUNK_BYTES:
-        raise SessionError(f"a chunk of {size} bytes; at most {MAX_CHUNK_BYTES}")
-    if chunk.compression == "lz4":
-        data: bytes = LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
-    elif chunk.compression == "":
-        data = chunk.data
-    else:
-        raise SessionError(f"a chunk compressed with '{chunk.compression[:20]}'; sessions use lz4 or none")
-    if len(data) != size or zlib.crc32(data) != chunk.uncompressed_crc:
-        raise SessionError("damaged: the checksum of a chunk does not fit")
-    return data
 
 
 PROFILE = "palpate"

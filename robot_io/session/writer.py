@@ -88,7 +88,17 @@ class SessionWriter:
         finally:
             os.close(memory)
         self._rings = dict(self._log.rings)
-        self._wait_until_ready()
+        give_up_s = time.monotonic() + START_LIMIT_S
+        while self._log.state == STARTING and self._process.poll() is None:
+            if time.monotonic() > give_up_s:
+                self._process.kill()
+            time.sleep(_POLL_S)
+        if self.failure is not None:
+            self._closed = True
+            self._process.wait()
+            if isinstance(self._log.system_error, FileExistsError):  # somebody was quicker
+                raise _exists(self.path)
+            raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def append(self, stream_name: str, record: Record) -> None:
         """Log one record; microseconds, whatever the disk does.
@@ -176,19 +186,6 @@ class SessionWriter:
             if error is None:
                 raise
             error.add_note(str(failure))  # the first thing that went wrong is the one to hear of
-
-    def _wait_until_ready(self) -> None:
-        give_up_s = time.monotonic() + START_LIMIT_S
-        while self._log.state == STARTING and self._process.poll() is None:
-            if time.monotonic() > give_up_s:
-                self._process.kill()
-            time.sleep(_POLL_S)
-        if self.failure is not None:
-            self._closed = True
-            self._process.wait()
-            if isinstance(self._log.system_error, FileExistsError):  # somebody was quicker
-                raise _exists(self.path)
-            raise SessionError(f"{self.path} cannot be written: {self.failure}") from self._log.system_error
 
     def _wait_until_finished(self) -> bool:
         """True when the writer process has ended, False when nothing has moved for too long."""

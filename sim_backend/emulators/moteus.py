@@ -56,25 +56,8 @@ class EmulatedMoteus(EmulatedMotor):
         if not message.is_fd or number & 0x7F != self.number or now_s < self._silent_until_s:
             return []
         written: dict[int, float] = {}
-        answer = self._read_subframes(bytes(message.data), written)
-        if 0x00 in written:
-            self._obey(round(written[0x00]), written, now_s)
-        if not number & 0x8000:
-            return []
-        size = next((length for length in _LENGTHS if length >= len(answer)), 64)
-        reply_id = self.number << 8 | number >> 8 & 0x7F
-        return [
-            can.Message(
-                arbitration_id=reply_id,
-                is_extended_id=reply_id > 0x7FF,
-                is_fd=True,
-                bitrate_switch=message.bitrate_switch,
-                data=answer.ljust(size, b"\x50"),
-            )
-        ]
-
-    def _read_subframes(self, data: bytes, written: dict[int, float]) -> bytes:
-        """Keep what is written, and return what is answered."""
+        # Keep what is written, and return what is answered.
+        data = bytes(message.data)
         place, answer = 0, b""
         while place < len(data):
             what = data[place]
@@ -96,7 +79,21 @@ class EmulatedMoteus(EmulatedMotor):
                 no_value = form < 3 and raw == -(1 << 8 * (1 << form) - 1)
                 step = 1.0 if form == 3 else _STEPS.get(register, (1.0, 1.0, 1.0))[form]
                 written[register] = math.nan if no_value else raw * step
-        return answer
+        if 0x00 in written:
+            self._obey(round(written[0x00]), written, now_s)
+        if not number & 0x8000:
+            return []
+        size = next((length for length in _LENGTHS if length >= len(answer)), 64)
+        reply_id = self.number << 8 | number >> 8 & 0x7F
+        return [
+            can.Message(
+                arbitration_id=reply_id,
+                is_extended_id=reply_id > 0x7FF,
+                is_fd=True,
+                bitrate_switch=message.bitrate_switch,
+                data=answer.ljust(size, b"\x50"),
+            )
+        ]
 
     def _packed(self, register: int, form: int) -> bytes:
         value = self._value(register)

@@ -36,16 +36,13 @@ class ServoEncoder(BusEncoder):
         shown = self._bus.velocity
         if self._own.velocity == "servo" or shown.status is not Status.OK:
             return shown
-        return shown._replace(value=self._difference(self._bus.position, shown.value))
-
-    def _difference(self, position: Reading, shown_rad_s: FloatArray) -> FloatArray:
-        """Starts from the servo's own velocity."""
+        position = self._bus.position
         before, self._before = self._before, position
-        if before is None:
-            self._smooth_rad_s = shown_rad_s
+        if before is None:  # starts from the servo's own velocity
+            self._smooth_rad_s = shown.value
         elif before is not position:
             elapsed_s = position.sampled_at_s - before.sampled_at_s
             raw_rad_s = (position.value - before.value) / elapsed_s
             share = 1.0 - exp(-2.0 * pi * self._own.bandwidth_hz * elapsed_s)
             self._smooth_rad_s = self._smooth_rad_s + share * (raw_rad_s - self._smooth_rad_s)
-        return self._smooth_rad_s
+        return shown._replace(value=self._smooth_rad_s)
