@@ -107,9 +107,9 @@ class Study(ModelStudy):
     ) -> None:
         if isinstance(effects, str) or not isinstance(effects, Sequence):
             raise InputError(f"effects={effects!r}: give a list, such as ['my_effects.py:MyEffect']")
-        for one in effects:
-            if not isinstance(one, str | Effect):
-                raise InputError(f"effects: {one!r} is neither an effect nor 'FILE.py:CLASS'")
+        for entry in effects:
+            if not isinstance(entry, str | Effect):
+                raise InputError(f"effects: {entry!r} is neither an effect nor 'FILE.py:CLASS'")
         if not isinstance(arm, Arm | Path | str | None):
             raise InputError(f"arm={arm!r}: give the path of a URDF, or an Arm")
         own = load_user_effects([effect for effect in effects if isinstance(effect, str)])
@@ -248,13 +248,13 @@ class Study(ModelStudy):
         numbers = [revisions] if isinstance(revisions, int) else revisions
         if not isinstance(numbers, list | tuple):
             raise InputError(f"revisions={numbers!r}: give a revision's number, or a list of them")
-        joints = {one.name: one for one in self.channels if one.kind is not ChannelKind.CONTACT}
+        joints = {item.name: item for item in self.channels if item.kind is not ChannelKind.CONTACT}
         if not joints:
             raise InputError(
                 f"{self._file}: no channel is a joint, and {what} of joints. Channels: "
-                + ", ".join(one.name for one in self.channels)
+                + ", ".join(item.name for item in self.channels)
             )
-        chosen = {name: kept for name, one in joints.items() if (kept := self.newest(one)) is not None}
+        chosen = {name: kept for name, item in joints.items() if (kept := self.newest(item)) is not None}
         given: dict[str, Revision] = {}
         for revision in map(self.revision, numbers):
             if revision.channel not in joints:
@@ -292,12 +292,12 @@ class Study(ModelStudy):
         for revision in chosen:
             self.check(revision)
         contacts = [channel for channel in self.source.channels if channel.kind is ChannelKind.CONTACT]
-        if len(contacts) == 1 and not any(one.channel == contacts[0].name for one in chosen):
+        if len(contacts) == 1 and not any(item.channel == contacts[0].name for item in chosen):
             base = self.channel(contacts[0].name)
             self._keep(base, [], None)
             chosen = [kept for kept in [self.latest(base)] if kept is not None] + chosen
         names = {contact.name for contact in contacts}
-        places = ["contact" if one.channel in names else one.channel for one in chosen]
+        places = ["contact" if item.channel in names else item.channel for item in chosen]
         if twice := {place for place in places if places.count(place) > 1}:
             raise InputError(f"several revisions for one {twice.pop()}: choose one with --revision")
         if not chosen:

@@ -71,8 +71,8 @@ class CommandGroup(OneLineGroup):
                 raise InputError(f"an argument is empty{f' ({place} ...)' if place else ''}; give it a value")
         if args and args[0] in _ALIASES:
             args = [_ALIASES[args[0]], *args[1:]]
-        name, found, rest = super().resolve_command(ctx, args)
-        return name, found if name is None else load_command(name), rest
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command if name is None else load_command(name), rest
 
 
 app = typer.Typer(

@@ -247,16 +247,16 @@ def _calibrate(
             ending.enter_context(_say_what_is_left(job))
             record(job)
             raw = session
-        found = work_out(raw)
-        calibration = found.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
-        with whole_set({plot: figure_page(found.draw()), path: calibration.to_yaml()}):
+        fit = work_out(raw)
+        calibration = fit.calibration(fits.Stamp.of(robot_file, raw, options.valid_days))
+        with whole_set({plot: figure_page(fit.draw()), path: calibration.to_yaml()}):
             pass
     if options.as_json:
         written = {"file": str(path), "plot": str(plot), "raw": str(raw)}
         console.print_json(written | calibration.model_dump(mode="json"))
         return
     out = console.stdout()
-    print_calibration(out, calibration, found.remarks)
+    print_calibration(out, calibration, fit.remarks)
     files = f"[bold]{shown(path)}[/bold], residuals: [bold]{shown(plot)}[/bold]"
     out.print(f"written: {files}", soft_wrap=True)
     out.print(f"from:    {shown(raw)}", soft_wrap=True)

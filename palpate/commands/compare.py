@@ -72,10 +72,10 @@ class ComparedPair:
         grown = _grown(first, kept), _grown(second, chosen_revisions(second, revisions[1]) or kept)
         self.files = files
         self.names = _names(first, second, grown)
-        found = side_by_side(first, second, self.names, grown)
-        self.sides = [one for one in found if channel in {None, ALL_CHANNELS, one.channel}]
+        sides = side_by_side(first, second, self.names, grown)
+        self.sides = [pair for pair in sides if channel in {None, ALL_CHANNELS, pair.channel}]
         if not self.sides:
-            there = ", ".join(one.channel for one in found)
+            there = ", ".join(pair.channel for pair in sides)
             raise InputError(f"--channel {channel}: not in both. Both have: {there}")
         if all(side.is_same_data and side.first.model == side.second.model for side in self.sides):
             raise InputError(
@@ -123,7 +123,7 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
         numbers: of the revisions.
     """
     kept = [study.revision(number) for number in dict.fromkeys(numbers)]
-    names = [one.channel for one in kept]
+    names = [revision.channel for revision in kept]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(f"--revision: several of channel '{min(twice)}'; compare one after the other")
     return kept
@@ -131,7 +131,7 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
 
 def _grown(study: Study, kept: Sequence[Revision]) -> Grown:
     """The models of revisions in a study, or its base models where there are none."""
-    return [(study.channel_of(one), one.effects) for one in kept] or [
+    return [(study.channel_of(revision), revision.effects) for revision in kept] or [
         (channel, ()) for channel in study.channels
     ]
 
@@ -162,8 +162,8 @@ def _names(first: Study, second: Study, grown: tuple[Grown, Grown]) -> tuple[str
     paths = [study.source.path for study in (first, second)]
     if paths[0] is None or paths[1] is None or paths[0].resolve() == paths[1].resolve():
         both = {c.name for c, _ in grown[0]} & {c.name for c, _ in grown[1]}
-        shared = ([(c, e) for c, e in one if c.name in both] for one in grown)
-        a, b = (", ".join(dict.fromkeys(" + ".join([c.model.name, *e]) for c, e in one)) for one in shared)
+        shared = ([(c, e) for c, e in side if c.name in both] for side in grown)
+        a, b = (", ".join(dict.fromkeys(" + ".join([c.model.name, *e]) for c, e in side)) for side in shared)
         return f"{first.source.name}: {a}", f"{second.source.name}: {b}"
     if paths[0].name != paths[1].name:
         return paths[0].name, paths[1].name
@@ -224,7 +224,7 @@ def compare_command(
         revisions = {"revision": revision, "other-revision": other_revision}
         numbers = revision or (), other_revision or ()
         pair = ComparedPair(data, other, (model, other_model), channel, revisions=numbers, folder=read)
-        typed_too = {name: [str(one) for one in given or ()] for name, given in revisions.items()}
+        typed_too = {name: [str(item) for item in given or ()] for name, given in revisions.items()}
         _side_by_side(data, pair, {**typed_too, "folder": folder}, out, as_json=as_json, force=force)
         return
     study = data.study(model, read)
@@ -234,11 +234,11 @@ def compare_command(
         output_folder(target)
     with console.stderr().status("comparing"):
         if kept:
-            results = [study.result(study.channel_of(one), one.effects) for one in kept]
+            results = [study.result(study.channel_of(item), item.effects) for item in kept]
             failures: dict[str, str] = {}
         else:
             base = study.compare(channel)
-            results = [study.result(study.channel(one.channel)) for one in base.channels]
+            results = [study.result(study.channel(item.channel)) for item in base.channels]
             failures = dict(base.failures)
     compared = [result.shown for result in results if result.shown is not None]
     models = "+".join(dict.fromkeys(result.channel.model.name for result in results))
@@ -248,16 +248,16 @@ def compare_command(
     def show() -> None:
         print_comparison(console.stdout(), view_of(study, results))
         of_other_data = (
-            f"revision {one.number} was kept with an error of {one.rmse:.3g} {one.effort_unit}: "
+            f"revision {item.number} was kept with an error of {item.rmse:.3g} {item.effort_unit}: "
             "of other rows, or read otherwise"
-            for one in kept
-            if study.channel_of(one).sha256 != one.data_sha256
+            for item in kept
+            if study.channel_of(item).sha256 != item.data_sha256
         )
         for words in (*of_other_data, *failures.values()):
             console.stdout().print(f"[yellow]{safe(words)}[/yellow]")
 
     console.present(content, show, as_json=as_json)
-    grown = {"revision": [str(one.number) for one in kept], "folder": folder}
+    grown = {"revision": [str(item.number) for item in kept], "folder": folder}
     again = f"palpate compare {data.typed(channel=channel, model=model, **grown)}"
     if target is not None:
         written = write_outcome(target, study, results, [again], {RESULT: json_text(content)})
@@ -338,7 +338,7 @@ def _after(  # noqa: PLR0917, what was typed
     newest = [kept for result in results if (kept := study.newest(result.channel)) is not None]
     if newest:
         own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
-        numbers = [str(one.number) for one in newest]
+        numbers = [str(revision.number) for revision in newest]
         since = data.typed(revision=numbers, folder=folder, effect=own)
         steps.append((f"palpate compare {since}", "with what was added since"))
     elif model is None and data.urdf is None:

@@ -126,11 +126,11 @@ def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -
 def _as_data(demo: Demo, hidden: HiddenDemo | None) -> dict[str, Any]:
     of_hidden: dict[str, Any] | None = None
     if hidden is not None:
-        found = hidden.result.diagnosis
+        diagnosis = hidden.result.diagnosis
         of_hidden = {
             "session": str(hidden.session),
             "files": {what: str(path) for what, path in hidden.files.items()},
-            "diagnosis": found.model_dump(mode="json") if found is not None else None,
+            "diagnosis": diagnosis.model_dump(mode="json") if diagnosis is not None else None,
             "answer": [{"effect": entry.name, **entry.model_dump()} for entry in hidden.answer.hidden],
             "found": hidden.found,
         }

@@ -67,10 +67,10 @@ def diagnose_command(
 
     study = data.study(model, out)
     data.say_left_out()
-    wanted = out is not None or apply or (study.source.session is not None and not as_json)
+    writes = out is not None or apply or (study.source.session is not None and not as_json)
     names = (RESULT, PLAN, *NAMES)
-    folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if wanted else None
-    with diagnosis_progress([one.name for one in study.chosen(channel)]) as progress:
+    folder = output_folder(folder_to_fill(data.file, out, names, force=force)) if writes else None
+    with diagnosis_progress([item.name for item in study.chosen(channel)]) as progress:
         diagnosis = study.diagnose(channel, apply=apply, progress=progress)
     following = study.next_probe(diagnosis.channels)
     content = study.diagnosis_data(diagnosis)
@@ -81,7 +81,7 @@ def diagnose_command(
 
     def show() -> None:
         print_diagnosis(console.stdout(), view_of(study, results))
-        if study.source.probed and all(one.kind is not ChannelKind.CONTACT for one in study.channels):
+        if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
             remark = "no contact: the force never rises above that in free air; was anything touched?"
             console.stderr().print(f"[yellow]{remark}[/yellow]")
 
@@ -126,21 +126,21 @@ def _next(  # noqa: PLR0917, what was typed and found
 ) -> Steps:
     """Commands that go on from a diagnosis, the nearest first."""
     again, kept = data.typed(**asked), data.typed(folder=out)
-    found = [channel for channel in diagnosis.channels if channel.accepted]
-    if found and apply:
+    improved = [channel for channel in diagnosis.channels if channel.accepted]
+    if improved and apply:
         yield f"palpate export {kept}", "the improved model as a simulated world"
         yield f"palpate revisions {kept}", "all stages, to go back to"
-    for one in [] if apply else found:
-        names = " ".join(entry.effect for entry in one.accepted)
-        alone = len(study.source.channels) == 1 or one.channel == "contact"
-        where = "" if alone else f" --channel {one.channel}"
+    for item in [] if apply else improved:
+        names = " ".join(entry.effect for entry in item.accepted)
+        alone = len(study.source.channels) == 1 or item.channel == "contact"
+        where = "" if alone else f" --channel {item.channel}"
         added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
         yield added, "refit with it, and keep that as a revision"
     if asked["model"] is None and data.urdf is None:
-        for one in diagnosis.channels:
-            better = better_explanation(study, study.channel(one.channel), one)
+        for item in diagnosis.channels:
+            better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
-                left = f"from a base model that leaves {better[1]:.3g} {one.effort_unit}"
+                left = f"from a base model that leaves {better[1]:.3g} {item.effort_unit}"
                 yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above

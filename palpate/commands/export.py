@@ -161,7 +161,7 @@ def export_command(
     if len(study.revisions) > before:
         remark = "nothing was added to the contact's model yet: the base model is written as it is"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
-    export = study.export(path, [one.number for one in kept])
+    export = study.export(path, [item.number for item in kept])
 
     def show() -> None:
         console.stdout().print(f"scenario  [bold]{shown(path)}[/bold]", soft_wrap=True)
@@ -228,7 +228,7 @@ def _export_layout(file: Path, program: Program, out: Path | None, *, force: boo
         return
     console.stdout().print(f"layout  [bold]{shown(path)}[/bold]", soft_wrap=True)
     said = f"open {shown(file)} in {PROGRAMS[program]}, and then this layout"
-    long = [one for name in session.stream_names if (one := session.samples(name).stream).batch > 1]
+    long = [stream for name in session.stream_names if (stream := session.samples(name).stream).batch > 1]
     if long:
         said += f"; it shows every {long[0].batch}th sample (palpate inspect draws the peaks of all)"
     console.stderr().print(said, soft_wrap=True)

@@ -57,16 +57,16 @@ def import_command(
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """
-    found = [file for path in files for file in _data_in(path)]
+    tables = [file for path in files for file in _data_in(path)]
     if look:
-        _look(files, found, options, out, as_json=as_json)
+        _look(files, tables, options, out, as_json=as_json)
         return
     stem = files[0].name.removesuffix(".gz").rpartition(".")[0] or files[0].stem
     session = output_session(out or Path("sessions") / f"{stem}.mcap")
-    more = " ..." if len(found) > _MOST_NAMES else ""
-    names = ", ".join(file.name for file in found[:_MOST_NAMES]) + more
+    more = " ..." if len(tables) > _MOST_NAMES else ""
+    names = ", ".join(file.name for file in tables[:_MOST_NAMES]) + more
     with import_progress() as progress:
-        imported = import_files(found, options.options, lambda what, share: progress(what, _READ * share))
+        imported = import_files(tables, options.options, lambda what, share: progress(what, _READ * share))
         write_session(
             session,
             import_streams(imported),
@@ -205,13 +205,13 @@ def look_at(path: Path, options: ImportOptions, like: Mapping[str, str] | None =
         title = f"{channel.name}: {count(len(channel.runs), 'run')} at {rate:.4g} Hz"
         made = console.table(title, "run", *numbers, right=numbers)
         for run in channel.runs[:_MOST_RUNS]:
-            one = channel.select(channel.run == run)
+            part = channel.select(channel.run == run)
             made.add_row(
                 safe(imported.run_labels.get(int(run), str(run))),
-                str(len(one)),
-                duration(float(np.ptp(one.time_s))),
-                f"{one.position.min():.2g} to {one.position.max():.2g}",
-                f"{one.effort.min():.2g} to {one.effort.max():.2g}",
+                str(len(part)),
+                duration(float(np.ptp(part.time_s))),
+                f"{part.position.min():.2g} to {part.position.max():.2g}",
+                f"{part.effort.min():.2g} to {part.effort.max():.2g}",
             )
         out.print(made)
         step_s = sample_time(channel.time_s, channel.run)

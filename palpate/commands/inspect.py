@@ -1,28 +1,19 @@
 """`palpate inspect`: see a session in Rerun."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.common import console
 from palpate.common.console import shown, typed
-from palpate.common.files import (
-    different_files,
-    open_session,
-    output_file,
-    output_folder,
-    spare_files,
-)
+from palpate.common.files import different_files, open_session, output_file, output_folder, spare_files
 from palpate.render.inspection import PLOTS, RECORDING, look_into
 from palpate.render.recording.file import open_window, take_picture
 from palpate.robot_io.errors import InputError
 from palpate.teleop.haptics import STREAM_NAME as HAPTIC
 from palpate.teleop.merged_sessions import merge_sessions
 from palpate.teleop.recording import record_both
-
-if TYPE_CHECKING:
-    pass
 
 BOTH = "both.rrd"  # name of a leader's and a follower's recording
 PIXELS = (1600, 1000)  # width and height of a picture
@@ -53,9 +44,9 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     Without a display the recording is written to a file that Rerun opens on any machine: --save, or a file in
     the session's folder, which is overwritten.
     """
-    found = open_session(session)
-    merged = None if other is None else merge_sessions(found, open_session(other))
-    if other is None and HAPTIC in found.stream_names:
+    opened = open_session(session)
+    merged = None if other is None else merge_sessions(opened, open_session(other))
+    if other is None and HAPTIC in opened.stream_names:
         raise InputError(f"{session}: is a leader's session: give that of its follower as well")
     for output in (save, screenshot):
         if output is not None:
@@ -64,10 +55,10 @@ def inspect_command(  # noqa: PLR0917, one parameter an option
     if plots is not None:
         spare_files(plots, [PLOTS], force=force, keep=[session])
         output_folder(plots)
-    recording = save or output_folder(found.derived_dir) / (RECORDING if merged is None else BOTH)
+    recording = save or output_folder(opened.derived_dir) / (RECORDING if merged is None else BOTH)
     out = console.stdout()
     if merged is None:
-        inspection = look_into(found)
+        inspection = look_into(opened)
         moment_s = inspection.record(recording)
     else:
         if plots is not None:

@@ -58,7 +58,7 @@ def add_command(
         change = study.add(*effects, channel=channel, start=start, fresh=fresh)
         name = change.result.channel.name
         others = study.results()
-        results = [change.result if one.channel.name == name else one for one in others]
+        results = [change.result if item.channel.name == name else item for item in others]
     with console.stderr().status("report and recording"):
         judged = [result.channel.name for result in results if result.diagnosis is not None]
         which = judged[0] if len(judged) == 1 else ALL_CHANNELS

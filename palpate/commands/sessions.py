@@ -36,12 +36,12 @@ def info_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Show what a session holds: when and how it was made, streams, events, and whether it is whole."""
-    found = open_session(session)
-    data = describe_session(found)
+    opened = open_session(session)
+    data = describe_session(opened)
     if as_json:
         console.print_json(data)
     else:
-        _print(found, data)
+        _print(opened, data)
 
 
 def describe_session(session: Session) -> dict[str, Any]:
@@ -157,12 +157,12 @@ def merge_command(
     if twice := [str(path) for n, path in enumerate(sessions) if places[n] in places[:n]]:
         raise InputError(f"{twice[0]}: is named twice; its runs would count as repetitions")
     file = output_session(out, keep=sessions)
-    found = [open_session(path) for path in sessions]
-    streams = merged_streams(found)
-    metadata = merged_metadata(found, as_command(sys.argv[1:]), version("palpate"))
-    write_session(file, streams, metadata, [event for session in found for event in session.events])
+    opened = [open_session(path) for path in sessions]
+    streams = merged_streams(opened)
+    metadata = merged_metadata(opened, as_command(sys.argv[1:]), version("palpate"))
+    write_session(file, streams, metadata, [event for session in opened for event in session.events])
     samples = {stream.name: len(columns["time_s"]) for stream, columns in streams}
-    console.say_read("", [*not_whole(found), *surfaces_apart(found)])
+    console.say_read("", [*not_whole(opened), *surfaces_apart(opened)])
     if as_json:
         console.print_json(
             {"session": str(file), "merged": [str(path) for path in sessions], "samples": samples}
@@ -217,14 +217,14 @@ def merged_metadata(sessions: Sequence[Session], command_line: str, software_ver
     first, files = sessions[0].metadata, ", ".join(session.path.name for session in sessions)
     every = [session.metadata for session in sessions]
     shared = {
-        key: text for key, text in first.extra.items() if all(one.extra.get(key) == text for one in every)
+        key: text for key, text in first.extra.items() if all(item.extra.get(key) == text for item in every)
     }
     for key in (SEAL, RUN_LABELS):  # of one session, or of the numbers that its runs had
         shared.pop(key, None)
     return replace(
         first,
-        scenario=first.scenario if all(one.scenario == first.scenario for one in every) else "",
-        seed=first.seed if all(one.seed == first.seed for one in every) else None,
+        scenario=first.scenario if all(item.scenario == first.scenario for item in every) else "",
+        seed=first.seed if all(item.seed == first.seed for item in every) else None,
         command_line=command_line,
         software_version=software_version,
         extra=shared | {SOURCE: f"merged from {files}"} | _lacking(sessions),
@@ -265,9 +265,9 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
     try:
         first, *others = (
             {
-                one.name: one
-                for one in session_channels(session, tared=True)
-                if one.kind is ChannelKind.CONTACT
+                item.name: item
+                for item in session_channels(session, tared=True)
+                if item.kind is ChannelKind.CONTACT
             }
             for session in sessions
         )
@@ -286,18 +286,20 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
 
 def _deeper(first: ChannelData, second: ChannelData) -> float:
     """By how much deeper the second is touched than the first [m]; 0 where runs differ by about as much."""
-    force_n = _BEGUN * min(one.effort[one.run == run].max() for one in (first, second) for run in one.runs)
+    force_n = _BEGUN * min(
+        data.effort[data.run == run].max() for data in (first, second) for run in data.runs
+    )
     begins = []  # where along the press direction each run exceeds that force on its way to the highest [m]
     for contact in (first, second):
         surface_m = 0.0 if contact.surface is None else contact.surface.position_m
-        found = []
+        depths = []
         for run in contact.runs:
             rows = np.flatnonzero(contact.run == run)
             up = contact.effort[rows[: int(np.argmax(contact.effort[rows])) + 1]]
-            found.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
-        begins.append(np.array(found) + surface_m)
+            depths.append(contact.position[rows[np.flatnonzero(up <= force_n).max(initial=0)]])
+        begins.append(np.array(depths) + surface_m)
     a, b = begins
-    deepest = max(float(one.position.max()) for one in (first, second))
+    deepest = max(float(data.position.max()) for data in (first, second))
     deeper = float(np.median(b) - np.median(a))
     return deeper if abs(deeper) > max(_APART * deepest, _SPREADS * max(np.ptp(a), np.ptp(b))) else 0.0
 
@@ -333,8 +335,10 @@ def reveal_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
     """Open the sealed answer beside a session: which effects were hidden, where, and how strong."""
-    found = open_session(session)
-    answer = open_answer(found) if was_sealed(found) else SealedAnswer((), None, found.metadata.created_utc)
+    sealed = open_session(session)
+    answer = (
+        open_answer(sealed) if was_sealed(sealed) else SealedAnswer((), None, sealed.metadata.created_utc)
+    )
     if as_json:
         console.print_json(describe_answer(session, answer))
     elif answer.hidden:

@@ -96,7 +96,7 @@ def load_user_effects(texts: Sequence[str]) -> dict[str, Effect]:
     for text in dict.fromkeys(texts):
         effect = load_user_effect(text)
         taken = "palpate" if effect.name in EFFECTS else ""
-        taken = next((place for place, other in loaded.items() if other.name == effect.name), taken)
+        taken = next((place for place, known in loaded.items() if known.name == effect.name), taken)
         if taken:
             raise InputError(
                 f"--effect {text}: the name '{effect.name}' is taken by an effect of {taken}; "
@@ -126,20 +126,20 @@ def load_user_effect(text: str) -> Effect:
     sys.modules[spec.name] = module  # dataclasses look their module up
     with foreign_code(f"effect file {path}", LIMIT_S, str(path.absolute())):
         spec.loader.exec_module(module)
-    found = vars(module).get(name)
-    if not (inspect.isclass(found) and issubclass(found, Effect)):
+    member = vars(module).get(name)
+    if not (inspect.isclass(member) and issubclass(member, Effect)):
         classes = [(key, value) for key, value in vars(module).items() if inspect.isclass(value)]
         own = [
             key for key, value in classes if issubclass(value, Effect) and value.__module__ == module.__name__
         ]
         there = ", ".join(own)
         raise InputError(f"--effect {text}: no effect is called '{name}' there. There are: {there or 'none'}")
-    with foreign_code(f"--effect {text}", own_file=file_of(found)):
-        wrong = flaw(found)
+    with foreign_code(f"--effect {text}", own_file=file_of(member)):
+        wrong = flaw(member)
     if wrong:
         raise InputError(f"--effect {text}: {wrong}")
-    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(found)):
-        return watched(found())
+    with foreign_code(f"--effect {text}: cannot be made", LIMIT_S, file_of(member)):
+        return watched(member())
 
 
 STATED = ("name", "physics", "equation", "source", "signature", "channels")
@@ -226,7 +226,7 @@ def _flaws_of_parameter(parameter: Parameter) -> Iterator[str]:
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401
-    return all(isinstance(one, kind) for one in made)
+    return all(isinstance(element, kind) for element in made)
 
 
 _CALLED = (
@@ -244,25 +244,27 @@ def watched(effect: Effect) -> Effect:
     Args:
         effect: of the user's.
     """
-    found = type(effect)
+    effect_type = type(effect)
 
     def watch(method: str) -> Callable[..., Any]:
         def call(effect: Effect, *args: Any, **by_name: Any) -> Any:  # noqa: ANN401
             channel = next((a for a in args if isinstance(a, ChannelData)), None)
             where = f"effect '{effect.name}'" + (f" on channel '{channel.name}'" if channel else "")
-            with foreign_code(where, own_file=file_of(found)):
+            with foreign_code(where, own_file=file_of(effect_type)):
                 made = getattr(super(watching, effect), method)(*args, **by_name)
                 made = tuple(made) if method == "starts" else made
                 wrong = _flaw(effect, method, args, made)
             if wrong:
                 at = f", at {dict(args[-1])}" if args and isinstance(args[-1], Mapping) and args[-1] else ""
-                raise InputError(f"{where}: {wrong}{at}{place_of(found, method)}")
+                raise InputError(f"{where}: {wrong}{at}{place_of(effect_type, method)}")
             return made
 
         return call
 
-    methods = {method: watch(method) for method in _CALLED if hasattr(found, method)}
-    watching: type[Effect] = type(found.__name__, (found,), {**methods, "__module__": found.__module__})
+    methods = {method: watch(method) for method in _CALLED if hasattr(effect_type, method)}
+    watching: type[Effect] = type(
+        effect_type.__name__, (effect_type,), {**methods, "__module__": effect_type.__module__}
+    )
     made = object.__new__(watching)
     vars(made).update(vars(effect))
     return made
@@ -325,9 +327,9 @@ def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str 
     """What is wrong with what a method gave, in words; None if nothing is."""
     if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
         return f"suited_to gives {made!r}, wanted is an effect of the same name"
-    wanted = {parameter.name for parameter in effect.inner}
-    if method == "starts" and not (made and all(set(start) == wanted for start in made)):
-        values = ", ".join(sorted(wanted)) or "nothing: ({},)"
+    names = {parameter.name for parameter in effect.inner}
+    if method == "starts" and not (made and all(set(start) == names for start in made)):
+        values = ", ".join(sorted(names)) or "nothing: ({},)"
         return f"starts gives {list(made[:1])}, wanted are values for {values}"
     for what, array, shape in _arrays(effect, method, args, made):
         kind = np.asarray(array).dtype

@@ -50,20 +50,24 @@ def packages() -> Iterator[Finding]:
     """Every dependency is there, in the version that the project is tested with."""
     pinned = _pinned_versions()
     required = [Requirement(line) for line in metadata.requires("palpate") or []]
-    wanted = [one.name.lower() for one in required if not one.marker or one.marker.evaluate({"extra": ""})]
-    found = {name: _installed_version(name) for name in wanted}
-    missing = [name for name, version in found.items() if version is None]
-    other = [
+    names = [
+        requirement.name.lower()
+        for requirement in required
+        if not requirement.marker or requirement.marker.evaluate({"extra": ""})
+    ]
+    versions = {name: _installed_version(name) for name in names}
+    missing = [name for name, version in versions.items() if version is None]
+    untested = [
         f"{name} {version} (tested: {pinned[name]})"
-        for name, version in found.items()
+        for name, version in versions.items()
         if version is not None and pinned.get(name, version) != version
     ]
     if missing:
         yield fail("packages", f"not installed: {', '.join(missing)}", "make clean env")
-    if other:
-        yield warn("packages", f"other versions than tested: {', '.join(other)}", "make clean env")
-    if not missing and not other:
-        yield ok("packages", f"all {len(wanted)} there" + (", in the tested versions" if pinned else ""))
+    if untested:
+        yield warn("packages", f"other versions than tested: {', '.join(untested)}", "make clean env")
+    if not missing and not untested:
+        yield ok("packages", f"all {len(names)} there" + (", in the tested versions" if pinned else ""))
 
 
 def _pinned_versions() -> dict[str, str]:

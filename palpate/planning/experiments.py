@@ -60,13 +60,13 @@ def candidates(before: ProbingPlan, robot_file: RobotFile, place_world_m: FloatA
         robot_file: whose guard limits the force.
         place_world_m: where the surface was touched, shape (3,) [m].
     """
-    found = []
+    plans = []
     for words, settings in (*_changes(before, robot_file), *_elsewhere(before, place_world_m)):
         try:
-            found.append(CandidatePlan(words, settings, _plan(before, settings)))
+            plans.append(CandidatePlan(words, settings, _plan(before, settings)))
         except InputError:  # such as an approach that is too short for the speed
             continue
-    return found
+    return plans
 
 
 def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> CandidatePlan | None:
@@ -77,11 +77,11 @@ def both(first: CandidatePlan, second: CandidatePlan, before: ProbingPlan) -> Ca
         second: the other one.
         before: the plan that was run first.
     """
-    wants, others = ({k: v for k, v in one.settings.items() if k not in _SHARED} for one in (first, second))
+    wants, others = ({k: v for k, v in plan.settings.items() if k not in _SHARED} for plan in (first, second))
     if not wants or not others or any(others.get(name, value) != value for name, value in wants.items()):
         return None
     speeds = {*first.settings.get("speeds_m_s", ()), *second.settings.get("speeds_m_s", ())}
-    hold_s = max(one.settings.get("hold_s", 0.0) for one in (first, second)) or before.hold_s
+    hold_s = max(plan.settings.get("hold_s", 0.0) for plan in (first, second)) or before.hold_s
     settings = {**wants, **others, "hold_s": hold_s, "speeds_m_s": sorted(speeds, reverse=True)[:3]}
     words = f"{first.words}, and {second.words}"
     try:
@@ -217,18 +217,18 @@ def rehearse_all(rehearsals: Sequence[Rehearsal], processes: int = 1) -> Iterato
         rehearsals: in order.
         processes: that share the work.
     """
-    known = {one: _known[one] for one in rehearsals if one in _known}
-    new = [one for one in rehearsals if one not in known]
+    known = {trial: _known[trial] for trial in rehearsals if trial in _known}
+    new = [trial for trial in rehearsals if trial not in known]
     if processes == 1 or len(new) < 2:
-        for one in rehearsals:
-            yield _remembered(one, known[one] if one in known else _tried(one))
+        for trial in rehearsals:
+            yield _remembered(trial, known[trial] if trial in known else _tried(trial))
         return
     context = get_context("fork")
     with ProcessPoolExecutor(min(processes, len(new)), context, initializer=end_when_told) as pool:
-        coming = {one: pool.submit(_tried, one) for one in new}
+        coming = {trial: pool.submit(_tried, trial) for trial in new}
         try:
-            for one in rehearsals:
-                yield _remembered(one, coming[one].result() if one in coming else known[one])
+            for trial in rehearsals:
+                yield _remembered(trial, coming[trial].result() if trial in coming else known[trial])
         except BaseException:  # whoever asked wants no more, or a signal came: nobody waits for the others
             end_workers(pool)
             raise

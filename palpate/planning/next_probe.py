@@ -66,9 +66,9 @@ def undecided(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> list[
     """
     return [
         Undecided(channel, tuple(models), Rivals.of(list(models.values())))
-        for one in diagnoses
-        for channel in [study.channel(one.channel)]
-        for models in rivals_of(study, channel, one)
+        for diagnosis in diagnoses
+        for channel in [study.channel(diagnosis.channel)]
+        for models in rivals_of(study, channel, diagnosis)
     ]
 
 
@@ -109,28 +109,28 @@ def next_probe(
     single = _planned(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
     )
-    single = [one.expected(open_questions) for one in single[:FITTED]]
+    single = [design.expected(open_questions) for design in single[:FITTED]]
     # Two as one experiment, where both tell more than any alone; those that tell most first.
-    most = max((one.experiment.tells for one in single), default=0.0)
+    most = max((design.experiment.tells for design in single), default=0.0)
     both_tell = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
     both_tell.sort(key=lambda pair: pair[0], reverse=True)
     pairs = [(a.candidate, b.candidate) for tells, a, b in both_tell if tells * NEARLY > most]
     paired = feasible(study, progress, pairs=pairs, processes=processes)
     joint = _planned(_new(paired, ran), study, open_questions, longest_s)
-    every = [*single, *(one.expected(open_questions) for one in joint)]
-    choice = choose([one.experiment for one in every])
+    every = [*single, *(design.expected(open_questions) for design in joint)]
+    choice = choose([design.experiment for design in every])
     if choice is None:
         return None
     candidate, leads = every[choice.index].candidate, choice.experiment.leads
-    told = [one for one, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
-    names = list(dict.fromkeys(name for one in told for name in one.names))
+    told = [design for design, lead in zip(open_questions, leads, strict=True) if (lead > SMALL).any()]
+    names = list(dict.fromkeys(name for design in told for name in design.names))
     proposal = NextExperiment(
         purpose=f"tell apart {', '.join(names)}",
         separates=names,
         instruction=candidate.words,
         probe=candidate.settings,
     )
-    channels = tuple(dict.fromkeys(one.channel.name for one in told))
+    channels = tuple(dict.fromkeys(design.channel.name for design in told))
     return NextProbe(candidate.plan, proposal, choice.reason, channels)
 
 
@@ -140,7 +140,7 @@ def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextPro
     Diagnoses may come from a file of somebody else, which must not plan what an arm does.
     """
     proposals = [
-        one.next_experiment for one in diagnoses if one.next_experiment and one.next_experiment.probe
+        item.next_experiment for item in diagnoses if item.next_experiment and item.next_experiment.probe
     ]
     session = study.source.session
     ground = _Ground.of(study, session) if proposals and session is not None else None
@@ -151,7 +151,7 @@ def _stated(study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis]) -> NextPro
     paired = (plan for pair in combinations(single, 2) if (plan := both(*pair, ground.before)) is not None)
     for candidate in chain(single, paired):
         if candidate.settings == proposal.probe:
-            told = tuple(one.channel for one in diagnoses if one.next_experiment == proposal)
+            told = tuple(item.channel for item in diagnoses if item.next_experiment == proposal)
             return NextProbe(candidate.plan, proposal, proposal.instruction, told)
     return None
 
@@ -169,10 +169,10 @@ class _Planned:
         cls, candidate: CandidatePlan, ticks: Samples, study: ModelStudy, left: Sequence[Undecided]
     ) -> "_Planned":
         elsewhere = candidate.is_elsewhere
-        motions = tuple(_motion(one, study, ticks, elsewhere=elsewhere) for one in left)
+        motions = tuple(_motion(question, study, ticks, elsewhere=elsewhere) for question in left)
         leads = tuple(
-            one.rivals.promised(motion) if motion is not None else one.nothing
-            for one, motion in zip(left, motions, strict=True)
+            question.rivals.promised(motion) if motion is not None else question.nothing
+            for question, motion in zip(left, motions, strict=True)
         )
         return cls(candidate, Experiment(candidate.words, float(ticks["time_s"][-1]), leads), motions)
 
@@ -184,12 +184,12 @@ class _Planned:
         """
         rng = np.random.default_rng(_SEED)
         leads = tuple(
-            one.rivals.expected(motion, rng) if motion is not None else one.nothing
-            for one, motion in zip(left, self.motions, strict=True)
+            question.rivals.expected(motion, rng) if motion is not None else question.nothing
+            for question, motion in zip(left, self.motions, strict=True)
         )
         evidence = sum(
-            one.rivals.evidence(lead, motion)
-            for one, lead, motion in zip(left, leads, self.motions, strict=True)
+            question.rivals.evidence(lead, motion)
+            for question, lead, motion in zip(left, leads, self.motions, strict=True)
             if motion is not None
         )
         return replace(self, experiment=replace(self.experiment, leads=leads, evidence=evidence))
@@ -202,16 +202,16 @@ def _planned(
     longest_s: float,
 ) -> list["_Planned"]:
     """Those of experiments that do not take too long, the most promising first."""
-    within = ((one, ticks) for one, ticks in offered if ticks["time_s"][-1] <= longest_s)
-    planned = (_Planned.of(*one, study, left) for one in within)
-    return sorted(planned, key=lambda one: one.experiment.tells, reverse=True)
+    within = ((offer, ticks) for offer, ticks in offered if ticks["time_s"][-1] <= longest_s)
+    planned = (_Planned.of(*offer, study, left) for offer in within)
+    return sorted(planned, key=lambda offer: offer.experiment.tells, reverse=True)
 
 
 def _new(
     offered: Iterable[tuple[CandidatePlan, Samples]], ran: Sequence[ProbingPlan]
 ) -> Iterator[tuple[CandidatePlan, Samples]]:
     """Those that were not run yet."""
-    return (one for one in offered if one[0].plan not in ran)
+    return (offer for offer in offered if offer[0].plan not in ran)
 
 
 def _plan_of(session: Session) -> ProbingPlan:
@@ -223,15 +223,15 @@ def _remedy(
     study: ModelStudy, diagnoses: Sequence[ChannelDiagnosis], longest_s: float, progress: Progress
 ) -> NextProbe | None:
     """More presses where a channel cannot be judged; harder ones where its readings are too coarse."""
-    contacts = [one for one in diagnoses if one.channel.startswith("contact")]
+    contacts = [item for item in diagnoses if item.channel.startswith("contact")]
     judged = contacts or list(diagnoses)
-    if any(one.verdict is not Verdict.INSUFFICIENT for one in judged):
+    if any(item.verdict is not Verdict.INSUFFICIENT for item in judged):
         return None
     first = judged[0]
-    wanted = "force_limit_n" if FEW_READINGS in first.reason else "repeats"
+    setting = "force_limit_n" if FEW_READINGS in first.reason else "repeats"
     for candidate, ticks in feasible(study, progress):
         duration_s = float(ticks["time_s"][-1])
-        if wanted in candidate.settings and duration_s <= longest_s:
+        if setting in candidate.settings and duration_s <= longest_s:
             proposal = NextExperiment(
                 purpose=f"judge {first.channel}",
                 separates=[],
@@ -239,7 +239,7 @@ def _remedy(
                 probe=candidate.settings,
             )
             reason = f"{candidate.words}: {first.reason}"
-            return NextProbe(candidate.plan, proposal, reason, tuple(one.channel for one in judged))
+            return NextProbe(candidate.plan, proposal, reason, tuple(item.channel for item in judged))
     return None
 
 
@@ -267,10 +267,10 @@ def feasible(
     if pairs is None:
         considered = candidates(ground.before, ground.arm.robot_file, ground.place_world_m)
     else:
-        considered = [one for pair in pairs if (one := both(*pair, ground.before))][:PAIRED]
-    wanted = [ground.rehearsal(one.plan) for one in considered]
+        considered = [plan for pair in pairs if (plan := both(*pair, ground.before))][:PAIRED]
+    rehearsals = [ground.rehearsal(plan.plan) for plan in considered]
     for number, (candidate, ticks) in enumerate(
-        zip(considered, rehearse_all(wanted, processes), strict=True)
+        zip(considered, rehearse_all(rehearsals, processes), strict=True)
     ):
         progress(f"design: {candidate.words}", number / len(considered))
         if ticks is not None:
@@ -353,10 +353,10 @@ def _spring_and_damper(study: ModelStudy, contact: StudyChannel) -> tuple[float,
     data = contact.data
     secant = float(np.max(data.effort)) / max(float(np.max(data.position)), 1e-9)
     try:
-        found = study.fit(contact).parameters
+        parameters = study.fit(contact).parameters
     except InputError:  # it cannot be judged
         return secant, 0.0
-    stiffness, damping = found.get("stiffness.k"), found.get("damping.c")
+    stiffness, damping = parameters.get("stiffness.k"), parameters.get("damping.c")
     return stiffness.value if stiffness else secant, max(damping.value, 0.0) if damping else 0.0
 
 

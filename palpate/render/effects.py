@@ -116,16 +116,16 @@ def sized(data: ChannelData, model: Model, base: Mapping[str, float], effect: Ef
     of_start = [
         {**base, **{f"{effect.name}.{name}": value for name, value in start.items()}} for start in tried
     ]
-    wanted = _SHARE * _rms(data.effort)
+    target = _SHARE * _rms(data.effort)
     if not effect.gains:
         with_effect = model.with_effect(effect)
         differ = [_rms(with_effect.predict(data, values) - data.effort) for values in of_start]
-        return of_start[int(np.argmin(np.abs(np.array(differ) - wanted)))]
+        return of_start[int(np.argmin(np.abs(np.array(differ) - target)))]
     values = of_start[0]
     if isinstance(effect, AdditiveEffect):
         for column, gain in zip(effect.columns(data, tried[0]).T, effect.gains, strict=True):
-            values[f"{effect.name}.{gain.name}"] = wanted / length if (length := _rms(column)) > 0.0 else 0.0
-            wanted *= _NEXT
+            values[f"{effect.name}.{gain.name}"] = target / length if (length := _rms(column)) > 0.0 else 0.0
+            target *= _NEXT
     return values
 
 

@@ -58,7 +58,7 @@ class PairedView:
         rows = []
         for letter, side in zip(LETTERS, self.pair, strict=True):
             measured = (side,) if self.found.is_same_data else self.pair
-            rows.append((f"{letter}'s model", tuple(fit_text(side, other) for other in measured)))
+            rows.append((f"{letter}'s model", tuple(fit_text(side, data_side) for data_side in measured)))
         if np.isfinite(self.found.followed):
             only_noise = self.found.apart < _ONLY_NOISE
             followed = _NOISE_ALONE if only_noise else percent_text(self.found.followed)
@@ -103,9 +103,9 @@ def _words(sides: Sides) -> Iterator[str]:
         texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
         yield f"{' and '.join(texts)} of the measurement."
     elif sides.first.compared is not None and sides.second.compared is not None:
-        for (letter, side), (other_letter, other) in (pair, pair[::-1]):
+        for (letter, side), (other_letter, data) in (pair, pair[::-1]):
             yield (
-                f"{letter}'s model {_described(side, other)} of {other_letter} ({_described(side, side)} of "
+                f"{letter}'s model {_described(side, data)} of {other_letter} ({_described(side, side)} of "
                 f"{letter})."
             )
     for letter, side in pair:

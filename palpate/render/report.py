@@ -142,8 +142,8 @@ def map_figure(channel: ChannelView) -> go.Figure:
     )
     used = channel.engaged & channel.judged
     maps = [residual_map(channel.position, channel.velocity, stage.residual, used) for stage in stages]
-    found = np.abs(np.concatenate([each.mean.ravel() for each in maps]))
-    reach = float(np.quantile(found[np.isfinite(found)], _BRIGHT)) if np.isfinite(found).any() else 1.0
+    level = np.abs(np.concatenate([each.mean.ravel() for each in maps]))
+    reach = float(np.quantile(level[np.isfinite(level)], _BRIGHT)) if np.isfinite(level).any() else 1.0
     for column, each in enumerate(maps, start=1):
         trace = go.Heatmap(
             x=_small(each.position),
@@ -419,5 +419,5 @@ def typeset(equation: str) -> Markup:
     """
     raised = re.sub(r"\^(\([^)]*\)|[\w.]+)", r"<sup>\1</sup>", escape(equation, quote=False))
     lowered = re.sub(r"\b([A-Za-z])(\d)\b", r"\1<sub>\2</sub>", raised)
-    greek = re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda found: _GREEK[found[1]], lowered)
+    greek = re.sub(rf"\b({'|'.join(_GREEK)})\b", lambda match: _GREEK[match[1]], lowered)
     return Markup(greek.replace("\n", "<br>"))  # noqa: S704, escaped above

@@ -116,12 +116,12 @@ def numbers(option: str, text: str, example: str = "") -> list[float]:
         example: added to the error, such as ", such as 1,2".
     """
     try:
-        found = [float(part) for part in text.split(",")]
+        values = [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f"{option} {text!r}: give numbers with commas between them{example}") from None
-    if not all(abs(number) < 1e6 for number in found):  # also NaN
+    if not all(abs(number) < 1e6 for number in values):  # also NaN
         raise InputError(f"{option} {text!r}: give finite numbers between -1000000 and 1000000")
-    return found
+    return values
 
 
 def joint_angles(option: str, text: str, robot_file: RobotFile) -> list[float]:

@@ -83,12 +83,12 @@ def code_version(module: str) -> str:
 
 
 def _folder_of(module: str) -> Path:
-    found = importlib.util.find_spec(module)
-    if found is not None and found.submodule_search_locations:  # a package, with or without an __init__.py
-        return Path(next(iter(found.submodule_search_locations)))
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec(module)
+    if spec is not None and spec.submodule_search_locations:  # a package, with or without an __init__.py
+        return Path(next(iter(spec.submodule_search_locations)))
+    if spec is None or spec.origin is None:
         raise InputError(f"work '{module}': Python finds no such module")
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
 ADDRESS = "address"
@@ -130,10 +130,10 @@ class ResultStore:
 
     def finished(self) -> set[str]:
         """Addresses of all results that are here. InputError: a file is damaged."""
-        found: set[str] = set()
+        addresses: set[str] = set()
         for path in (*self._packs(), *self._landed()):
-            found.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
-        return found
+            addresses.update(_read(path, columns=[ADDRESS])[ADDRESS].to_pylist())
+        return addresses
 
     def rows(self, addresses: Iterable[str]) -> list[Row]:
         """Rows of these cases, in their order; cases that are not here are left out, as are values of None.
@@ -216,8 +216,8 @@ def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
     """Whether two results of one case are the same; they may have taken different times."""
     pairs = zip(rows, others, strict=False)
     return len(rows) == len(others) and all(
-        one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one.keys() - {_SECONDS})
-        for one, other in pairs
+        row.keys() == saved.keys() and all(_equal(row[name], saved[name]) for name in row.keys() - {_SECONDS})
+        for row, saved in pairs
     )
 
 
@@ -260,8 +260,8 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
         parameter: its name.
     """
     known = [row for row in rows if row.get(parameter) is not None and row.get(TRUE + parameter) is not None]
-    found, true = column(known, parameter), column(known, TRUE + parameter)
-    bound, error = column(known, BOUND + parameter), found - true
+    estimated, true = column(known, parameter), column(known, TRUE + parameter)
+    bound, error = column(known, BOUND + parameter), estimated - true
     low, high = column(known, LOW + parameter), column(known, HIGH + parameter)
     stated = np.isfinite(low) & np.isfinite(high)
     inside = (low <= true) & (true <= high)
@@ -269,7 +269,7 @@ def errors_of(rows: Iterable[Row], parameter: str) -> Errors:
     usable = np.isfinite(bound) & (bound > 0)
     return Errors(
         error[some] / true[some],
-        found[~some],
+        estimated[~some],
         float(np.sqrt(np.mean((error[usable] / bound[usable]) ** 2))) if usable.any() else float("nan"),
         float(np.mean(inside[stated])) if stated.any() else float("nan"),
     )

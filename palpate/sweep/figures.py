@@ -188,17 +188,17 @@ def grid_estimates(rows: Sequence[Row]) -> Figure:
     good = estimated(rows)
     k_axis, c_axis = ("law stiffness_n_m", "k [N/m]"), ("law damping_n_s_m", "c [N s/m]")
     sides = ((K, k_axis, c_axis, (6.5, 20.6)), (C, c_axis, k_axis, (18.4, 29.5)))
-    for (name, own_axis, other, papers), (above, below) in zip(sides, all_axes.T, strict=True):
-        _estimates(above, good, name, own_axis[0], other[0])
+    for (name, own_axis, other_axis, papers), (above, below) in zip(sides, all_axes.T, strict=True):
+        _estimates(above, good, name, own_axis[0], other_axis[0])
         figure_name = "4b" if name == K else "4c"
-        above.set(xlabel=f"true {other[1]}", ylabel=f"estimate of {own_axis[1]}")
+        above.set(xlabel=f"true {other_axis[1]}", ylabel=f"estimate of {own_axis[1]}")
         above.set_title(f"{figure_name}: dots RANSAC, rings LSQ, lines the truth")
-        _worst_over(below, good, name, other[0])
+        _worst_over(below, good, name, other_axis[0])
         for value, method, place in zip(papers, ("RANSAC", "LSQ"), ("top", "bottom"), strict=True):
             below.axhline(value, color=PAPER, lw=0.9, ls="--")
             text = f"paper, {method}, worst"
             below.text(below.get_xlim()[1], value, text, color=PAPER, ha="right", va=place, fontsize=6.5)
-        below.set(xlabel=f"true {other[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
+        below.set(xlabel=f"true {other_axis[1]}", ylabel=f"worst error of {name[-1]} [%]", yscale="log")
         below.set_ylim(0.003, 120)
         _percent_ticks(below)
     all_axes[1][0].legend(loc="lower left", ncols=3, fontsize=6.5)

@@ -167,20 +167,20 @@ def grid_section(rows: Sequence[Row], clean: Sequence[Row]) -> Section:
         rows: of the grid.
         clean: of the grid without sensor noise.
     """
-    found = grouped(estimated(rows), lambda row: row["estimator"])
+    groups = grouped(estimated(rows), lambda row: row["estimator"])
     beside: list[tuple[str, float | None, float, float | None, float]] = []
     for name, (k_paper, c_paper) in WORST.items():
-        k, c = _worst(found[name], K), _worst(found[name], C)
+        k, c = _worst(groups[name], K), _worst(groups[name], C)
         beside.append((name, k_paper, k, c_paper, c))
-    best = min(found, key=lambda name: _worst(found[name], K) + _worst(found[name], C))
-    beside.append((f"{best} (our best)", None, _worst(found[best], K), None, _worst(found[best], C)))
+    best = min(groups, key=lambda name: _worst(groups[name], K) + _worst(groups[name], C))
+    beside.append((f"{best} (our best)", None, _worst(groups[best], K), None, _worst(groups[best], C)))
     table = SweepTable(
         "grid_beside_paper",
         "Worst error over the grid, single runs of three speeds; c where it is not zero",
         ("estimator", "k, paper [%]", "k, ours [%]", "c, paper [%]", "c, ours [%]"),
         tuple(beside),
     )
-    zero = errors_of(found[best], C).at_zero
+    zero = errors_of(groups[best], C).at_zero
     words = (
         f"{len(_one_of_each(rows))} probing runs: the paper does not list its values of k and c; ours are "
         "200 to 2000 N/m and 0 to 100 N s/m, each permutation three times with other noise. The paper "
@@ -256,7 +256,8 @@ def cubes_section(rows: Sequence[Row]) -> Section:
         "Table I: spring constant by equation (3), k = E A / l",
         ("cube", "depth [mm]", "E [N/mm²]", "k, paper [N/m]", "k, ours [N/m]"),
         tuple(
-            (one.name, one.depth_mm, one.modulus_n_mm2, one.k_equation_3, one.stiffness_n_m) for one in CUBES
+            (block.name, block.depth_mm, block.modulus_n_mm2, block.k_equation_3, block.stiffness_n_m)
+            for block in CUBES
         ),
     )
     lines: list[tuple[object, ...]] = []
@@ -395,7 +396,10 @@ def paper_cases() -> dict[str, list[Case]]:
     for name in names:  # with RANSAC's threshold as in the paper
         parts[name] = []
         for case in shipped_grid(f"paper_{name}").cases():
-            specs = [_PAPER_RANSAC if one == "ransac" else one for one in case.parameters["estimators"]]
+            specs = [
+                _PAPER_RANSAC if estimator == "ransac" else estimator
+                for estimator in case.parameters["estimators"]
+            ]
             parts[name].append(replace(case, parameters=dict(case.parameters) | {"estimators": specs}))
     object_4a = parts["noise"][0].parameters  # k = 500, c = 100
     ransac = []

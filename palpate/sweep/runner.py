@@ -90,10 +90,10 @@ class _Worker:
             folder: of the results.
         """
         context = get_context("spawn")
-        own, other = context.Pipe()
-        process = context.Process(target=_serve, args=(other, run, folder), daemon=True)
+        own, worker_end = context.Pipe()
+        process = context.Process(target=_serve, args=(worker_end, run, folder), daemon=True)
         process.start()
-        other.close()
+        worker_end.close()
         return cls(process, own)
 
     def give(self, case: Case, address: str) -> None:
@@ -252,7 +252,7 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
     def submit(address: str, case: Case) -> Any:  # noqa: ANN401
         return client.submit(run_one, case, address, folder, key=f"case-{address}-{mark}", pure=False)
 
-    pending = as_completed([submit(*one) for one in islice(waiting, _AHEAD)])
+    pending = as_completed([submit(*arguments) for arguments in islice(waiting, _AHEAD)])
     for future in pending:
         problem = future.exception() if future.status == "error" else None
         if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
@@ -262,8 +262,8 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
             )
         address = future.key.split("-")[1]
         yield f"case {dict(todo[address].parameters)}: {problem}" if problem else ""
-        for one in islice(waiting, 1):
-            pending.add(submit(*one))
+        for arguments in islice(waiting, 1):
+            pending.add(submit(*arguments))
 
 
 @contextmanager

@@ -142,10 +142,10 @@ class _EstimatorProcess:
 
     def __init__(self, look: Look, nice: int) -> None:
         context = get_context("spawn")
-        self._pipe, other = context.Pipe()
-        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), other), daemon=True)
+        self._pipe, worker_end = context.Pipe()
+        self.process = context.Process(target=_serve, args=(look, nice, os.getpid(), worker_end), daemon=True)
         self.process.start()
-        other.close()
+        worker_end.close()
         self._waiting: dict[int, Samples] = {}
         self._ready = False
 
@@ -157,11 +157,11 @@ class _EstimatorProcess:
         self._waiting[target] = samples
 
     def answers(self) -> list[ObjectEstimate | str]:
-        found: list[ObjectEstimate | str] = []
+        results: list[ObjectEstimate | str] = []
         try:
             while self._pipe.poll():
                 answer, self._ready = self._pipe.recv(), True
-                found += [] if answer is None else [answer]
+                results += [] if answer is None else [answer]
             if self._ready and self._waiting:
                 target = next(iter(self._waiting))
                 self._pipe.send((self._waiting.pop(target), target))
@@ -169,8 +169,8 @@ class _EstimatorProcess:
         except (EOFError, OSError):
             if self._waiting:
                 self._waiting.clear()
-                found.append("no estimate: the process that estimates has ended")
-        return found
+                results.append("no estimate: the process that estimates has ended")
+        return results
 
 
 def _serve(look: Look, nice: int, parent: int, pipe: Connection) -> None:
@@ -222,7 +222,7 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
 
     The second is not tried where the first leaves only noise.
     """
-    found: list[tuple[str, ObjectEstimate]] = []
+    better: list[tuple[str, ObjectEstimate]] = []
     for model in _MODELS:
         try:
             (estimates,) = Study(contact.channel, model).estimate(_ESTIMATORS)
@@ -243,14 +243,14 @@ def _better(contact: _Contact, target: int) -> tuple[str, ObjectEstimate]:
                 created_utc="",
                 software_version="",
             )
-            found.append((model, _estimate(contact, target, revision)))
+            better.append((model, _estimate(contact, target, revision)))
         except InputError as error:
             failure = error
-        if found and found[0][1].rmse_n <= _ENOUGH * contact.noise_n:
+        if better and better[0][1].rmse_n <= _ENOUGH * contact.noise_n:
             break
-    if not found:
+    if not better:
         raise failure
-    return min(found, key=lambda pair: pair[1].rmse_n)
+    return min(better, key=lambda pair: pair[1].rmse_n)
 
 
 def _estimate(contact: _Contact, target: int, revision: Revision) -> ObjectEstimate:

@@ -111,10 +111,10 @@ def run_leader(job: LeaderJob, say: Say, show: Say) -> LeaderOutcome:
 def _haptic_process(job: HapticJob) -> Iterator[tuple[BaseProcess, Connection]]:
     """A process that renders; it ends by itself when the pipe is closed."""
     context = get_context("spawn")
-    own, other = context.Pipe()
-    process = context.Process(target=run_haptics, args=(job, other), daemon=True)
+    own, worker_end = context.Pipe()
+    process = context.Process(target=run_haptics, args=(job, worker_end), daemon=True)
     process.start()
-    other.close()
+    worker_end.close()
     try:
         yield process, own
     finally:

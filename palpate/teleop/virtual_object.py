@@ -225,9 +225,11 @@ class TargetStates:
             return []
         place = (short_number(report.target), Phase(report.phase).name.lower())
         self._mismatch.add(place, depth_m, report.force_n, predicted_n)
-        found = [mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._told]
-        self._told.update(mismatch.place for mismatch in found)
-        return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in found]
+        mismatches = [
+            mismatch for mismatch in self._mismatch.mismatches() if mismatch.place not in self._told
+        ]
+        self._told.update(mismatch.place for mismatch in mismatches)
+        return [f"target {place[0]}, {place[1]}: {mismatch.summary()}" for mismatch in mismatches]
 
     def summary(self, tip_world_m: tuple[float, ...], age_s: float) -> str:
         """How far what is felt at this place can be trusted; `age_s` is that of its measurement [s].

@@ -66,9 +66,9 @@ class DiagnosisCard:
     async def start(self) -> None:
         """Diagnose the channel that is shown; where a diagnosis goes on already, wait for that."""
         state, study, name = self._state, self._state.study, self._state.choice.channel
-        while (other := state.judging) is not None:
+        while (diagnosing := state.judging) is not None:
             await asyncio.sleep(_POLL_S)
-            if state.judging is not other:
+            if state.judging is not diagnosing:
                 return
         judge = state.judging = DiagnosisProcess()
         self._tell()
@@ -118,8 +118,8 @@ class DiagnosisCard:
         if self._buttons is None:
             return
         self._buttons.clear()
-        found = self._state.diagnosis
-        missing = [] if found is None else [e.effect for e in found.accepted if e.effect not in chosen]
+        shown = self._state.diagnosis
+        missing = [] if shown is None else [e.effect for e in shown.accepted if e.effect not in chosen]
         with self._buttons:
             for count in range(1, len(missing) + 1):
                 names = missing[:count]
@@ -129,15 +129,15 @@ class DiagnosisCard:
 
     def _show(self) -> None:
         try:
-            found = self._state.diagnosis
+            diagnosis = self._state.diagnosis
         except InputError as error:
             ui.notify(str(error), type="warning")
             return
         self._answer.clear()
         self._buttons = None
-        if found is None:
+        if diagnosis is None:
             return
-        said, budget = diagnosed(found), budget_view(found)
+        said, budget = diagnosed(diagnosis), budget_view(diagnosis)
         with self._answer:
             if budget is not None:
                 with set_props(ui.element("div").classes("budget").mark("budget"), title=elements.BUDGET):
@@ -156,9 +156,9 @@ class DiagnosisCard:
                     ui.label(remark).classes("quiet")
             self._buttons = ui.element("div").classes("steps")
             self.offer(self._state.choice.effects)
-            if found.next_experiment is not None:
-                following = ui.label(f"Next: {found.next_experiment.instruction}").classes("q-mt-sm")
-                set_props(following, title=f"To {found.next_experiment.purpose}.")
+            if diagnosis.next_experiment is not None:
+                following = ui.label(f"Next: {diagnosis.next_experiment.instruction}").classes("q-mt-sm")
+                set_props(following, title=f"To {diagnosis.next_experiment.purpose}.")
             self._more()
 
 

@@ -245,8 +245,8 @@ class Gallery:
             plot = Plot(simulated.figure())
             for parameter in (*effect.gains, *effect.inner):
                 _slider(parameter, simulated, plot)
-            for other, experiment in effect.confused_with.items():
-                ui.label(f"Told from {other.replace('_', ' ')} by: {experiment}").classes("quiet")
+            for rival, experiment in effect.confused_with.items():
+                ui.label(f"Told from {rival.replace('_', ' ')} by: {experiment}").classes("quiet")
             ui.button("Close", on_click=dialog.close).props("flat no-caps autofocus")
         dialog.on("hide", dialog.delete)
         dialog.open()

@@ -164,10 +164,10 @@ def _unused(home: AppState, name: str, ending: str = "") -> Path:
 
 def _next_step(home: AppState, state: WorkbenchState) -> None:
     """The experiment that sets apart what is left, on the arm that was probed, one click away."""
-    found, session = state.diagnosis, state.study.source.session
+    diagnosis, session = state.diagnosis, state.study.source.session
     world = None if session is None else same_world(session)
     folder = state.study.folder
-    if session is None or found is None or found.next_experiment is None or folder is None:
+    if session is None or diagnosis is None or diagnosis.next_experiment is None or folder is None:
         return
     if world is None:
         ui.label(elements.SEALED).classes("quiet")
@@ -181,7 +181,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         with place:
             ui.label(elements.DESIGNING).classes("quiet")
         try:
-            following = await run.io_bound(lambda: state.study.next_probe([found]))
+            following = await run.io_bound(lambda: state.study.next_probe([diagnosis]))
             if following is None:
                 ui.notify("no experiment that this arm can do would tell more")
                 return

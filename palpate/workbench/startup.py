@@ -213,8 +213,8 @@ def raw_curves(file: Path) -> str:
     """
     if file.suffix != ".mcap":
         return ""
-    found = Session.open(file)
-    if _TICKS not in found.stream_names or not len(ticks := found.samples(_TICKS)):
+    opened = Session.open(file)
+    if _TICKS not in opened.stream_names or not len(ticks := opened.samples(_TICKS)):
         return ""
     time_s, torques = ticks["time_s"], ticks.vector("torque_measured_nm").T
     colors = [palette.JOINTS[n % len(palette.JOINTS)] for n in range(len(torques))]

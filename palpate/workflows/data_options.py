@@ -136,7 +136,7 @@ class DataArguments(ReadOptions):
             held_out=_run_numbers(self.held_out),
             **vars(self.options),
         )
-        warnings = (f"{name}: {one}" for name, several in study.warnings.items() for one in several)
+        warnings = (f"{name}: {warning}" for name, several in study.warnings.items() for warning in several)
         console.say_read(study.source.read, (*study.source.notes, *warnings))
         return study
 

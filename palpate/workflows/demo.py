@@ -97,14 +97,14 @@ def show_demo(session: Path) -> Demo:
         InputError: something cannot be written.
     """
     study = Study(session, CONTACT_MODEL)
-    found = study.estimate()[0]
+    estimates = study.estimate()[0]
     opened = Session.open(session)
     folder = output_folder(opened.derived_dir)
-    inspection = look_into(opened, found)
+    inspection = look_into(opened, estimates)
     recording = folder / RECORDING if find_spec("rerun") else None
     if recording is not None:
         inspection.record(recording)
-    return Demo(session, study, found, recording, (inspection.plot(folder),))
+    return Demo(session, study, estimates, recording, (inspection.plot(folder),))
 
 
 def drawn_seed() -> int:

@@ -125,26 +125,28 @@ def resolve(  # noqa: PLR0917 (what to do, and who is told of it)
         outcome.raise_for_failure()
         study = Study(folder)
         used_s = sum(decision.seconds for decision in decisions) + outcome.loop.duration_s
-        with work([one.name for one in study.chosen(channel)]) as progress:
+        with work([item.name for item in study.chosen(channel)]) as progress:
             diagnosis = study.diagnose(channel, plan=False, progress=progress)
-            found = diagnosis.channels
-            end, following = _decide(study, found, number + 1, used_s, budget, progress, design)
+            judged = diagnosis.channels
+            end, following = _decide(study, judged, number + 1, used_s, budget, progress, design)
             if end is StopReason.SEPARATED and any(
-                _is_adequate(one) and one.channel in shown for one in found
+                _is_adequate(item) and item.channel in shown for item in judged
             ):
                 end = StopReason.UNSEEN
-            shown |= {one.channel for one in found if one.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}}
+            shown |= {
+                item.channel for item in judged if item.verdict in {Verdict.MISSING, Verdict.UNEXPLAINED}
+            }
             if end is StopReason.INSEPARABLE:
-                end, found = _simplest(study, found)
-                diagnosis = diagnosis.model_copy(update={"channels": found})
+                end, judged = _simplest(study, judged)
+                diagnosis = diagnosis.model_copy(update={"channels": judged})
         write_text(output_folder(folder / "study") / RESULT, as_json(study.diagnosis_data(diagnosis)))
-        decision = _decision(number + 1, ran.session, outcome.loop.duration_s, found, end, following)
+        decision = _decision(number + 1, ran.session, outcome.loop.duration_s, judged, end, following)
         decisions.append(decision)
         with (folder / DECISIONS).open("a", encoding="utf-8") as log:
             log.write(json.dumps(asdict(decision)) + "\n")
         tell(decision)
         if following is None:
-            return Resolved(folder, tuple(decisions), tuple(found))
+            return Resolved(folder, tuple(decisions), tuple(judged))
         job = replace(job, plan=following.plan)
 
 
@@ -168,9 +170,9 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     progress: Progress,
     design: Design,
 ) -> tuple[StopReason | None, NextProbe | None]:
-    undecided = [one for one in diagnoses if is_undecided(one)]
+    undecided = [diagnosis for diagnosis in diagnoses if is_undecided(diagnosis)]
     is_open = bool(undecided)
-    refused = any(one.verdict is Verdict.INSUFFICIENT for one in diagnoses)
+    refused = any(diagnosis.verdict is Verdict.INSUFFICIENT for diagnosis in diagnoses)
     if not is_open and not refused:
         return StopReason.SEPARATED, None
     if not is_open and probes >= budget.probes:
@@ -184,7 +186,7 @@ def _decide(  # noqa: PLR0917 (all that it depends on)
     separable = left_s < LONGEST_S and design(study, diagnoses, LONGEST_S, progress) is not None
     if separable:
         return StopReason.SECONDS, None
-    is_named = any(one.accepted for one in undecided)
+    is_named = any(diagnosis.accepted for diagnosis in undecided)
     return (StopReason.INSEPARABLE if is_named else StopReason.UNEXPLAINED), None
 
 
@@ -196,8 +198,8 @@ def _simplest(
     study: Study, diagnoses: Sequence[ChannelDiagnosis]
 ) -> tuple[StopReason, list[ChannelDiagnosis]]:
     """Where one of the laws that are left is contained in all others, that one is stated."""
-    stated = [with_the_simplest(study, study.channel(one.channel), one) for one in diagnoses]
-    is_open = any(is_undecided(one) for one in stated)
+    stated = [with_the_simplest(study, study.channel(item.channel), item) for item in diagnoses]
+    is_open = any(is_undecided(item) for item in stated)
     return StopReason.INSEPARABLE if is_open else StopReason.SIMPLEST, stated
 
 
@@ -210,9 +212,11 @@ def _decision(  # noqa: PLR0917 (what it is made of)
     following: NextProbe | None,
 ) -> Decision:
     left = {
-        one.channel: [[e.effect, *e.confused_with] for e in one.accepted] for one in diagnoses if one.accepted
+        item.channel: [[e.effect, *e.confused_with] for e in item.accepted]
+        for item in diagnoses
+        if item.accepted
     }
-    what = "; ".join(_in_words(one) for one in diagnoses if not _is_adequate(one)) or "nothing is missing"
+    what = "; ".join(_in_words(item) for item in diagnoses if not _is_adequate(item)) or "nothing is missing"
     if following is not None:
         then = f"next, to {following.proposal.purpose}: {following.reason}"
     else:

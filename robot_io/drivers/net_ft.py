@@ -196,10 +196,10 @@ def parse_configuration(page: bytes) -> Configuration:
 
 
 def _value(text: str, name: str, default: str | None = None) -> str:
-    found = re.search(rf"<{name}>\s*([ -~]{{1,60}}?)\s*</{name}>", text)
-    if found is None and default is None:
+    match = re.search(rf"<{name}>\s*([ -~]{{1,60}}?)\s*</{name}>", text)
+    if match is None and default is None:
         raise ProtocolError(f"'{name}' is missing")
-    return found[1] if found else str(default)
+    return match[1] if match else str(default)
 
 
 def read_configuration(host: str, port: int) -> Configuration:
@@ -342,19 +342,20 @@ class NetFt(SerialForceSensor, Examinable):
 
         DeviceError: it does not answer, its forces have another scale, or it sends no records.
         """
-        own, found = self._own, self._bus.read_configuration()
-        newtons_per_count = newtons_per(found.unit) / found.counts_per_force
+        own, configuration = self._own, self._bus.read_configuration()
+        newtons_per_count = newtons_per(configuration.unit) / configuration.counts_per_force
         stated = newtons_per(own.unit) / own.counts_per_force
         if not abs(newtons_per_count / stated - 1.0) <= _AGREE:
             raise self._error(
-                f"counts {found.counts_per_force:.10g} for 1 {found.unit}, the robot file "
+                f"counts {configuration.counts_per_force:.10g} for 1 {configuration.unit}, the robot file "
                 f"says {own.counts_per_force:.10g} for 1 {own.unit}: another configuration is active"
             )
-        if not found.is_streaming:
+        if not configuration.is_streaming:
             raise self._error("RDT is disabled: enable it on its page 'Communications'")
         self._start()
-        self._found = f"{found.product}, {found.rate_hz} records/s, {own.axis} axis, {own.capacity_n:.4g} N"
-        stream = NetFtStream(newtons_per_count, own.axis, found.rate_hz)
+        device = f"{configuration.product}, {configuration.rate_hz} records/s"
+        self._found = f"{device}, {own.axis} axis, {own.capacity_n:.4g} N"
+        stream = NetFtStream(newtons_per_count, own.axis, configuration.rate_hz)
         self._bus.listen(stream, own.capacity_n, has_checksums=True, own_time=stream.own_time)
 
     def _start(self) -> None:

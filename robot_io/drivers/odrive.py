@@ -255,8 +255,8 @@ class OdriveBus(MotorBus):
         if version is None and stated is Firmware.V0_6:
             raise self._about(joint, "does not answer Get_Version, as firmware 0.6 would")
         if version is not None and f"{version[0]}.{version[1]}" != stated:
-            found = ".".join(map(str, version))
-            raise self._about(joint, f"has firmware {found}, the robot file says {stated}")
+            firmware = ".".join(map(str, version))
+            raise self._about(joint, f"has firmware {firmware}, the robot file says {stated}")
         _, encoder, torque = self._rate_commands
         if self._motion_at_s[joint] == -inf:
             raise self._about(joint, f"sends no encoder estimates; set {encoder}")

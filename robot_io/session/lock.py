@@ -13,7 +13,11 @@ _WAIT_S, _POLL_S = 1.0, 0.01  # for a program that only looks whether there is a
 
 
 def lock(file: BinaryIO) -> None:
-    """Hold the file until it is closed. SessionError: another program holds it."""
+    """Hold the file until it is closed. SessionError: another program holds it.
+
+    Args:
+        file: open for writing.
+    """
     give_up_s = time.monotonic() + _WAIT_S
     while True:
         try:
@@ -29,7 +33,11 @@ def lock(file: BinaryIO) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a program is writing a file at this moment, as far as the file system can tell."""
+    """Whether a program is writing a file at this moment, as far as the file system can tell.
+
+    Args:
+        path: of a file that is there.
+    """
     with suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe is not waited for
         try:

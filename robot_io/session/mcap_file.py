@@ -295,7 +295,11 @@ class McapFile:
         self._mcap.flush()
 
     def finish(self, offered: Mapping[str, int]) -> None:
-        """Write how many records were offered to each stream, then summary and index."""
+        """Write how many records were offered to each stream, then summary and index.
+
+        Args:
+            offered: number of records by stream name, with those that were dropped.
+        """
         self._mcap.flush()
         self._mcap.add_metadata(END_RECORD, {name: str(count) for name, count in offered.items()})
         self._mcap.finish()

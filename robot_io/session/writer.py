@@ -204,6 +204,9 @@ def new_session_path(path: str | os.PathLike[str]) -> Path:
     """The path, with its folder made, if no file is there yet.
 
     SessionError: a file is there, or the folder cannot be made.
+
+    Args:
+        path: of the session that is to be written.
     """
     new = Path(path)
     try:

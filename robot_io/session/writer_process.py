@@ -78,7 +78,11 @@ class _Drain:
         self._last_time_s = 0.0
 
     def run(self, parent_pid: int) -> None:
-        """Empty the rings again and again, until the program wants the end or is gone."""
+        """Empty the rings again and again, until the program wants the end or is gone.
+
+        Args:
+            parent_pid: process id of the program that logs.
+        """
         chunk_end_s = time.monotonic() + CHUNK_PERIOD_S
         while True:
             # Asked before the rings are emptied: what came before the wish is then in the file.

@@ -246,5 +246,5 @@ def heard_at(master: int, baud_rate: int | None) -> bool:
         master: file descriptor of the device's end.
         baud_rate: of the device [bit/s]; None for any.
     """
-    wanted = getattr(termios, f"B{baud_rate}", None)
-    return wanted is None or termios.tcgetattr(master)[4] == wanted
+    speed = getattr(termios, f"B{baud_rate}", None)
+    return speed is None or termios.tcgetattr(master)[4] == speed

@@ -169,8 +169,8 @@ class EmulatedDynamixelLine(ServoWire[EmulatedServo]):
 
     @staticmethod
     def _read(servo: EmulatedServo, parameters: bytes) -> Answer:
-        found = servo.read(_word(parameters), _word(parameters[2:]))
-        return Answer(servo, error=found) if isinstance(found, Error) else Answer(servo, found)
+        content = servo.read(_word(parameters), _word(parameters[2:]))
+        return Answer(servo, error=content) if isinstance(content, Error) else Answer(servo, content)
 
     def _obey_all(self, instruction: Instruction, awake: dict[int, EmulatedServo], now_s: float) -> None:
         code, parameters = instruction.code, instruction.parameters

@@ -236,9 +236,9 @@ class EmulatedSts(LineServo):
         if not (self.get(46) or self.get(18, 1) & ZERO_IS_ANY_SPEED):
             return 0.0  # the goal speed is a stop
         goal = self.get(42)
-        wanted = -(goal & 0x7FFF) if goal & 0x8000 else goal
-        wanted = min(max(wanted, self.get(9)), self.get(11))
-        error = wanted - self.get(56)
+        target = -(goal & 0x7FFF) if goal & 0x8000 else goal
+        target = min(max(target, self.get(9)), self.get(11))
+        error = target - self.get(56)
         if -self.get(27, 1) < error < self.get(26, 1):
             return 0.0
         duty = self.duty_per_rad * self.get(21, 1) * error * 2 * pi / COUNTS
@@ -298,7 +298,7 @@ class EmulatedFeetechLine(ServoWire[EmulatedSts]):
             self._answer((Answer(servo) for _, servo in sorted(awake.items())), now_s)
         elif code == _SYNC_READ:
             address, size, *asked = parameters
-            heard = [awake[one] for one in asked if one in awake]
+            heard = [awake[servo_id] for servo_id in asked if servo_id in awake]
             self._answer((Answer(servo, servo.read(address, size)) for servo in heard), now_s)
         elif code == _SYNC_WRITE:
             address, size = parameters[:2]

@@ -71,7 +71,7 @@ class EmulatedMoteus(EmulatedMotor):
             if kind == 0x10:
                 reply = 0x20 | form << 2
                 answer += bytes((reply | count, start) if count < 4 else (reply, count, start))
-                answer += b"".join(self._packed(start + one, form) for one in range(count))
+                answer += b"".join(self._packed(start + offset, form) for offset in range(count))
                 continue
             for register in range(start, start + count):
                 (raw,) = struct.unpack_from(_FORMATS[form], data, place)

@@ -29,7 +29,7 @@ def record(sequence: int, measurement: int, status: int, counts: list[int]) -> b
         status: bits.
         counts: three forces, three torques.
     """
-    words = [sequence % 2**32, measurement % 2**32, status, *(one % 2**32 for one in counts)]
+    words = [sequence % 2**32, measurement % 2**32, status, *(count % 2**32 for count in counts)]
     return b"".join(word.to_bytes(4, "big") for word in words)
 
 

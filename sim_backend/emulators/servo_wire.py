@@ -333,8 +333,8 @@ class ServoWire(EmulatedWire, Generic[ServoType]):
         """Put what some servos say on the line, after what is on it already."""
 
         def strikes(kind: FaultKind) -> list[Fault]:
-            found = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
-            return [fault for fault in found if fault]
+            faults = (self.faults.strikes(kind, servo.id, now_s) for servo in speaking)
+            return [fault for fault in faults if fault]
 
         if strikes(FaultKind.CORRUPT):
             packet = self.faults.flip_a_bit(packet)

@@ -41,7 +41,7 @@ def engine_class(name: EngineName) -> type[Engine]:
     """
     package, module, kind = _ENGINES[name]
     if not find_spec(package):
-        others = [f"choose {other}" for other in installed_engines()]
+        others = [f"choose {choice}" for choice in installed_engines()]
         raise InputError("; or ".join((f"physics engine '{name}': {missing_package(package)}", *others)))
     engine: type[Engine] = getattr(import_module(f"palpate.sim_backend.engines.{module}"), kind)
     return engine

@@ -75,7 +75,7 @@ class Scene:
             parameter: "effect.parameter".
         """
         parameters = self.estimate.parameters if self.estimate is not None else ()
-        return next((found for found in parameters if found.name == parameter), None)
+        return next((entry for entry in parameters if entry.name == parameter), None)
 
     @property
     def press_direction_world(self) -> FloatArray:

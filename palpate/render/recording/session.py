@@ -94,8 +94,8 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
         send_lines(recording, _DEPTH, scene.time_s, depth)
     log_phases(recording, _PHASE, scene.ticks["phase"], scene.time_s)
     ticks = scene.ticks
-    position, wanted = np.degrees(ticks["joint_position_rad"]), np.degrees(ticks["reference_position_rad"])
-    lines = zip((position - wanted).T, cycle(palette.JOINTS), strict=False)
+    position, reference = np.degrees(ticks["joint_position_rad"]), np.degrees(ticks["reference_position_rad"])
+    lines = zip((position - reference).T, cycle(palette.JOINTS), strict=False)
     tracking = {f"joint {n}": (error, color, 1.5) for n, (error, color) in enumerate(lines, 1)}
     send_lines(recording, _TRACKING, scene.time_s, tracking)
     torque_nm = ticks["torque_measured_nm"].copy()
@@ -103,7 +103,7 @@ def _log_signals(recording: rr.RecordingStream, scene: Scene) -> None:
     for joint in range(scene.joints):
         for entity, measured, commanded, name in (
             (_TORQUE, torque_nm, ticks["torque_sent_nm"], "commanded"),
-            (_POSITION, position, wanted, "aimed at"),
+            (_POSITION, position, reference, "aimed at"),
         ):
             curves = {
                 "measured": (measured[:, joint], palette.MEASURED, 2.0),
@@ -129,9 +129,13 @@ def _log_estimates(recording: rr.RecordingStream, scene: Scene) -> None:
     for entity, (name, column, _) in _PARAMETERS.items():
         online = {"online": (scene.ticks[column], palette.MEASURED, 4.0)}
         send_lines(recording, f"{entity}/online", scene.time_s, online)
-        found = scene.found(name)
-        if found is not None:
-            levels = {"afterwards": found.value, "95 % from": found.interval[0], "95 % to": found.interval[1]}
+        estimate = scene.found(name)
+        if estimate is not None:
+            levels = {
+                "afterwards": estimate.value,
+                "95 % from": estimate.interval[0],
+                "95 % to": estimate.interval[1],
+            }
             looks = ((palette.NOISE, 2.0), (palette.BAND, 1.0), (palette.BAND, 1.0))
             lines = {
                 word: (np.full(2, value), *look)
@@ -148,9 +152,9 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
     estimates: list[rrb.View] = []
     for entity, (name, column, title) in _PARAMETERS.items():
         # the vertical range shows where an estimate ends up, rather than its first wild guesses
-        found, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
+        estimate, online = scene.found(name), scene.ticks[column][np.isfinite(scene.ticks[column])]
         levels = [scene.truth[name]] if name in scene.truth else []
-        levels += [found.value] if found is not None else []
+        levels += [estimate.value] if estimate is not None else []
         levels += [float(np.median(online))] if len(online) else []
         span = (_LOWEST * min(levels), _HIGHEST * max(levels)) if levels and min(levels) > 0 else None
         estimates.append(plot(entity, title, span, legend=None if estimates else rrb.Corner2D.RightTop))

@@ -94,7 +94,7 @@ def diagnosed(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     study = Study(
         channels, None if usual else parameters["model"], arm=arm_from_urdf(robot.urdf_path, robot.tip_frame)
     )
-    common = _conditions(parameters) | {"truth": ", ".join(one.name for one in scenario.hidden) or NOTHING}
+    common = _conditions(parameters) | {"truth": ", ".join(law.name for law in scenario.hidden) or NOTHING}
     return [
         common
         | {"channel": channel.channel, "verdict": channel.verdict.value, "complete": channel.complete}
@@ -112,8 +112,8 @@ def ticks(parameters: Mapping[str, Any], seed: int) -> list[Row]:
     """
     samples, _ = probed(parameters, seed)
     contact = contact_channel(samples)
-    wanted = ("time_s", "run", "phase", "force_n", "desired_force_n")
-    columns: dict[str, Any] = {name: samples[name] for name in wanted}
+    names = ("time_s", "run", "phase", "force_n", "desired_force_n")
+    columns: dict[str, Any] = {name: samples[name] for name in names}
     depth = np.full(len(samples), np.nan)
     depth[np.searchsorted(samples["force_at_s"], contact.time_s)] = contact.position
     columns["depth_m"] = depth
@@ -248,16 +248,16 @@ def _estimated(channel: ChannelData, model: Model, spec: str | Mapping[str, Any]
                 names = (f"{model.name}.{name}" for name in "kbn")
                 return row | dict(zip(names, law[:3], strict=True))
             return row | {"stiffness.k": law.stiffness, "damping.c": law.damping}
-        found = estimate_channel(channel, model, estimator, rng=rng)
+        estimate = estimate_channel(channel, model, estimator, rng=rng)
     except (InputError, np.linalg.LinAlgError) as error:
         return row | {"problem": str(error)}
-    for parameter in found.parameters:
+    for parameter in estimate.parameters:
         row |= {
             parameter.name: parameter.value,
             f"low {parameter.name}": parameter.interval[0],
             f"high {parameter.name}": parameter.interval[1],
         }
-    return row | {"inlier_share": float(np.mean(found.inliers)), "rmse_n": found.rmse}
+    return row | {"inlier_share": float(np.mean(estimate.inliers)), "rmse_n": estimate.rmse}
 
 
 def _conditions(parameters: Mapping[str, Any]) -> Row:
@@ -317,13 +317,13 @@ def ransac_errors(parameters: Mapping[str, Any], seed: int) -> list[Row]:
         noisy_n[wrong] += rng.uniform(-1, 1, np.count_nonzero(wrong)) * force_n.max()
         problem = Regression(columns, noisy_n, ("k", "c"), ("N/m", "N s/m"), run=channel.run[rows])
         try:
-            found = ransac.fit(problem, rng=rng)
+            fit = ransac.fit(problem, rng=rng)
         except InputError:  # hardly a sample agrees with another
             errors.append(gains)
             shares.append(0.0)
             continue
-        errors.append(np.array([found["k"].value, found["c"].value]) - gains)
-        shares.append(float(np.mean(found.inliers)))
+        errors.append(np.array([fit["k"].value, fit["c"].value]) - gains)
+        shares.append(float(np.mean(fit.inliers)))
     k, c = np.sqrt(np.mean(np.square(errors), axis=0)) / bound
     conditions = {key: parameters[key] for key in ("noise_percent", "outliers_percent")}
     result = {"k_over_bound": float(k), "c_over_bound": float(c), "inlier_share": float(np.mean(shares))}

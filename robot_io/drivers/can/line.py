@@ -72,11 +72,11 @@ def decode_line(line: bytes) -> "can.Message":
     Raises:
         ValueError: it is none, or damaged.
     """
-    found = _FRAME.fullmatch(line)
-    if found is None:
+    match = _FRAME.fullmatch(line)
+    if match is None:
         raise ValueError(f"no frame: {line!r}")
-    kind, can_id = found["short"] or found["long"], found["short_id"] or found["long_id"]
-    size, data = int(found["size"]), bytes.fromhex(found["data"].decode())
+    kind, can_id = match["short"] or match["long"], match["short_id"] or match["long_id"]
+    size, data = int(match["size"]), bytes.fromhex(match["data"].decode())
     is_remote = kind in b"rR"
     if len(data) - (0 if is_remote else size) not in (0, 2):
         raise ValueError(f"a frame of another length than it says: {line!r}")

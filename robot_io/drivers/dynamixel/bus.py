@@ -19,7 +19,11 @@ from palpate.robot_io.types import FloatArray
 
 
 def count_steps(servos: Sequence[ServoSettings]) -> FloatArray:
-    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m)."""
+    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m).
+
+    Args:
+        servos: m servos that turn joints.
+    """
     direction = np.array([servo.direction for servo in servos])
     per_ampere = [servo.torque_constant_nm_a or servo.servo_model.torque_constant_nm_a for servo in servos]
     current_a = [servo.servo_model.current_step_a for servo in servos]
@@ -71,8 +75,8 @@ class DynamixelBus(ServoBus):
         return feedback_problem(feedback, self._labels, self._watchdog, powered=self._powered)
 
     def _goals(self, torque_nm: list[float]) -> tuple[list[int], FloatArray]:
-        wanted = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)
-        counts = [min(max(round(torque / step), -most), most) for torque, step, most in wanted]
+        shares = zip(self._pairs.shares(torque_nm), self._torque_steps_nm, self._largest_current, strict=True)
+        counts = [min(max(round(torque / step), -most), most) for torque, step, most in shares]
         sent_nm = [count * step for count, step in zip(counts, self._torque_steps_nm, strict=True)]
         return counts, np.array(self._pairs.summed(sent_nm))
 

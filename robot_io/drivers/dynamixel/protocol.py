@@ -148,7 +148,11 @@ class DynamixelStatusReader(PacketStream[DynamixelStatus]):
 
 
 def packet_reader(request: bytes) -> DynamixelStatusReader:
-    """Make what finds the answers to a request; its echo is no status packet."""
+    """Make what finds the answers to a request; its echo is no status packet.
+
+    Args:
+        request: packet that the servos were sent.
+    """
     return DynamixelStatusReader()
 
 
@@ -160,7 +164,11 @@ PING_SIZE: Final = 3
 
 
 def ping(servo_id: int) -> bytes:
-    """Ask who a servo is: it answers with model number (2 bytes) and firmware version (1 byte)."""
+    """Ask who a servo is: it answers with model number (2 bytes) and firmware version (1 byte).
+
+    Args:
+        servo_id: of the servo, or the broadcast id.
+    """
     return encode_packet(servo_id, _PING)
 
 
@@ -170,27 +178,55 @@ def ping_all() -> bytes:
 
 
 def reboot(servo_id: int) -> bytes:
-    """Restart a servo, which is the only way out of a hardware error."""
+    """Restart a servo, which is the only way out of a hardware error.
+
+    Args:
+        servo_id: of the servo.
+    """
     return encode_packet(servo_id, _REBOOT)
 
 
 def read(servo_id: int, address: int, size: int) -> bytes:
-    """Read `size` bytes at `address`."""
+    """Read `size` bytes at `address`.
+
+    Args:
+        servo_id: of the servo.
+        address: of the first byte.
+        size: number of bytes.
+    """
     return encode_packet(servo_id, _READ, _word(address) + _word(size))
 
 
 def write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Write `data` at `address`; acknowledged with an empty answer."""
+    """Write `data` at `address`; acknowledged with an empty answer.
+
+    Args:
+        servo_id: of the servo.
+        address: of the first byte.
+        data: the bytes.
+    """
     return encode_packet(servo_id, _WRITE, _word(address) + data)
 
 
 def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+    """Read the same bytes of several servos; each answers with a packet of its own, in this order.
+
+    Args:
+        address: of the first byte.
+        size: number of bytes from each servo.
+        servo_ids: in the order of the answers.
+    """
     return encode_packet(BROADCAST_ID, _SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
 
 
 def fast_sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos, which make one packet together; see `FastReply`."""
+    """Read the same bytes of several servos, which make one packet together; see `FastReply`.
+
+    Args:
+        address: of the first byte.
+        size: number of bytes from each servo.
+        servo_ids: in the order of their parts.
+    """
     return encode_packet(BROADCAST_ID, _FAST_SYNC_READ, _word(address) + _word(size) + bytes(servo_ids))
 
 
@@ -260,7 +296,11 @@ class FastReply:
         self._data = [slice(start + 2, start + self._part - _CRC) for start in starts]
 
     def answered(self, data: bytes) -> int:
-        """Count the servos that have added their part to an answer that is not complete."""
+        """Count the servos that have added their part to an answer that is not complete.
+
+        Args:
+            data: what has been received so far.
+        """
         return min(max(0, (len(data) - _FAST_HEAD) // self._part), len(self._ids) - 1)
 
     def decode(self, packet: bytes) -> list[DynamixelStatus]:

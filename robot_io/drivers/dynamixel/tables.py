@@ -67,12 +67,20 @@ _HARDWARE_ERRORS = {
 
 
 def drive_mode_trouble(value: int) -> str | None:
-    """Why a servo with this drive mode cannot be used, or None if it can."""
+    """Why a servo with this drive mode cannot be used, or None if it can.
+
+    Args:
+        value: content of the register.
+    """
     return next((trouble for bit, trouble in _DRIVE_MODE_TROUBLE.items() if value & bit), None)
 
 
 def hardware_error_names(value: int) -> str:
-    """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)"."""
+    """The errors in a hardware error status, by name. Source: e-manual, "Shutdown (63)".
+
+    Args:
+        value: content of the register, one bit an error.
+    """
     return bit_names(value, _HARDWARE_ERRORS)
 
 
@@ -115,5 +123,9 @@ MODELS: Final = {
 
 
 def model_name(number: int) -> str:
-    """What a model number means, for messages."""
+    """What a model number means, for messages.
+
+    Args:
+        number: that the servo answers with.
+    """
     return next((model.name for model in MODELS.values() if model.number == number), f"model number {number}")

@@ -36,7 +36,11 @@ _FASTEST = 2.0  # times the no-load speed: a joint that is thrown
 
 
 def count_steps(servos: Sequence[FeetechServo]) -> FloatArray:
-    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m)."""
+    """Convert one count of each servo: position [rad], velocity [rad/s] and torque [N m], shape (3, m).
+
+    Args:
+        servos: m servos that turn joints.
+    """
     direction = np.array([servo.direction for servo in servos])
     stall_nm = np.array([servo.servo_model.stall_torque_nm for servo in servos])
     step_rad = direction * tables.POSITION_STEP_RAD

@@ -63,7 +63,11 @@ class FeetechFeedback(NamedTuple):
 
 
 def decode_feedback(packet: Packet) -> FeetechFeedback:
-    """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes."""
+    """Decode the block at the end of an answer of at least `FEEDBACK_SIZE` bytes.
+
+    Args:
+        packet: answer of one servo.
+    """
     data = packet.data
     on, acceleration, goal, time, fastest, limit, lock, position, speed, load, volts, celsius, errors = (
         _FORMAT.unpack_from(data, len(data) - FEEDBACK_SIZE)

@@ -58,7 +58,7 @@ class LerobotCalibration(RootModel[Annotated[dict[str, LerobotMotor], Field(min_
     @model_validator(mode="after")
     def _are_different_servos(self) -> "LerobotCalibration":
         ids = [motor.id for motor in self.root.values()]
-        twice = next((one for one in ids if ids.count(one) > 1), None)
+        twice = next((servo_id for servo_id in ids if ids.count(servo_id) > 1), None)
         if twice is not None:
             raise ValueError(f"id {twice} is there twice")
         return self

@@ -34,12 +34,20 @@ ERROR_NAMES: Final = {
 
 
 def error_names(value: int) -> str:
-    """Name the errors in an error byte."""
+    """Name the errors in an error byte.
+
+    Args:
+        value: error byte of an answer, one bit an error.
+    """
     return bit_names(value, ERROR_NAMES)
 
 
 def checksum(content: bytes) -> int:
-    """Compute the checksum of everything between header and itself."""
+    """Compute the checksum of everything between header and itself.
+
+    Args:
+        content: bytes of the packet.
+    """
     return ~sum(content) & 0xFF
 
 
@@ -133,12 +141,20 @@ class FeetechStatusReader(PacketStream[FeetechStatus]):
 
 
 def packet_reader(request: bytes) -> FeetechStatusReader:
-    """Make what finds the answers to a request, and not its echo."""
+    """Make what finds the answers to a request, and not its echo.
+
+    Args:
+        request: packet that the servos were sent.
+    """
     return FeetechStatusReader(request)
 
 
 def ping(servo_id: int) -> bytes:
-    """Ask a servo for its id: with a voltage error the answer to a true ping is like its echo."""
+    """Ask a servo for its id: with a voltage error the answer to a true ping is like its echo.
+
+    Args:
+        servo_id: of the servo.
+    """
     return read(servo_id, _ID_ADDRESS, ID_SIZE)
 
 
@@ -148,17 +164,35 @@ def ping_all() -> bytes:
 
 
 def read(servo_id: int, address: int, size: int) -> bytes:
-    """Read `size` bytes at `address`."""
+    """Read `size` bytes at `address`.
+
+    Args:
+        servo_id: of the servo.
+        address: of the first byte.
+        size: number of bytes.
+    """
     return encode_packet(servo_id, _READ, bytes((address, size)))
 
 
 def write(servo_id: int, address: int, data: bytes) -> bytes:
-    """Write `data` at `address`; acknowledged with an empty answer."""
+    """Write `data` at `address`; acknowledged with an empty answer.
+
+    Args:
+        servo_id: of the servo.
+        address: of the first byte.
+        data: the bytes.
+    """
     return encode_packet(servo_id, _WRITE, bytes((address,)) + data)
 
 
 def sync_read(address: int, size: int, servo_ids: Sequence[int]) -> bytes:
-    """Read the same bytes of several servos; each answers with a packet of its own, in this order."""
+    """Read the same bytes of several servos; each answers with a packet of its own, in this order.
+
+    Args:
+        address: of the first byte.
+        size: number of bytes from each servo.
+        servo_ids: in the order of the answers.
+    """
     return encode_packet(BROADCAST_ID, _SYNC_READ, bytes((address, size, *servo_ids)))
 
 

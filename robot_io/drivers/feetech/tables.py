@@ -70,7 +70,11 @@ DUTY_PER_RAD: Final = 0.166  # times the P coefficient
 
 
 def phase_trouble(value: int) -> str | None:
-    """Say why a servo with this phase cannot be used, or None if it can."""
+    """Say why a servo with this phase cannot be used, or None if it can.
+
+    Args:
+        value: content of the register.
+    """
     for bit, needed, trouble in _PHASE_BITS:
         if value >> bit & 1 != needed:
             return f"{trouble}: {'set' if needed else 'clear'} bit {bit} of its phase (18)"
@@ -100,6 +104,10 @@ MODELS: Final = {
 
 
 def model_name(number: int) -> str:
-    """Say what a model number means, for messages."""
+    """Say what a model number means, for messages.
+
+    Args:
+        number: that the servo answers with.
+    """
     names = [model.name for model in MODELS.values() if model.number == number]
     return " or ".join(names) or f"model number {number}"

@@ -133,9 +133,9 @@ class MitBus(MitExchange):
         for joint, ranges in enumerate(self._ranges):
             all_stated = (ranges.position_rad, ranges.velocity_rad_s, ranges.torque_nm)
             for register, stated in zip(self._dialect.range_registers, all_stated, strict=False):
-                found = self._register(joint, register)
-                if not abs(found - stated) <= _SAME_RANGE * stated:
-                    problem = f"its {register.name} is {found:g}, the robot file says {stated:g}"
+                reported = self._register(joint, register)
+                if not abs(reported - stated) <= _SAME_RANGE * stated:
+                    problem = f"its {register.name} is {reported:g}, the robot file says {stated:g}"
                     raise self._about(joint, f"{problem}: state its 'ranges', or set the motor")
             if self._dialect.position_register:
                 self._check_position(joint, self._dialect.position_register)
@@ -207,10 +207,12 @@ class MitBus(MitExchange):
         timeout = round(self._own.watchdog_s / TIMEOUT_STEP_S)
         for joint in range(self.joint_count):
             for register, value in dialect.set_up:
-                wanted = timeout if value is None else value
-                found = self._register(joint, register, wanted)
-                if found != wanted:
-                    raise self._about(joint, f"its {register.name} is {found:g} after it was set to {wanted}")
+                setting = timeout if value is None else value
+                reported = self._register(joint, register, setting)
+                if reported != setting:
+                    raise self._about(
+                        joint, f"its {register.name} is {reported:g} after it was set to {setting}"
+                    )
         self._switch_off()
         fired = dialect.timeout_error
         self._refuse_errors(but=fired)

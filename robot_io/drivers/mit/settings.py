@@ -246,7 +246,9 @@ class MitBusSettings(CanLineSettings):
         """An answer under a motor's id would be a command to it."""
         has_own = self.dialect.has_answer_ids
         answer_ids = [self.answer_ids(motor)[0] for motor in self.motors] if has_own else [self.host]
-        wrong = [one for one in answer_ids if one in motor_ids or answer_ids.count(one) > 1]
+        wrong = [
+            answer_id for answer_id in answer_ids if answer_id in motor_ids or answer_ids.count(answer_id) > 1
+        ]
         if wrong:
             raise ValueError(f"answer id {wrong[0]} is a motor's id, or that of two motors' answers")
 

@@ -61,8 +61,8 @@ def code_of(command: bytes, received: bytes | bytearray) -> int | None:
         command: as it was sent.
         received: all that has come since.
     """
-    found = re.search(rb"r,\d,%c,(\d)" % command[0], received)
-    return int(found[1]) if found else None
+    match = re.search(rb"r,\d,%c,(\d)" % command[0], received)
+    return int(match[1]) if match else None
 
 
 def crc16(data: bytes) -> int:

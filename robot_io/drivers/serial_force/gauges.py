@@ -73,11 +73,11 @@ def pattern_stream(pattern: str, unit: str | None, scale: float, largest_n: floa
         match = compiled.fullmatch(line)
         if match is None:
             raise ProtocolError(f"does not match the pattern: '{line[:60]}'")
-        found = match.groupdict()
-        newtons = newtons_per(found["unit"]) if found.get("unit") else stated
+        groups = match.groupdict()
+        newtons = newtons_per(groups["unit"]) if groups.get("unit") else stated
         if newtons is None:
             raise ProtocolError(f"names no unit, and none is stated: '{line[:60]}'")
-        return found["value"] or "", newtons * scale
+        return groups["value"] or "", newtons * scale
 
     return LineStream(parse, largest_n)
 
@@ -277,10 +277,10 @@ def reading_of(line: str) -> tuple[str, str]:
     Raises:
         ProtocolError: it is no reading.
     """
-    found = _READING.fullmatch(line)
-    if found is None:
+    match = _READING.fullmatch(line)
+    if match is None:
         raise ProtocolError(f"no reading: '{line[:40]}'")
-    return found[1], found[2]
+    return match[1], match[2]
 
 
 class Mark10Stream(LineStream):
@@ -305,8 +305,8 @@ class Mark10Stream(LineStream):
             super()._take(line, samples)
 
     def _in_unit(self, line: str) -> tuple[str, float]:
-        if found := _ERROR.fullmatch(line):
-            self.complaint = f"the gauge says '{error_name(int(found[1]))}'"
+        if error := _ERROR.fullmatch(line):
+            self.complaint = f"the gauge says '{error_name(int(error[1]))}'"
         number, unit = reading_of(line)
         if unit != self._unit:
             self._others = self._others + 1 if unit == self._other else 1
@@ -364,8 +364,8 @@ class Mark10(SerialForceSensor, Examinable):
         answer = self._ask_line(commands, take, _GAUGE_ANSWER_S)
         if answer is None:
             raise self._error(f"no gauge says {what}; check port and baud rate")
-        if found := _ERROR.fullmatch(answer):
-            said = error_name(int(found[1]))
+        if error := _ERROR.fullmatch(answer):
+            said = error_name(int(error[1]))
             raise self._error(f"the gauge says '{said}' when asked for {what}")
         return answer
 

@@ -486,7 +486,7 @@ class SerialForceSensor(ForceSensor):
         lines = LineSplitter()
 
         def first(data: bytes) -> Answer | None:
-            return next((found for line in lines.feed(data) if (found := take(line)) is not None), None)
+            return next((answer for line in lines.feed(data) if (answer := take(line)) is not None), None)
 
         return self._bus.ask(question, first, timeout_s)
 

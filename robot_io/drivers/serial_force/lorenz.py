@@ -116,16 +116,16 @@ class TelegramReader:
         Args:
             data: bytes that have come.
         """
-        found = []
+        telegrams = []
         for byte in data:
             if not self._take(byte):
                 continue
             content, self._content = bytes(self._content or b""), None
             if checksums(content[:-2]) == (content[-2], content[-1]):
-                found.append(Telegram(content[0], content[1], content[2], content[_HEADER:-2]))
+                telegrams.append(Telegram(content[0], content[1], content[2], content[_HEADER:-2]))
             else:
                 self.rejected += 1
-        return found
+        return telegrams
 
     def _take(self, byte: int) -> bool:
         """Take one byte in; True if it was the last of a telegram."""

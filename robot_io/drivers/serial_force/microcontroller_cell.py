@@ -66,14 +66,14 @@ def sample_of(line: bytes) -> tuple[int, int]:
     Raises:
         ProtocolError: it is damaged, or no sample.
     """
-    found = _SAMPLE.fullmatch(checked(line))
+    match = _SAMPLE.fullmatch(checked(line))
     if (
-        found is None
-        or int(found[1]) >= _COUNTERS
-        or not -LARGEST_COUNTS - 1 <= int(found[2]) <= LARGEST_COUNTS
+        match is None
+        or int(match[1]) >= _COUNTERS
+        or not -LARGEST_COUNTS - 1 <= int(match[2]) <= LARGEST_COUNTS
     ):
         raise ProtocolError(f"no sample: {line[:40]!r}")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def fault_of(line: bytes) -> str:

@@ -114,7 +114,9 @@ class ServoBus(JointBus, Examinable):
 
     def _examine_pairs(self) -> list[Finding]:
         try:
-            shown = [self._line.registers.read(one, self._line.present_position) for one in self._ids]
+            shown = [
+                self._line.registers.read(servo_id, self._line.present_position) for servo_id in self._ids
+            ]
         except DeviceError:
             return []  # who does not answer has been found already
         counts = (shown, [0] * len(shown), [0] * len(shown))

@@ -53,11 +53,19 @@ class ServoPairs:
         self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
 
     def of_servos(self, of_joints: Sequence[float]) -> list[float]:
-        """Repeat a value of each joint (n), such as a limit, for each servo (m)."""
+        """Repeat a value of each joint (n), such as a limit, for each servo (m).
+
+        Args:
+            of_joints: shape (n,).
+        """
         return [*of_joints, *(of_joints[joint] for joint in self.joints)]
 
     def shares(self, torque_nm: Sequence[float]) -> list[float]:
-        """Divide torques of joints (n) among servos (m) [N m]."""
+        """Divide torques of joints (n) among servos (m) [N m].
+
+        Args:
+            torque_nm: of the joints, shape (n,) [N m].
+        """
         if not self.joints:
             return list(torque_nm)
         return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
@@ -77,14 +85,22 @@ class ServoPairs:
         return self.of_servos(weaker_nm)
 
     def summed(self, of_servos: Sequence[float]) -> list[float]:
-        """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n)."""
+        """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n).
+
+        Args:
+            of_servos: shape (m,).
+        """
         of_joints = list(of_servos[: self.joint_count])
         for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
             of_joints[joint] += second
         return of_joints
 
     def joined(self, motion: FloatArray) -> FloatArray:
-        """Average the positions and velocities of pairs, and add their torques: (3, m) to (3, n)."""
+        """Average the positions and velocities of pairs, and add their torques: (3, m) to (3, n).
+
+        Args:
+            motion: positions [rad], velocities [rad/s] and torques [N m] of the servos, shape (3, m).
+        """
         joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
         joined[:2] *= self._share[: self.joint_count]
         return joined

@@ -16,7 +16,11 @@ class Register:
     sign_bit: int | None = None  # the bit that says negative where the others are the magnitude
 
     def encode(self, value: int) -> bytes:
-        """The bytes of a value. ProtocolError: it does not fit."""
+        """The bytes of a value. ProtocolError: it does not fit.
+
+        Args:
+            value: number to write.
+        """
         number = value
         if self.sign_bit is not None:
             number = abs(value) | (value < 0) << self.sign_bit
@@ -30,13 +34,21 @@ class Register:
             raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
 
     def decode(self, data: bytes) -> int:
-        """The value of bytes. ProtocolError: not as many bytes as it has."""
+        """The value of bytes. ProtocolError: not as many bytes as it has.
+
+        Args:
+            data: bytes as they were read.
+        """
         if len(data) != self.size:
             raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
         return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
 
     def signed_value(self, number: int) -> int:
-        """The value of a number whose sign bit, if there is one, stands for minus."""
+        """The value of a number whose sign bit, if there is one, stands for minus.
+
+        Args:
+            number: as it was read, without a sign.
+        """
         if self.sign_bit is None:
             return number
         magnitude = number & ((1 << self.sign_bit) - 1)
