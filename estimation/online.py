@@ -100,21 +100,18 @@ class OnlineContactEstimator:
         if self.in_contact:
             self._follow(time_s, along_m, above_n)
         elif self._air.count >= _AIR_SAMPLES and above_n > (touch_n := self._touch_n()):
-            self._touch(along_m, touch_n)
+            # The first sample is left out: it was chosen for its force.
+            self.in_contact = True
+            self._release_n = release_force_n(touch_n, self._touch_gains)
+            self._window.clear()
+            if math.isnan(self._first_touch_m):
+                self._first_touch_m = along_m
         else:
             self._air.add(force_n)
         return self.estimates
 
     def _touch_n(self) -> float:
         return touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
-
-    def _touch(self, along_m: float, touch_n: float) -> None:
-        """The first sample is left out: it was chosen for its force."""
-        self.in_contact = True
-        self._release_n = release_force_n(touch_n, self._touch_gains)
-        self._window.clear()
-        if math.isnan(self._first_touch_m):
-            self._first_touch_m = along_m
 
     def _follow(self, time_s: float, along_m: float, above_n: float) -> None:
         if above_n < self._release_n:

@@ -85,15 +85,7 @@ def base_parameters(body: "RigidBody") -> BaseParameters:
     motions = rng.uniform(-2.0, 2.0, (_POSTURES, 3, body.joint_count))
     regressor = np.array([body.regressor(*motion) for motion in motions])
     rows = regressor.reshape(-1, regressor.shape[2])
-    columns = _independent(rows)
-    grouping = np.linalg.lstsq(rows[:, columns], rows, rcond=None)[0]
-    grouping[np.abs(grouping) < _INDEPENDENT] = 0.0
-    size = np.abs(regressor[:, :, columns]).max(axis=0)
-    return BaseParameters(columns, grouping, size > _INDEPENDENT * size.max(axis=0))
-
-
-def _independent(rows: FloatArray) -> IntArray:
-    """Columns that are not sums of those before them (Gram-Schmidt, each projection done twice)."""
+    # Columns that are not sums of those before them (Gram-Schmidt, each projection done twice).
     lengths = np.linalg.norm(rows, axis=0)
     least = _INDEPENDENT * np.maximum(lengths, 1e-3 * lengths.max())
     basis, chosen = np.zeros((len(rows), 0)), []
@@ -104,4 +96,8 @@ def _independent(rows: FloatArray) -> IntArray:
         if length > least[index]:
             chosen.append(index)
             basis = np.column_stack([basis, left / length])
-    return np.array(chosen, dtype=np.int64)
+    columns = np.array(chosen, dtype=np.int64)
+    grouping = np.linalg.lstsq(rows[:, columns], rows, rcond=None)[0]
+    grouping[np.abs(grouping) < _INDEPENDENT] = 0.0
+    size = np.abs(regressor[:, :, columns]).max(axis=0)
+    return BaseParameters(columns, grouping, size > _INDEPENDENT * size.max(axis=0))

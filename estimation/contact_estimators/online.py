@@ -332,29 +332,24 @@ class RobustHuntCrossley(ContactEstimator):
             predicted = spring * (1.0 + values[1] * speed)
             return predicted, np.column_stack([predicted, spring * speed, predicted * log_depth])
 
-        start = _least_median(log_depth, speed, force, rng)
+        # Ln k, b / k and n of the pair and exponent that leave the smallest median of residuals, shape
+        # (3,).
+        one, two = rng.integers(len(force), size=(2, _PAIRS))
+        some = rng.permutation(len(force))[:_START_SAMPLES]
+        springs = np.exp(_EXPONENTS[:, None] * log_depth)
+        # At a given exponent F / d^n = k + b v: a line through two points.
+        push = force / springs
+        apart = speed[two] - speed[one]
+        slopes = (push[:, two] - push[:, one]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
+        levels = push[:, one] - slopes * speed[one]
+        left = np.abs(
+            force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])
+        )
+        middle = left.shape[-1] // 2
+        medians = np.partition(left, middle, axis=-1)[..., middle]
+        medians[levels <= 0.0] = np.inf
+        if not np.isfinite(medians).any():
+            raise InputError("robust_hunt_crossley: no two samples agree with a positive stiffness")
+        at = np.unravel_index(int(np.argmin(medians)), medians.shape)
+        start = np.array([np.log(levels[at]), slopes[at] / levels[at], _EXPONENTS[at[0]]])
         return irls(evaluate, force, start), unit_m
-
-
-def _least_median(
-    log_depth: FloatArray, speed: FloatArray, force: FloatArray, rng: np.random.Generator
-) -> FloatArray:
-    """Ln k, b / k and n of the pair and exponent that leave the smallest median of residuals, shape (3,)."""
-    one, two = rng.integers(len(force), size=(2, _PAIRS))
-    some = rng.permutation(len(force))[:_START_SAMPLES]
-    springs = np.exp(_EXPONENTS[:, None] * log_depth)
-    # At a given exponent F / d^n = k + b v: a line through two points.
-    push = force / springs
-    apart = speed[two] - speed[one]
-    slopes = (push[:, two] - push[:, one]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
-    levels = push[:, one] - slopes * speed[one]
-    left = np.abs(
-        force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])
-    )
-    middle = left.shape[-1] // 2
-    medians = np.partition(left, middle, axis=-1)[..., middle]
-    medians[levels <= 0.0] = np.inf
-    if not np.isfinite(medians).any():
-        raise InputError("robust_hunt_crossley: no two samples agree with a positive stiffness")
-    at = np.unravel_index(int(np.argmin(medians)), medians.shape)
-    return np.array([np.log(levels[at]), slopes[at] / levels[at], _EXPONENTS[at[0]]])

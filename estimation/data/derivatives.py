@@ -320,7 +320,27 @@ def local_fit(time_s: FloatArray, position: FloatArray, centres: IntArray, half:
     if len(steps) == 0 or np.ptp(steps) <= _EVEN * steps.max():
         step_s = float(np.mean(steps)) if len(steps) else 1.0
         return _even_fit(step_s, position, centres, starts, width)
-    return _uneven_fit(time_s, position, centres, starts, width)
+    # Normal equations of each window, summed up sample by sample over all windows at once.
+    terms = min(DEGREE, len(position) - 1) + 1
+    unit = width / 2 * float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
+    for offset in range(width):
+        power = np.ones(len(centres))
+        away = (time_s[starts + offset] - time_s[centres]) / unit
+        value = position[starts + offset] - position[centres]
+        for order in range(2 * terms - 1):
+            moments[order] += power
+            if order < terms:
+                products[order] += power * value
+            power = power * away
+    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
+    inverse = _inverse(matrix)
+    fitted, variance = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
+    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
+    fitted[:, 0] += position[centres]
+    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
+    per_second = np.array([1.0, 1 / unit, 2 / unit**2])
+    return LocalFit(fitted * per_second, variance * per_second**2)
 
 
 def local_fits(
@@ -421,32 +441,6 @@ def even_coefficients(width: int, place: int) -> FloatArray:
 def _at_each_place(width: int) -> FloatArray:
     """The same for all places of a window, shape (width, 3, width)."""
     return np.array([even_coefficients(width, place) for place in range(width)])
-
-
-def _uneven_fit(
-    time_s: FloatArray, position: FloatArray, centres: IntArray, starts: IntArray, width: int
-) -> LocalFit:
-    """Normal equations of each window, summed up sample by sample over all windows at once."""
-    terms = min(DEGREE, len(position) - 1) + 1
-    unit = width / 2 * float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    moments, products = np.zeros((2 * terms - 1, len(centres))), np.zeros((terms, len(centres)))
-    for offset in range(width):
-        power = np.ones(len(centres))
-        away = (time_s[starts + offset] - time_s[centres]) / unit
-        value = position[starts + offset] - position[centres]
-        for order in range(2 * terms - 1):
-            moments[order] += power
-            if order < terms:
-                products[order] += power * value
-            power = power * away
-    matrix = moments[np.add.outer(np.arange(terms), np.arange(terms))].transpose(2, 0, 1)
-    inverse = _inverse(matrix)
-    fitted, variance = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
-    fitted[:, : min(3, terms)] = np.einsum("nij,jn->ni", inverse, products)[:, :3]
-    fitted[:, 0] += position[centres]
-    variance[:, : min(3, terms)] = np.einsum("nii->ni", inverse)[:, :3]
-    per_second = np.array([1.0, 1 / unit, 2 / unit**2])
-    return LocalFit(fitted * per_second, variance * per_second**2)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

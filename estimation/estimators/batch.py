@@ -81,9 +81,25 @@ class Robust(Estimator):
     loss = Loss.BIWEIGHT
 
     def fit(self, regression: Regression, *, rng: np.random.Generator) -> Estimate:
-        settled = _settle(regression, _least_median(regression, rng))
+        # Gains of the subset whose median absolute residual is smallest, shape (p,).
+        columns, effort = regression.columns, regression.effort
+        candidates = solve_subsets(columns, effort, columns.shape[1], _STARTS, rng).gains
+        rows = rng.permutation(len(effort))[:_START_SAMPLES]
+        distance = np.abs(candidates @ columns[rows].T - effort[rows])
+        middle = distance.shape[1] // 2
+        medians = np.partition(distance, middle, axis=1)[:, middle]
+        best: FloatArray = candidates[int(np.argmin(medians))]
+        settled = _settle(regression, best)
         if settled.inside.mean() < _FEWEST_INSIDE:
-            settled = _settle(regression, *_least_absolute(regression))
+            # Gains (p,) that nearly minimise the sum of absolute residuals, and the even noise that they
+            # leave.
+            share = np.ones(len(regression.effort))
+            for _ in range(_ABSOLUTE_ROUNDS):
+                gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains
+                left = regression.effort - regression.columns @ gains
+                share = absolute_share(left)
+            least_absolute = gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
+            settled = _settle(regression, *least_absolute)
         (psi, slope), sigma = settled.influence, settled.sigma
         covariance = sandwich(regression.columns, psi / sigma, slope / sigma**2, regression.run)
         details = {"noise_floor": settled.level.floor, "noise_share": settled.level.share}
@@ -93,25 +109,3 @@ class Robust(Estimator):
 def _settle(regression: Regression, start: FloatArray, level: NoiseLevel | None = None) -> IrlsResult:
     columns = regression.columns
     return irls(lambda gains: (columns @ gains, columns), regression.effort, start, level)
-
-
-def _least_absolute(regression: Regression) -> tuple[FloatArray, NoiseLevel]:
-    """Gains (p,) that nearly minimise the sum of absolute residuals, and the even noise that they leave."""
-    share = np.ones(len(regression.effort))
-    for _ in range(_ABSOLUTE_ROUNDS):
-        gains = solve(regression.columns, regression.effort, np.sqrt(share)).gains
-        left = regression.effort - regression.columns @ gains
-        share = absolute_share(left)
-    return gains, NoiseLevel(max(robust_sigma(left), float(np.finfo(float).tiny)), 0.0)
-
-
-def _least_median(regression: Regression, rng: np.random.Generator) -> FloatArray:
-    """Gains of the subset whose median absolute residual is smallest, shape (p,)."""
-    columns, effort = regression.columns, regression.effort
-    candidates = solve_subsets(columns, effort, columns.shape[1], _STARTS, rng).gains
-    rows = rng.permutation(len(effort))[:_START_SAMPLES]
-    distance = np.abs(candidates @ columns[rows].T - effort[rows])
-    middle = distance.shape[1] // 2
-    medians = np.partition(distance, middle, axis=1)[:, middle]
-    best: FloatArray = candidates[int(np.argmin(medians))]
-    return best

@@ -16,7 +16,7 @@ from palpate.estimation.statistics.noise import robust_sigma
 from palpate.estimation.statistics.subsets import solve_subsets
 from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.errors import InputError
-from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+from palpate.robot_io.types import BoolArray, FloatArray
 
 _FAR_ABOVE = 100.0  # times the noise: no sample is beyond
 _FAR_BELOW = 0.45  # threshold over noise under which refining ends too far from where it converges
@@ -60,7 +60,16 @@ class Ransac(Estimator):
         size = max(self.subset, regression.columns.shape[1])
         subsets = solve_subsets(regression.columns, regression.effort, size, self.trials, rng)
         threshold = self.threshold or self._noise_threshold(regression, subsets.gains, rng)
-        counts = _inlier_counts(regression, subsets.gains, threshold)
+        # Number of inliers of each candidate (trials, p), shape (trials,).
+        candidates = subsets.gains
+        design = np.column_stack([regression.columns, regression.effort]).T.copy()
+        signed = np.column_stack([candidates, -np.ones(len(candidates))])
+        block = max(1, _BLOCK // design.shape[1])
+        counts = np.empty(len(candidates), dtype=np.int64)
+        for first in range(0, len(candidates), block):
+            distance = signed[first : first + block] @ design
+            np.abs(distance, out=distance)
+            counts[first : first + block] = np.count_nonzero(distance < threshold, axis=1)
         gains, inliers = self._refine(regression, subsets.gains[int(np.argmax(counts))], threshold)
         residuals = regression.effort - regression.columns @ gains
         rivals = subsets.gains[counts >= counts.max() - np.sqrt(counts.max())]
@@ -110,19 +119,6 @@ class Ransac(Estimator):
 
 def _inliers(regression: Regression, gains: FloatArray, threshold: float) -> BoolArray:
     return np.abs(regression.effort - regression.columns @ gains) < threshold
-
-
-def _inlier_counts(regression: Regression, candidates: FloatArray, threshold: float) -> IntArray:
-    """Number of inliers of each candidate (trials, p), shape (trials,)."""
-    design = np.column_stack([regression.columns, regression.effort]).T.copy()
-    signed = np.column_stack([candidates, -np.ones(len(candidates))])
-    block = max(1, _BLOCK // design.shape[1])
-    counts = np.empty(len(candidates), dtype=np.int64)
-    for first in range(0, len(candidates), block):
-        distance = signed[first : first + block] @ design
-        np.abs(distance, out=distance)
-        counts[first : first + block] = np.count_nonzero(distance < threshold, axis=1)
-    return counts
 
 
 def _covariance(

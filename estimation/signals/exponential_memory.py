@@ -86,7 +86,15 @@ def fading_memory(
         return _evenly(strain, runs, step_s, rates, weights).T.reshape(signal.shape)
     steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[runs.start] = step_s
-    return _unevenly(strain, runs, steps_s, rates, weights).T.reshape(signal.shape)
+    # Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_evenly`.
+    later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
+    wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
+    left = np.zeros(strain.shape)
+    for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
+        over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
+        added[:, later] -= over[later] * strain[:, runs.end[:-1]]
+        left[:, runs.rows] += weight * linear_recursion(over[runs.rows], added.T[runs.rows]).T
+    return left.T.reshape(signal.shape)
 
 
 def springpot(signal: FloatArray, time_s: FloatArray, run: IntArray, alpha: float) -> FloatArray:
@@ -190,20 +198,6 @@ def _evenly(
     left = new @ np.where(_LAGS >= 0, ((weights * taken) @ powers)[_LAGS], 0.0)
     left += begun.reshape(-1, len(rates)) @ (weights[:, None] * powers)
     return left.reshape(columns, -1).take(runs.place, axis=1)
-
-
-def _unevenly(
-    strain: FloatArray, runs: _Runs, steps_s: FloatArray, rates: FloatArray, weights: FloatArray
-) -> FloatArray:
-    """Memory of strains (k, n) at any steps (n,) [s], the first of each run the usual one; see `_evenly`."""
-    later, wait_s, change = runs.start[1:], steps_s.copy(), _changes(strain, runs)
-    wait_s[runs.start[:1]], wait_s[later] = np.inf, runs.pause_s[:-1]
-    left = np.zeros(strain.shape)
-    for rate, weight in zip(rates.tolist(), weights.tolist(), strict=True):
-        over, added = np.exp(-wait_s * rate), _taken(steps_s * rate) * change
-        added[:, later] -= over[later] * strain[:, runs.end[:-1]]
-        left[:, runs.rows] += weight * linear_recursion(over[runs.rows], added.T[runs.rows]).T
-    return left
 
 
 def linear_recursion(decay: FloatArray, added: FloatArray) -> FloatArray:
