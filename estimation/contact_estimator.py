@@ -42,7 +42,9 @@ def check_samples(name: str, *columns: FloatArray) -> None:
         InputError: a sample is not finite, or the numbers of samples differ.
     """
     if len({len(column) for column in columns}) > 1:
-        raise InputError(f"{name}: {', '.join(str(len(one)) for one in columns)} samples, not equally many")
+        raise InputError(
+            f"{name}: {', '.join(str(len(column)) for column in columns)} samples, not equally many"
+        )
     if not all(np.isfinite(column).all() for column in columns):
         raise InputError(f"{name}: samples that are not finite; leave them out")
 

@@ -75,16 +75,16 @@ def estimate_channel(
         narrowed = replace(model, within=_where_touched(data, used))
         begun = fit_samples(narrowed, data, used, estimator.loss, searched)
         regression = model.regression(data, begun.parameters).select(used)
-        found = _combine(begun, data, used, estimator.fit(regression, rng=rng))
+        estimate = _combine(begun, data, used, estimator.fit(regression, rng=rng))
     else:
         regression = model.regression(data, {}).select(used)
-        found = estimator.fit(regression, rng=rng)
+        estimate = estimator.fit(regression, rng=rng)
     parameters = tuple(
         replace(p, at_bound=True, determined=Determined.NO) if model.at_bound(p.name, p.value) else p
-        for p in found.parameters
+        for p in estimate.parameters
     )
-    found = replace(found, parameters=parameters)
-    return mark_coarse(_mark_unphysical(found, model, regression), data, used)
+    estimate = replace(estimate, parameters=parameters)
+    return mark_coarse(_mark_unphysical(estimate, model, regression), data, used)
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
@@ -181,12 +181,12 @@ def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given:
     return errors
 
 
-def _mark_unphysical(found: Estimate, model: Model, regression: Regression) -> Estimate:
+def _mark_unphysical(estimate: Estimate, model: Model, regression: Regression) -> Estimate:
     """Say so where a gain lies outside what is physical, and is no rounding error."""
-    beyond = unphysical(model.gains, found.parameters, regression.columns, regression.effort)
+    beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
     if not beyond:
-        return found
+        return estimate
     note = f"{', '.join(beyond)}: outside what is physical; {UNPHYSICAL}"
-    if found.identifiability is not Identifiability.GOOD:
-        note = f"{found.note}; {note}"
-    return replace(found, note=note, unphysical=tuple(beyond))
+    if estimate.identifiability is not Identifiability.GOOD:
+        note = f"{estimate.note}; {note}"
+    return replace(estimate, note=note, unphysical=tuple(beyond))

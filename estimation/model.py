@@ -187,7 +187,7 @@ class Model:
         """
         if data.kind is not ChannelKind.CONTACT:
             return np.empty(0, dtype=np.int64)
-        pushing = [parameters[name] * one for name, one in zip(self.gains, self.one_sided, strict=True)]
+        pushing = [parameters[name] * sign for name, sign in zip(self.gains, self.one_sided, strict=True)]
         lets_go = parts[0] @ np.array(pushing) < 0.0
         return np.flatnonzero(lets_go if data.touching is None else lets_go & ~data.touching)
 

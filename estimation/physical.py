@@ -14,7 +14,7 @@ _ROUNDING = 1e-9  # share of the effort below which a gain is one of the last di
 
 def unphysical(
     gains: Mapping[str, Parameter],
-    found: Iterable[ParameterEstimate],
+    estimates: Iterable[ParameterEstimate],
     columns: FloatArray,
     effort: FloatArray,
 ) -> dict[str, str]:
@@ -22,17 +22,19 @@ def unphysical(
 
     Args:
         gains: by "effect.parameter", in column order.
-        found: their estimates, and others.
+        estimates: their estimates, and others.
         columns: effort per unit of each gain, shape (n, p).
         effort: what was explained, shape (n,).
     """
     parts = np.sqrt(np.mean(columns**2, axis=0) / max(float(np.mean(effort**2)), 1e-300))
     shares, beyond = dict(zip(gains, parts.tolist(), strict=True)), {}
-    for one in found:
-        limits = gains.get(one.name)
-        if limits is None or abs(one.value) * shares[one.name] <= _ROUNDING:
+    for estimate in estimates:
+        limits = gains.get(estimate.name)
+        if limits is None or abs(estimate.value) * shares[estimate.name] <= _ROUNDING:
             continue
-        if (below := one.interval[1] < limits.lower) or one.interval[0] > limits.upper:
+        if (below := estimate.interval[1] < limits.lower) or estimate.interval[0] > limits.upper:
             side = "below" if below else "above"
-            beyond[one.name] = f"{one.name} = {one.value:.4g} {one.unit} is {side} what is physical"
+            beyond[estimate.name] = (
+                f"{estimate.name} = {estimate.value:.4g} {estimate.unit} is {side} what is physical"
+            )
     return beyond

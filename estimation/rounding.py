@@ -19,29 +19,29 @@ _DRAWS = 16
 _SEED = 1
 
 
-def mark_coarse(found: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
+def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:
     """Take the intervals away, and say why, where the motion spans too few steps to know any slope.
 
     Args:
-        found: the estimate.
+        estimate: the estimate.
         data: the channel.
         rows: samples that were fitted, a mask of shape (n,).
     """
     steps = steps_spanned(data, rows)
     if steps >= FEWEST_STEPS:
-        return found
+        return estimate
     unknown = float("nan")
     note = (
         f"{in_steps(data, rows)}, too few for a slope: press harder, take a softer object, or a finer encoder"
     )
     parameters = tuple(
         replace(p, std_err=unknown, interval=(unknown, unknown), determined=Determined.NO)
-        for p in found.parameters
+        for p in estimate.parameters
     )
     return replace(
-        found,
+        estimate,
         parameters=parameters,
-        covariance=np.full_like(found.covariance, unknown),
+        covariance=np.full_like(estimate.covariance, unknown),
         identifiability=Identifiability.NONE,
         note=note,
         unphysical=(),

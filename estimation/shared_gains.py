@@ -35,7 +35,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     Returns:
         In the order given; as they are where no joint with fitted masses can be judged, or all was said.
     """
-    if any(one.shared is not None for one in channels):
+    if any(channel.shared is not None for channel in channels):
         return list(channels)
     of_arm = [
         number
@@ -47,19 +47,19 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
         return list(channels)
     names = [f"{effect.name}.{name}" for name in effect.arm.names]
     alone = [fit_model(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
-    if len({one.problem.blocked.folds for one in alone}) > 1:
+    if len({fit.problem.blocked.folds for fit in alone}) > 1:
         return list(channels)
-    joints = [arranged(_products(one), list(one.solution.model.gains), names, _noise(one)) for one in alone]
-    said = [shared_information(one) for one in joints]
+    joints = [arranged(_products(fit), list(fit.solution.model.gains), names, _noise(fit)) for fit in alone]
+    said = [shared_information(joint) for joint in joints]
     pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
     others = information_of_others(joints, pull)
-    found = list(channels)
-    for number, one, others_say in zip(of_arm, alone, others, strict=True):
-        felt = [name for name in names if name in one.solution.model.gains]
+    prepared = list(channels)
+    for number, fit, others_say in zip(of_arm, alone, others, strict=True):
+        felt = [name for name in names if name in fit.solution.model.gains]
         kept = np.array([name in felt for name in names])
-        shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(one) ** 2))
-        found[number] = replace(channels[number], shared=shared)
-    return found
+        shared = SharedGains(tuple(felt), others_say.about(kept).times(_noise(fit) ** 2))
+        prepared[number] = replace(channels[number], shared=shared)
+    return prepared
 
 
 def _body_of(model: Model) -> RigidBodyFitted | None:

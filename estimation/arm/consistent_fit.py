@@ -80,8 +80,8 @@ def information_of_others(joints: Sequence[JointMoments], prior: Information) ->
         all but fold f. To be added to the joint's own sums over the same folds, divided by its sigma^2; or
         `times` its sigma^2 to sums that are not. The fit of the one joint is then the fit of all of them.
     """
-    each = [shared_information(joint) for joint in joints]
-    return tuple(sum([*each[:j], *each[j + 1 :]], start=prior) for j in range(len(each)))
+    by_joint = [shared_information(joint) for joint in joints]
+    return tuple(sum([*by_joint[:j], *by_joint[j + 1 :]], start=prior) for j in range(len(by_joint)))
 
 
 URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by as much as it is
@@ -128,7 +128,7 @@ def consistent_information(base: BaseParameters, urdf: FloatArray, said: Informa
         onto = Information(grouping.T @ matrix @ grouping, grouping.T @ vector)
         bodies = fit_bodies(onto, divergence, URDF_SPREAD**-2)
         pulls.append(urdf_information(base, urdf, bodies))
-    return Information(*(np.stack([getattr(one, part) for one in pulls]) for part in ("matrix", "vector")))
+    return Information(*(np.stack([getattr(pull, part) for pull in pulls]) for part in ("matrix", "vector")))
 
 
 _FALL = 0.05  # of the precision from one point of the path to the next

@@ -334,14 +334,14 @@ class RobustHuntCrossley(ContactEstimator):
 
         # Ln k, b / k and n of the pair and exponent that leave the smallest median of residuals, shape
         # (3,).
-        one, two = rng.integers(len(force), size=(2, _PAIRS))
+        first, two = rng.integers(len(force), size=(2, _PAIRS))
         some = rng.permutation(len(force))[:_START_SAMPLES]
         springs = np.exp(_EXPONENTS[:, None] * log_depth)
         # At a given exponent F / d^n = k + b v: a line through two points.
         push = force / springs
-        apart = speed[two] - speed[one]
-        slopes = (push[:, two] - push[:, one]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
-        levels = push[:, one] - slopes * speed[one]
+        apart = speed[two] - speed[first]
+        slopes = (push[:, two] - push[:, first]) / np.where(np.abs(apart) > 0.0, apart, np.inf)
+        levels = push[:, first] - slopes * speed[first]
         left = np.abs(
             force[some] - springs[:, None, some] * (levels[..., None] + slopes[..., None] * speed[some])
         )

@@ -71,8 +71,8 @@ class Columns:
         Args:
             key: of the quantity, which must be among the columns.
         """
-        found = self.assigned[key]
-        return found.factor * self.table.numbers(found.column) - found.zero
+        source = self.assigned[key]
+        return source.factor * self.table.numbers(source.column) - source.zero
 
     def name(self, key: Key) -> str:
         """A quantity's column in the file.
@@ -85,7 +85,7 @@ class Columns:
     @property
     def used(self) -> frozenset[str | None]:
         """Names of the columns that hold a quantity, or the number of the run or phase."""
-        return frozenset({found.column for found in self.assigned.values()} | {self.run, self.phase})
+        return frozenset({source.column for source in self.assigned.values()} | {self.run, self.phase})
 
     @cached_property
     def unused(self) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ class Columns:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know about the columns."""
-        notes = [*self.said, *(found.note for found in self.assigned.values() if found.note)]
+        notes = [*self.said, *(source.note for source in self.assigned.values() if source.note)]
         if self.like_runs:
             looks = f"column '{self.like_runs}' looks like the number of a run"
             notes.append(f"{looks}; if it is one, add --column run={shlex.quote(self.like_runs)}")
@@ -112,20 +112,20 @@ class Columns:
     def roles(self) -> dict[str, str]:
         """What each column in use holds, and in which unit, by its name."""
         roles = {
-            found.column: f"{Role(*key, '', self.shift).numbered} in {found.unit.replace('_', '/')}"
-            for key, found in self.assigned.items()
+            source.column: f"{Role(*key, '', self.shift).numbered} in {source.unit.replace('_', '/')}"
+            for key, source in self.assigned.items()
         }
         return roles | {name: what for name, what in ((self.run, RUN), (self.phase, PHASE)) if name}
 
     @property
     def matched(self) -> str:
         """Which column is what, in a few words; empty where all have palpate's own names."""
-        if all(_own_name(found.column) for found in self.assigned.values()):
+        if all(_own_name(source.column) for source in self.assigned.values()):
             return ""
         words = [
-            f"{Role(*key, '', self.shift).numbered} '{found.column}'"
-            + ("" if unit_in_name(found.column) == found.unit else f" in {found.unit.replace('_', '/')}")
-            for key, found in self.assigned.items()
+            f"{Role(*key, '', self.shift).numbered} '{source.column}'"
+            + ("" if unit_in_name(source.column) == source.unit else f" in {source.unit.replace('_', '/')}")
+            for key, source in self.assigned.items()
         ]
         return ", ".join(words + [f"{RUN} '{self.run}'"] * bool(self.run))
 
@@ -251,8 +251,8 @@ def _with_sides(
     sides = press_sides(way.factor * table.numbers(way.column), force.factor * table.numbers(force.column))
     kept = {
         key
-        for key, found in ((DISPLACEMENT, way), (FORCE, force))
-        if is_said_scaled(table, options, Role(*key, "", shift), found.column)
+        for key, source in ((DISPLACEMENT, way), (FORCE, force))
+        if is_said_scaled(table, options, Role(*key, "", shift), source.column)
     }
     factors = {DISPLACEMENT: sides.displacement, FORCE: sides.force}
     turned = {key: assigned[key].column for key in factors if factors[key] < 0.0 and key not in kept}
@@ -278,7 +278,7 @@ def _with_sides(
             notes[-1] += f"{contact.format(quoted)}, --column position={quoted} a linear axis"
             return result, True, "; ".join(notes)
         notes[-1] += f" not together, as of a damper: taken for a linear axis; {contact.format(quoted)}"
-        result = {POSITION if key == DISPLACEMENT else key: found for key, found in result.items()}
+        result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     return result, False, "; ".join(notes)
 
 

@@ -181,9 +181,9 @@ def session_channels(session: Session, *more: Session, tared: bool = False) -> t
             f"{session.path}: no stream holds samples of a run; its streams: "
             f"{', '.join(session.stream_names) or 'none'}"
         )
-    for one in channels:
-        if not sample_time(one.time_s, one.run) > 0.0:
+    for channel in channels:
+        if not sample_time(channel.time_s, channel.run) > 0.0:
             raise InputError(
-                f"{session.path}: the times of '{one.name}' do not increase from sample to sample"
+                f"{session.path}: the times of '{channel.name}' do not increase from sample to sample"
             )
     return channels

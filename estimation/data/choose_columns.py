@@ -64,30 +64,36 @@ def choose_columns(
     """
     guessed = guess_columns(table.names, clocks_of(table.columns))
     named = [
-        one if one.joint is None or one.quantity not in OF_JOINTS else replace(one, joint=one.joint + shift)
-        for one in guessed
+        guess
+        if guess.joint is None or guess.quantity not in OF_JOINTS
+        else replace(guess, joint=guess.joint + shift)
+        for guess in guessed
     ]
-    named = [one for one in named if one.quantity and one.column not in taken and one.key not in known]
-    free = [one for one in named if table.is_mostly_numeric(one.column)]
-    there = {*known, *(one.key for one in free)}
+    named = [
+        guess for guess in named if guess.quantity and guess.column not in taken and guess.key not in known
+    ]
+    free = [guess for guess in named if table.is_mostly_numeric(guess.column)]
+    there = {*known, *(guess.key for guess in free)}
     if not (_wanted(there) and TIME in there):
-        wanted = _wanted({*known, *(one.key for one in named)})
-        for one in named:  # name the cell that is no number, where a channel could be made but for such cells
-            if one.key in wanted:
-                table.numbers(one.column)
+        keys = _wanted({*known, *(guess.key for guess in named)})
+        for (
+            guess
+        ) in named:  # name the cell that is no number, where a channel could be made but for such cells
+            if guess.key in keys:
+                table.numbers(guess.column)
     clear = [
-        one
-        for one in free
-        if one.unit
-        or one.key == TIME
-        or units_meant(table, options, Role(*one.key, one.unit, shift), one.column)
+        guess
+        for guess in free
+        if guess.unit
+        or guess.key == TIME
+        or units_meant(table, options, Role(*guess.key, guess.unit, shift), guess.column)
     ]
-    guesses = clear if _wanted({*known, *(one.key for one in clear)}) else free
-    found: dict[Key, list[Guess]] = {}
-    for one in guesses:
-        found.setdefault(one.key, []).append(one)
-    wanted = [key for key in _wanted({*known, *found}) if key in found]
-    chosen = {key: _best(table, Role(*key, "", shift), found[key]) for key in wanted}
+    guesses = clear if _wanted({*known, *(guess.key for guess in clear)}) else free
+    guesses_of: dict[Key, list[Guess]] = {}
+    for guess in guesses:
+        guesses_of.setdefault(guess.key, []).append(guess)
+    keys = [key for key in _wanted({*known, *guesses_of}) if key in guesses_of]
+    chosen = {key: _best(table, Role(*key, "", shift), guesses_of[key]) for key in keys}
     return {key: (Role(*key, guess.unit, shift), guess.column) for key, guess in chosen.items()}
 
 
@@ -141,13 +147,15 @@ def _wanted(there: Collection[Key]) -> list[Key]:
 def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
     """The column whose name fits best; of several times, one without a bad cell that goes on all along."""
     if role.key == TIME and len(guesses) > 1:
-        guesses = [one for one in guesses if table.varies(one.column)] or guesses
-        guesses = [one for one in guesses if np.all(np.diff(table.numbers(one.column)) > 0.0)] or guesses
-    fit = max(one.fit for one in guesses)
-    first, *equal = (one for one in guesses if one.fit == fit)
-    others = [one for one in equal if not _same(table, first, one)]
+        guesses = [guess for guess in guesses if table.varies(guess.column)] or guesses
+        guesses = [
+            guess for guess in guesses if np.all(np.diff(table.numbers(guess.column)) > 0.0)
+        ] or guesses
+    fit = max(guess.fit for guess in guesses)
+    first, *equal = (guess for guess in guesses if guess.fit == fit)
+    others = [guess for guess in equal if not _same(table, first, guess)]
     if others:
-        names = " and ".join(f"'{one.column}'" for one in (first, *others[:3]))
+        names = " and ".join(f"'{guess.column}'" for guess in (first, *others[:3]))
         raise InputError(
             f"{table.path}: columns {names} may hold {role.numbered}; choose with "
             f"--column {role.numbered}={shlex.quote(first.column)}"
@@ -310,10 +318,10 @@ def _likely_unit(table: Table, role: Role, column: str, *, linear: bool = False)
         return likely_time_unit(float(np.median(np.diff(values))) if len(values) > 1 else 0.0)
     span = float(np.ptp(values))
     if linear and role.quantity == "position":
-        most, other = _LARGE["displacement"]
-        return other if span > most else "m"
-    most, other = _LARGE.get(role.quantity, (np.inf, ""))
-    return other if span > most else si_unit(QUANTITIES[role.quantity][0])
+        most, otherwise = _LARGE["displacement"]
+        return otherwise if span > most else "m"
+    most, otherwise = _LARGE.get(role.quantity, (np.inf, ""))
+    return otherwise if span > most else si_unit(QUANTITIES[role.quantity][0])
 
 
 def is_said_scaled(table: Table, options: ImportOptions, role: Role, column: str) -> bool:
@@ -372,20 +380,21 @@ def joint_shift(table: Table, columns: Mapping[str, str]) -> int:
         if len(positions) == len(others) and {min(positions), min(others)} == {0, 1}:
             first, pairs = min(positions), zip(sorted(positions), sorted(others), strict=True)
             remedy = " ".join(
-                f"--column {quantity}_{joint}={shlex.quote(others[other])}" for joint, other in pairs
+                f"--column {quantity}_{joint}={shlex.quote(others[joint_there])}"
+                for joint, joint_there in pairs
             )
             raise InputError(
                 f"{table.path}: joints of position count from {first}, those of {quantity} from {1 - first}; "
                 f"say which is whose, such as {remedy}"
             )
-    return int(any(0 in joints for found in (own, _numbered(columns)) for joints in found.values()))
+    return int(any(0 in joints for numbered in (own, _numbered(columns)) for joints in numbered.values()))
 
 
 def _numbered(names: Iterable[str]) -> Numbered:
-    found: Numbered = {}
-    for one in map(guess_column, names):
-        if one.quantity in OF_JOINTS and one.joint is not None:
-            found.setdefault(one.quantity, {})[one.joint] = one.column
-    if "position" not in found:  # then the forces are those of presses
-        found.pop("force", None)
-    return found
+    numbered: Numbered = {}
+    for guess in map(guess_column, names):
+        if guess.quantity in OF_JOINTS and guess.joint is not None:
+            numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
+    if "position" not in numbered:  # then the forces are those of presses
+        numbered.pop("force", None)
+    return numbered

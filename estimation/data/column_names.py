@@ -236,7 +236,7 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
         names: of the columns.
         clocks: those that hold seconds of a clock, whatever unit the name says.
     """
-    found = [
+    guesses = [
         replace(guess_column(f"{split_unit(name)[0]} [s]"), column=name)
         if name in clocks
         else guess_column(name)
@@ -244,17 +244,22 @@ def guess_columns(names: Sequence[str], clocks: Collection[str] = ()) -> list[Gu
     ]
     # Joints that have names, "/elbow/position", get numbers where they have a position and a torque. A word
     # alone, without a unit, says something only in such a pair.
-    loose = [one for one in found if one.quantity in _JOINTLY and one.joint is None and one.rank < OWN_NAME]
+    loose = [
+        guess
+        for guess in guesses
+        if guess.quantity in _JOINTLY and guess.joint is None and guess.rank < OWN_NAME
+    ]
     has = {
-        of: {one.quantity for one in loose if one.of == of} for of in dict.fromkeys(one.of for one in loose)
+        of: {guess.quantity for guess in loose if guess.of == of}
+        for of in dict.fromkeys(guess.of for guess in loose)
     }
     joints = [of for of, quantities in has.items() if {"position", "torque"} <= quantities]
     number = {of: place for place, of in enumerate(joints, 1)} if len(joints) > 1 else dict.fromkeys(joints)
     return [
-        replace(one, joint=number[one.of])
-        if one in loose and one.of in number
-        else (Guess(one.column, "") if one.rank == _BY_PAIR and one.joint is None else one)
-        for one in found
+        replace(guess, joint=number[guess.of])
+        if guess in loose and guess.of in number
+        else (Guess(guess.column, "") if guess.rank == _BY_PAIR and guess.joint is None else guess)
+        for guess in guesses
     ]
 
 
@@ -305,7 +310,7 @@ def _named(whole: str, words: Sequence[str], unit: str) -> tuple[str, int]:
             return quantity, _BY_WORD
     is_effort = dimension not in {"voltage", "pressure"}  # by itself either may be anything
     by_unit = next((quantity for quantity in QUANTITIES if is_effort and _fits(quantity, unit)), "")
-    by_pair = next((one for one in _JOINTLY if words[-1] in WORDS[one]), "")
+    by_pair = next((quantity for quantity in _JOINTLY if words[-1] in WORDS[quantity]), "")
     return (by_unit, _BY_UNIT) if by_unit else (by_pair, _BY_PAIR)
 
 

@@ -175,9 +175,9 @@ def position_error(
     moved = _from_its_start(position, pieces)
     half = _pilot(_trials(time_s, moved, pieces, rounding)).half
     chosen = np.concatenate([np.arange(rows.start, rows.stop) for rows in pieces])
-    found = local_fits(time_s, moved, pieces, [np.arange(rows.stop - rows.start) for rows in pieces], half)
-    free = np.sqrt(np.maximum(1.0 - found.variance[:, 0], 1e-2))
-    error[chosen] = (moved[chosen] - found.fitted[:, 0]) / free
+    fits = local_fits(time_s, moved, pieces, [np.arange(rows.stop - rows.start) for rows in pieces], half)
+    free = np.sqrt(np.maximum(1.0 - fits.variance[:, 0], 1e-2))
+    error[chosen] = (moved[chosen] - fits.fitted[:, 0]) / free
     return error, half
 
 
@@ -281,7 +281,7 @@ def _pilot(trials: list[_Trial]) -> _Trial:
     as they miss the positions by no more than these are rounded by, they are not: they follow steps.
     """
     velocity = [trial.fitted[:, 1] for trial in trials]
-    changes = [float(np.mean((wider - one) ** 2)) for one, wider in pairwise(velocity)]
+    changes = [float(np.mean((wider - narrow) ** 2)) for narrow, wider in pairwise(velocity)]
     least = 0
     for number, change in enumerate(changes):
         if change < changes[least]:
@@ -358,11 +358,13 @@ def local_fits(
     width, chosen = 2 * half + 1, list(zip(pieces, centres, strict=True))
     steps = np.concatenate([np.diff(time_s[rows]) for rows in pieces])
     if np.ptp(steps) <= _EVEN * steps.max() and min(rows.stop - rows.start for rows in pieces) >= width:
-        starts = [np.clip(one + rows.start - half, rows.start, rows.stop - width) for rows, one in chosen]
-        around = np.concatenate([rows.start + one for rows, one in chosen])
+        starts = [
+            np.clip(centres + rows.start - half, rows.start, rows.stop - width) for rows, centres in chosen
+        ]
+        around = np.concatenate([rows.start + centres for rows, centres in chosen])
         return _even_fit(float(np.mean(steps)), position, around, np.concatenate(starts), width)
-    fits = [local_fit(time_s[rows], position[rows], one, half) for rows, one in chosen]
-    fitted, variance = zip(*((one.fitted, one.variance) for one in fits), strict=True)
+    fits = [local_fit(time_s[rows], position[rows], centres, half) for rows, centres in chosen]
+    fitted, variance = zip(*((fit.fitted, fit.variance) for fit in fits), strict=True)
     return LocalFit(np.concatenate(fitted), np.concatenate(variance))
 
 
@@ -410,7 +412,7 @@ def _even_fit(
     """One set of coefficients for all samples in the middle of their window, one for each place at an end."""
     place = centres - starts
     middle = even_coefficients(width, width // 2)
-    fitted = np.array([np.correlate(position, one)[starts] for one in middle]).T
+    fitted = np.array([np.correlate(position, weights)[starts] for weights in middle]).T
     variance = np.tile(np.sum(middle**2, axis=1), (len(centres), 1))
     ends = np.flatnonzero(place != width // 2)
     coefficients = _at_each_place(width)[place[ends]]

@@ -62,11 +62,11 @@ def read_excel_table(path: Path) -> FileColumns:
                     raise InputError(f"{path}: a sheet of {height} rows, {width} columns; cut it into pieces")
     book = CalamineWorkbook.from_path(path)
     sheets = [_sheet_of(book.get_sheet_by_name(name)) for name in book.sheet_names[:_MOST_SHEETS]]
-    found = [sheet for sheet in sheets if sheet is not None]
-    if not found:
+    loaded = [sheet for sheet in sheets if sheet is not None]
+    if not loaded:
         raise InputError(f"{path}: no sheet has names of columns above rows of numbers")
-    first = max(found, key=lambda sheet: len(sheet.rows))
-    alike = [sheet for sheet in found if sorted(sheet.names) == sorted(first.names)]
+    first = max(loaded, key=lambda sheet: len(sheet.rows))
+    alike = [sheet for sheet in loaded if sorted(sheet.names) == sorted(first.names)]
     rows = [row for sheet in alike for row in _in_order(sheet, first.names)]
     columns = []
     for place in range(len(first.names)):
@@ -85,7 +85,7 @@ def read_excel_table(path: Path) -> FileColumns:
             for sheet, end in zip(alike, ends, strict=True)
         )
     words = [f"sheet{'s' if len(alike) > 1 else ''} {_titles(alike)} of {len(book.sheet_names)}"]
-    if others := [sheet for sheet in found if sheet not in alike]:
+    if others := [sheet for sheet in loaded if sheet not in alike]:
         words.append(f"not read, since their columns differ: {_titles(others)}")
     return FileColumns(
         table,
@@ -100,7 +100,7 @@ def _in_order(sheet: _Sheet, names: tuple[str, ...]) -> list[list[Any]]:
     """A sheet's rows with the cells in the order of these names."""
     if sheet.names == names:
         return sheet.rows
-    ours, theirs = (sorted(range(len(names)), key=one.__getitem__) for one in (names, sheet.names))
+    ours, theirs = (sorted(range(len(names)), key=header.__getitem__) for header in (names, sheet.names))
     place = dict(zip(ours, theirs, strict=True))  # names may repeat: sorting keeps their order
     return [[row[place[column]] for column in range(len(names))] for row in sheet.rows]
 

@@ -104,16 +104,18 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
     return Imported(with_arm(channels), rows.labels, tuple(notes), unused, read, columns.roles)
 
 
-def _signals(wanted: Iterable[str]) -> dict[str, str]:
+def _signals(requests: Iterable[str]) -> dict[str, str]:
     """The further columns by what they are called as signals."""
     signals: dict[str, str] = {}
-    for column in wanted:
+    for column in requests:
         name = _name(column)
         if name in _TAKEN:
             raise InputError(f"--context {column}: a signal of the joints is called that; rename the column")
-        other = signals.setdefault(name, column)
-        if other != column:
-            raise InputError(f"--context {column}: as a signal both it and '{other}' are {name}; rename one")
+        earlier = signals.setdefault(name, column)
+        if earlier != column:
+            raise InputError(
+                f"--context {column}: as a signal both it and '{earlier}' are {name}; rename one"
+            )
     return signals
 
 
@@ -134,11 +136,11 @@ def chosen_texts(name: str, given: str, texts: Collection[str], place: str) -> l
     Raises:
         InputError: one is not there.
     """
-    wanted = " ".join(given.split())
-    parts = [wanted] if wanted in texts else [part.strip() for part in wanted.split(",")]
+    text = " ".join(given.split())
+    parts = [text] if text in texts else [part.strip() for part in text.split(",")]
     if not set(parts) <= set(texts):
         some = ", ".join(sorted(texts)[:8]) + (" ..." if len(texts) > 8 else "")
-        raise InputError(f"--where {name}={wanted}: {place} has no such row. There are: {some}")
+        raise InputError(f"--where {name}={text}: {place} has no such row. There are: {some}")
     return parts
 
 
@@ -205,8 +207,8 @@ def _sources(columns: Columns) -> list[_Source]:
                 sources.append(_Source(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
     if not sources:
         for (quantity, joint), position in columns.assigned.items():
-            other = "force" if position.dimension == "angle" else "torque"
-            pushing = columns.assigned.get((other, joint))
+            remedy = "force" if position.dimension == "angle" else "torque"
+            pushing = columns.assigned.get((remedy, joint))
             if quantity == "position" and pushing is not None:
                 raise InputError(
                     f"{columns.table.path}: column '{position.column}' is in {position.unit} and "

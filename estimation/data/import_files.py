@@ -31,10 +31,10 @@ def data_files(folder: Path) -> list[Path]:
         return [folder]
     lerobot = (folder / "meta" / "info.json").is_file()
     there = folder.glob("data/**/*.parquet") if lerobot else folder.iterdir()
-    found = [path for path in there if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
-    if len(found) > _MOST_FILES:
-        raise InputError(f"{folder}: {len(found)} data files, at most {_MOST_FILES}; join some of them")
-    return sorted((path for path in found if path.is_file()), key=counted)
+    paths = [path for path in there if path.name.lower().removesuffix(".gz").endswith(ENDINGS)]
+    if len(paths) > _MOST_FILES:
+        raise InputError(f"{folder}: {len(paths)} data files, at most {_MOST_FILES}; join some of them")
+    return sorted((path for path in paths if path.is_file()), key=counted)
 
 
 def import_files(

@@ -95,8 +95,8 @@ def _found_runs(columns: Columns, count: int | None) -> tuple[IntArray, str]:
     if number == 1:
         return run, ""
     anew = "the clock begins anew: " if piece[-1] else ""
-    each = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if contact else ""
-    return run, f"{anew}cut into {number} runs, {each}if that is wrong, " + (
+    which = f"one for {'each press' if presses == 1 else f'{presses} presses'}; " if contact else ""
+    return run, f"{anew}cut into {number} runs, {which}if that is wrong, " + (
         "add --runs N" if contact else "name the column that numbers them, --column run=COLUMN"
     )
 

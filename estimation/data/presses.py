@@ -130,20 +130,20 @@ def _tops(force: FloatArray, levels: Levels) -> IntArray:
 def _cut(force: FloatArray, piece: IntArray, tops: IntArray, fewest: int, presses: int = 1) -> IntArray:
     border = np.zeros(len(force), dtype=np.int64)
     border[1:] = np.diff(piece) != 0
-    for one, two in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
-        if piece[one] == piece[two]:
-            border[_between(force, one, two)] = 1
+    for first, second in list(pairwise(tops.tolist()))[presses - 1 :: presses]:
+        if piece[first] == piece[second]:
+            border[_between(force, first, second)] = 1
     run = np.cumsum(border)
     counts = np.bincount(run)
     return run if counts.min() >= fewest else piece
 
 
-def _between(force: FloatArray, one: int, two: int) -> int:
+def _between(force: FloatArray, first: int, second: int) -> int:
     """The middle of the free air between two presses."""
-    stretch = force[one:two]
+    stretch = force[first:second]
     low = float(stretch.min())
-    free = np.flatnonzero(stretch <= low + _AIR * max(min(force[one], force[two]) - low, 0.0))
-    return one + int(free[0] + free[-1] + 1) // 2
+    free = np.flatnonzero(stretch <= low + _AIR * max(min(force[first], force[second]) - low, 0.0))
+    return first + int(free[0] + free[-1] + 1) // 2
 
 
 _SLOW = 0.05  # of the usual speed, below which something is held

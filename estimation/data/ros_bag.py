@@ -153,27 +153,27 @@ def read_ros_table(path: Path) -> FileColumns:
     Raises:
         InputError: it is too large, or holds no joint states with an effort.
     """
-    found = _joint_states(path)
-    if not found:
+    groups = _joint_states(path)
+    if not groups:
         raise InputError(f"{path}: no messages of type {_TYPE}")
-    topics = list(dict.fromkeys(one.topic for one in found))
+    topics = list(dict.fromkeys(group.topic for group in groups))
     topic = max(
         topics,
         key=lambda name: sum(
-            len(one.messages) for one in found if one.topic == name and "torque" in one.places
+            len(group.messages) for group in groups if group.topic == name and "torque" in group.places
         ),
     )
-    alike = [one for one in found if one.topic == topic]
+    alike = [group for group in groups if group.topic == topic]
     sets = Counter[frozenset[str]]()
-    for one in alike:  # those with the most usual joints: a gripper may speak on the same topic
-        sets[frozenset(one.joints)] += len(one.messages)
+    for group in alike:  # those with the most usual joints: a gripper may speak on the same topic
+        sets[frozenset(group.joints)] += len(group.messages)
     usual = sets.most_common(1)[0][0]
-    alike = [one for one in alike if frozenset(one.joints) == usual]
+    alike = [group for group in alike if frozenset(group.joints) == usual]
     joints = alike[0].joints
     columns: dict[str, Any] = {"time_s": _times(alike)}
     for what, called in _ARRAYS.items():
-        if all(what in one.places for one in alike):
-            values = np.concatenate([_in_order(one, what, joints) for one in alike])
+        if all(what in group.places for group in alike):
+            values = np.concatenate([_in_order(group, what, joints) for group in alike])
             if np.isfinite(values).all():
                 columns |= {called.format(i + 1): values[:, i] for i in range(len(joints))}
     if "torque_1_Nm" not in columns:
@@ -192,32 +192,32 @@ def read_ros_table(path: Path) -> FileColumns:
 
 def _why_no_effort(alike: Sequence[_Alike]) -> str:
     """What is wrong with the effort: it lacks, or has numbers that are none."""
-    total = sum(len(one.messages) for one in alike)
-    lacking = sum(len(one.messages) for one in alike if "torque" not in one.places)
+    total = sum(len(group.messages) for group in alike)
+    lacking = sum(len(group.messages) for group in alike if "torque" not in group.places)
     if lacking:
         share = f" in {lacking} of {total} messages" if lacking < total else ""
         return f"has no effort{share}, which is what a model explains"
     joints = alike[0].joints
-    spoilt = ~np.isfinite(np.concatenate([_in_order(one, "torque", joints) for one in alike]))
+    spoilt = ~np.isfinite(np.concatenate([_in_order(group, "torque", joints) for group in alike]))
     joint = int(np.argmax(spoilt.any(axis=0)))
     return f"has no finite effort of joint '{joints[joint]}' in {spoilt[:, joint].sum()} of {total} messages"
 
 
 def _joint_states(path: Path) -> list[_Alike]:
     """The joint states of all topics. InputError: hardly any two of them are alike."""
-    found: list[_Alike] = []
+    groups: list[_Alike] = []
     for topic, message in messages_of(path, _TYPE):
         try:
-            one = next((one for one in found if one.topic == topic and one.takes(message)), None)
-            one = one or _parsed(topic, message)
+            group = next((group for group in groups if group.topic == topic and group.takes(message)), None)
+            group = group or _parsed(topic, message)
         except (struct.error, TypeError, IndexError) as error:
             raise InputError(f"{path}: a message of topic '{topic}' is cut off, or no {_TYPE}") from error
-        if not one.messages:
-            found.append(one)
-        one.messages.append(message)
-        if len(found) > _MOST_KINDS:
+        if not group.messages:
+            groups.append(group)
+        group.messages.append(message)
+        if len(groups) > _MOST_KINDS:
             raise InputError(f"{path}: its messages name more than {_MOST_KINDS} sets of joints")
-    return found
+    return groups
 
 
 def _parsed(topic: str, message: bytes) -> _Alike:
@@ -237,9 +237,9 @@ def _parsed(topic: str, message: bytes) -> _Alike:
     def text() -> str:
         nonlocal place
         size = count()
-        (found,) = struct.unpack_from(f"{size}s", message, place)
+        (text,) = struct.unpack_from(f"{size}s", message, place)
         place += size
-        return str(found.rstrip(b"\0"), errors="replace")
+        return str(text.rstrip(b"\0"), errors="replace")
 
     text()  # of the frame
     joints, places = [text() for _ in range(count())], {}
@@ -258,15 +258,15 @@ def _parsed(topic: str, message: bytes) -> _Alike:
 def _times(alike: Sequence[_Alike]) -> FloatArray:
     """Time since the first stamp [s]: nanoseconds since 1970 need more digits than a float has."""
     stamps = []
-    for one in alike:
-        seconds, nanos = one.numbers("i4", _CDR_BYTES, 1), one.numbers("u4", _CDR_BYTES + 4, 1)
+    for group in alike:
+        seconds, nanos = group.numbers("i4", _CDR_BYTES, 1), group.numbers("u4", _CDR_BYTES + 4, 1)
         stamps.append(seconds[:, 0].astype(np.int64) * _NANO + nanos[:, 0])
     whole = np.concatenate(stamps)
     return np.asarray((whole - whole.min()) / _NANO)
 
 
-def _in_order(one: _Alike, what: str, joints: Sequence[str]) -> FloatArray:
+def _in_order(group: _Alike, what: str, joints: Sequence[str]) -> FloatArray:
     """One of their arrays (messages, joints), joints in the order given."""
-    places = [one.joints.index(name) for name in joints]
-    found = one.numbers("f8", one.places[what], len(joints))
-    return np.array(found[:, places], dtype=np.float64)
+    places = [group.joints.index(name) for name in joints]
+    numbers = group.numbers("f8", group.places[what], len(joints))
+    return np.array(numbers[:, places], dtype=np.float64)

@@ -227,9 +227,9 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             f"{place}: unknown kind of file. Valid: {known}; a text file may be packed, as .csv.gz"
         )
     try:
-        found = read(place)
-        table = table_of(found.columns, place, found.titles, found.decimal, found.rows)
-        return replace(table, words=(*found.words, *table.words), row_word=found.row_word)
+        columns = read(place)
+        table = table_of(columns.columns, place, columns.titles, columns.decimal, columns.rows)
+        return replace(table, words=(*columns.words, *table.words), row_word=columns.row_word)
     except InputError:
         raise
     except Exception as error:  # a broken file can make the libraries raise almost anything
@@ -237,7 +237,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
 
 
 def table_of(
-    found: pa.Table,
+    cells: pa.Table,
     place: Path,
     titles: Sequence[str] = (),
     decimal: str = ".",
@@ -246,7 +246,7 @@ def table_of(
     """A table as Arrow holds it, clock times as seconds; several side by side are runs of one.
 
     Args:
-        found: columns.
+        cells: columns.
         place: where they come from, for errors.
         titles: what stands above each column's name.
         decimal: mark in numbers that are text.
@@ -255,7 +255,7 @@ def table_of(
     Raises:
         InputError: it has no rows, or two columns of one name.
     """
-    columns = found.rename_columns([" ".join(name.split()) for name in found.column_names])
+    columns = cells.rename_columns([" ".join(name.split()) for name in cells.column_names])
     held = [  # without the columns that have neither a name nor a value
         place
         for place, name in enumerate(columns.column_names)
@@ -304,8 +304,8 @@ def _with_points(column: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     trimmed, mark = pc.utf8_trim_whitespace(column), "." if decimal == "," else ","
     grouped = pc.match_substring_regex(trimmed, _GROUPED[mark])
     if decimal == ",":
-        other = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
-        plain = trimmed if other else pc.replace_substring(trimmed, mark, "")
+        separated = pc.any(pc.and_not(pc.match_substring(trimmed, mark), grouped)).as_py()
+        plain = trimmed if separated else pc.replace_substring(trimmed, mark, "")
         return pc.replace_substring(plain, decimal, ".")
     if not pc.any(pc.match_substring_regex(trimmed, _HAS_POINT_TOO)).as_py():
         return column

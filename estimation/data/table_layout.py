@@ -118,11 +118,12 @@ def _repeated(names: Sequence[str]) -> list[dict[str, int]]:
     places: dict[str, list[int]] = {}
     for place, name in enumerate(names):
         places.setdefault(name, []).append(place)
-    counts = {len(found) for found in places.values()} - {1}
-    if len(counts) != 1 or sum(len(found) > 1 for found in places.values()) < _FEWEST:
+    counts = {len(columns) for columns in places.values()} - {1}
+    if len(counts) != 1 or sum(len(columns) > 1 for columns in places.values()) < _FEWEST:
         return []
     return [
-        {name: found[min(test, len(found) - 1)] for name, found in places.items()} for test in range(*counts)
+        {name: columns[min(test, len(columns) - 1)] for name, columns in places.items()}
+        for test in range(*counts)
     ]
 
 
@@ -173,7 +174,9 @@ def clocks_of(columns: pa.Table) -> frozenset[str]:
     Args:
         columns: of a file, after `with_seconds`.
     """
-    return frozenset(one.name for one in columns.schema if (one.metadata or {}).items() >= _MARK.items())
+    return frozenset(
+        field.name for field in columns.schema if (field.metadata or {}).items() >= _MARK.items()
+    )
 
 
 def _seconds(parts: pa.ChunkedArray) -> tuple[pa.Array, str]:
@@ -214,17 +217,17 @@ def _days(text: pa.ChunkedArray) -> tuple[FloatArray, str]:
     order = min(
         read, key=lambda order: float(np.ptp(read[order]))
     )  # the shortest recording is the likely one
-    found = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
-    told = np.ptp(found) > 0.0 and any("/" in (day or "")[:3] for day in texts)
-    return np.asarray(found - found.min()), f" as {order}" if told else ""
+    values = read[order][coded.indices.fill_null(0).to_numpy(zero_copy_only=False)]
+    told = np.ptp(values) > 0.0 and any("/" in (day or "")[:3] for day in texts)
+    return np.asarray(values - values.min()), f" as {order}" if told else ""
 
 
 def _ordinal(day: str, order: str) -> int:
     """Number of a day. The order counts where a slash stands; before a point the day is first."""
     if not day:
         return 0
-    one, two, three = map(int, re.split(r"[-./]", day))
-    if one > 31:
-        return date(one, two, three).toordinal()
-    month, of_month = (one, two) if "/" in day and order == "month/day" else (two, one)
-    return date(three, month, of_month).toordinal()
+    first, second, third = map(int, re.split(r"[-./]", day))
+    if first > 31:
+        return date(first, second, third).toordinal()
+    month, of_month = (first, second) if "/" in day and order == "month/day" else (second, first)
+    return date(third, month, of_month).toordinal()

@@ -163,9 +163,9 @@ class TextDialect:
     def words(self) -> tuple[str, ...]:
         """What is not as in a plain CSV."""
         names = {";": "semicolons", "\t": "tabs", "|": "bars", BLANKS: "blanks"}
-        found = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
-        found += ["decimal commas"] if self.decimal == "," else []
-        return (*found, *preamble_words(self.skipped))
+        parts = [f"cells between {names[self.delimiter]}"] if self.delimiter in names else []
+        parts += ["decimal commas"] if self.decimal == "," else []
+        return (*parts, *preamble_words(self.skipped))
 
 
 def find_dialect(content: bytes) -> TextDialect | None:

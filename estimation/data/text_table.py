@@ -123,7 +123,7 @@ def _refused(content: bytes, path: Path) -> TextDialect:
     if not any(rest):
         raise InputError(f"{path}: no rows of data")
     cells = header.split(max(DELIMITERS, key=header.count))
-    below = (one.decode(errors="replace") for one in rest if one.strip())
+    below = (line.decode(errors="replace") for line in rest if line.strip())
     if len(cells) == 1 and not any(math.isnan(number_of(cell)) for cell in below):
         raise InputError(f"{path}: holds one column, {_shown(header)}; a measurement needs time and two more")
     if all(not math.isnan(number_of(cell)) for cell in cells):
@@ -269,8 +269,8 @@ def as_utf8(content: bytes, path: Path) -> tuple[bytes, str]:
 
 
 def _no_text(content: bytes, path: Path) -> InputError:
-    other = (words for begins, words in _OTHERS if content.startswith(begins))
-    return InputError(f"{path}: {next(other, 'is no text; save it as CSV in UTF-8')}")
+    formats = (words for begins, words in _OTHERS if content.startswith(begins))
+    return InputError(f"{path}: {next(formats, 'is no text; save it as CSV in UTF-8')}")
 
 
 def _encoding(content: bytes) -> str:

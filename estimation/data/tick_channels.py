@@ -132,10 +132,10 @@ def joined(ticks: Sequence[Samples]) -> Samples:
     if len(ticks) == 1:
         return ticks[0]
     parts, first = list[dict[str, NDArray[Any]]](), 0
-    for number, one in enumerate(ticks, 1):
-        in_run = np.flatnonzero(one["run"] != NO_RUN)
-        end = len(one) if number == len(ticks) or not len(in_run) else int(in_run[-1]) + 1
-        columns = {name: one[name][:end] for name in one}
+    for number, tick in enumerate(ticks, 1):
+        in_run = np.flatnonzero(tick["run"] != NO_RUN)
+        end = len(tick) if number == len(ticks) or not len(in_run) else int(in_run[-1]) + 1
+        columns = {name: tick[name][:end] for name in tick}
         run = columns["run"]
         columns["run"] = np.where(run == NO_RUN, NO_RUN, run + first).astype(run.dtype)
         first = max(first, int(columns["run"].max(initial=-1)) + 1)
@@ -236,7 +236,7 @@ def joint_channels(ticks: Samples, known: FloatArray | None = None) -> tuple[Cha
         )
         for joint, motion in enumerate(motions)
     )
-    return tuple(one if kept.all() else one.select(kept) for one in channels)
+    return tuple(channel if kept.all() else channel.select(kept) for channel in channels)
 
 
 def _good(ticks: Samples, *status_columns: str) -> BoolArray:
@@ -281,12 +281,12 @@ def _by_clock(
 ) -> FloatArray:
     """Good values at the times wanted, all of shape (n,); each clock by itself, where sessions are joined."""
     clock = np.concatenate([[0], np.cumsum(np.diff(time_s) < 0.0)])
-    found = np.zeros(len(time_s))
+    runs = np.zeros(len(time_s))
     for rows in blocks(clock):
         known = good[rows]
         if known.any():
-            found[rows] = np.interp(time_s[rows], sampled_at_s[rows][known], values[rows][known])
-    return found
+            runs[rows] = np.interp(time_s[rows], sampled_at_s[rows][known], values[rows][known])
+    return runs
 
 
 def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
@@ -297,7 +297,7 @@ def _places(ticks: Samples, contacts: list[Contact]) -> list[list[Contact]]:
         first = contact.rows[0]
         direction, tip = ticks[DIRECTION][first], ticks["tip_position_world_m"][first]
         centre = np.concatenate([tip - (tip @ direction) * direction, _SAME_PLACE_M * 10 * direction])
-        apart_m = [np.linalg.norm(centre - other) for other in centres]
+        apart_m = [np.linalg.norm(centre - middle) for middle in centres]
         near = np.flatnonzero(np.array(apart_m) < _SAME_PLACE_M)
         if len(near):
             places[near[0]].append(contact)

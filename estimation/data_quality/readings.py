@@ -305,18 +305,19 @@ def _is_cut_off(data: ChannelData, effort: FloatArray) -> bool:
     if np.mean(zero) <= _OFTEN or len(np.unique(effort)) < _FEWEST_VALUES:
         return False
     q, v = data.position, data.velocity
-    motion, one = [np.sin(q), v, np.sign(v), data.acceleration], np.ones(len(q))
+    motion, constant = [np.sin(q), v, np.sign(v), data.acceleration], np.ones(len(q))
     laws = ([*motion, np.cos(q)], [*motion, q, q**3])
     return any(
-        _left(effort, law, ~zero) <= _WITHOUT_CONSTANT * _left(effort, [*law, one], ~zero) for law in laws
+        _left(effort, law, ~zero) <= _WITHOUT_CONSTANT * _left(effort, [*law, constant], ~zero)
+        for law in laws
     )
 
 
 def _left(effort: FloatArray, columns: list[FloatArray], rows: BoolArray) -> float:
     """Mean square that columns (n,) leave of an effort (n,) in some rows."""
-    matrix, wanted = np.column_stack(columns)[rows], effort[rows]
-    gains = np.linalg.lstsq(matrix, wanted, rcond=1e-9)[0]
-    return float(np.mean((wanted - matrix @ gains) ** 2))
+    matrix, target = np.column_stack(columns)[rows], effort[rows]
+    gains = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
+    return float(np.mean((target - matrix @ gains) ** 2))
 
 
 def _bends(effort: FloatArray) -> FloatArray:

@@ -83,10 +83,10 @@ def _best_shift(left: Callable[[float], float], farthest_s: float, tolerance_s: 
     rough_s = float(tried[np.argmin([left(float(delay_s)) for delay_s in tried])])
     width_s = float(tried[1] - tried[0])
     ends = rough_s - width_s, rough_s + width_s
-    found = scipy.optimize.minimize_scalar(
+    optimum = scipy.optimize.minimize_scalar(
         left, bounds=ends, method="bounded", options={"xatol": tolerance_s}
     )
-    return float(found.x)
+    return float(optimum.x)
 
 
 def lost_rows(data: ChannelData) -> str | None:

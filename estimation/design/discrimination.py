@@ -66,17 +66,17 @@ class Rivals:
         both = joined_channels((self.data, motion))
         kept = np.concatenate([self.good, good])
         is_new = (np.arange(len(both)) >= len(self.data))[kept]
-        expected = [_expected(one, both)[kept] for one in self.fits]
-        tangents = [np.linalg.qr(_slopes(one, both)[kept])[0] for one in self.fits]
+        expected = [_expected(fit, both)[kept] for fit in self.fits]
+        tangents = [np.linalg.qr(_slopes(fit, both)[kept])[0] for fit in self.fits]
         left = np.empty((len(self.fits),) * 2)
         for true, effort in enumerate(expected):
             measured = np.where(is_new, effort, both.effort[kept])
-            for other, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
+            for rival, (mine, tangent) in enumerate(zip(expected, tangents, strict=True)):
                 apart = measured - mine
-                left[true, other] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
+                left[true, rival] = float(apart @ apart - np.sum((tangent.T @ apart) ** 2))
         left += good.sum() * float(np.mean(self._noise**2))
         leads = 1.0 - np.sqrt(np.diag(left)[:, None] / left)
-        return self._beyond_now(leads, [one.solution.sse for one in self.fits])
+        return self._beyond_now(leads, [fit.solution.sse for fit in self.fits])
 
     def expected(self, planned: ChannelData, rng: np.random.Generator) -> FloatArray:
         """Leads (r, r) in held-out runs, all models fitted again to data drawn from each; see `promised`.
@@ -92,10 +92,10 @@ class Rivals:
         for true, rival in enumerate(self.fits):
             effort = _expected(rival, motion) + shuffle_noise(noise, motion.run, rng)
             data, cache = joined_channels((self.data, replace(motion, effort=effort))), FitCache()
-            again = (_fitted_anywhere(data, one, self._own(one), kept, cache) for one in self.fits)
-            left = np.array([one.solution.held_out for one in again])
+            again = (_fitted_anywhere(data, fit, self._own(fit), kept, cache) for fit in self.fits)
+            left = np.array([fit.solution.held_out for fit in again])
             leads[true] = 1.0 - np.sqrt(left[true] / np.maximum(left, 1e-300))
-        return self._beyond_now(leads, [one.solution.held_out for one in self.fits])
+        return self._beyond_now(leads, [fit.solution.held_out for fit in self.fits])
 
     def _beyond_now(self, leads: FloatArray, left: Sequence[float]) -> FloatArray:
         """Leads less those that there are already: for these alone, nothing need be done."""
@@ -115,13 +115,13 @@ class Rivals:
 
     def _own(self, rival: FitResult) -> list[Effect]:
         """The effects that a rival does not share with all others."""
-        shared = set.intersection(*({e.name for e in one.solution.model.effects} for one in self.fits))
+        shared = set.intersection(*({e.name for e in fit.solution.model.effects} for fit in self.fits))
         return [effect for effect in rival.solution.model.effects if effect.name not in shared]
 
     @property
     def _noise(self) -> FloatArray:
         """What the best of the models leaves."""
-        best = min(self.fits, key=lambda one: one.solution.sse)
+        best = min(self.fits, key=lambda fit: fit.solution.sse)
         return best.solution.residual[best.problem.blocked.trusted]
 
 
@@ -145,9 +145,9 @@ def _fitted_anywhere(
             looked = search_inner(
                 best.problem, model, effect, best.solution.parameters, effect.starts(best.data)
             )
-            found = refine_inner(best.problem, model, effect, looked).best
-            there = fit_model(data, model, found.parameters, good, cache)
-            best = min(best, there, key=lambda one: one.solution.sse)
+            solution = refine_inner(best.problem, model, effect, looked).best
+            there = fit_model(data, model, solution.parameters, good, cache)
+            best = min(best, there, key=lambda fit: fit.solution.sse)
     return best
 
 
@@ -193,7 +193,7 @@ class Experiment:
     @property
     def separates(self) -> bool:
         """Whether any rival, wherever it is wrong, is expected to fall behind by more than a small share."""
-        return any(bool(np.any(one > SMALL)) for one in self.leads)
+        return any(bool(np.any(lead > SMALL)) for lead in self.leads)
 
     def along_with(self, other: "Experiment") -> "Experiment":
         """Combine two experiments, one after the other: the leads of a wrong model add up.
@@ -226,7 +226,7 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     Returns:
         None where no experiment is expected to separate anything.
     """
-    useful = [number for number, one in enumerate(offered) if one.separates]
+    useful = [number for number, experiment in enumerate(offered) if experiment.separates]
     if not useful:
         return None
     most = max(offered[number].tells for number in useful)

@@ -134,9 +134,9 @@ class JointCoupling(AdditiveEffect):
         return tuple({"ratio": ratio, "transition": min(share * speed, 1.0)} for ratio, share in values)
 
 
-def _left(data: ChannelData, own: int, other: int) -> float:
+def _left(data: ChannelData, own: int, neighbour: int) -> float:
     """What linear least squares by the motion of two joints leaves of the effort."""
-    v, a = (data.context[f"joint_{what}"][:, [own, other]] for what in ("velocity", "acceleration"))
+    v, a = (data.context[f"joint_{what}"][:, [own, neighbour]] for what in ("velocity", "acceleration"))
     columns = np.column_stack([v, a, np.sign(v), np.sign(v[:, 0] + v[:, 1]), np.ones(len(data))])
     gains = np.linalg.lstsq(columns, data.effort, rcond=None)[0]
     return float(np.sum((data.effort - columns @ gains) ** 2))

@@ -271,8 +271,8 @@ class RecordedDependence(SensorEffect):
 
     def suited_to(self, data: ChannelData) -> "RecordedDependence":
         recorded = {name: data.context[name] for name in sorted(data.recorded)}
-        found = ((name, float(np.mean(r)), float(np.std(r))) for name, r in recorded.items())
-        return RecordedDependence(tuple(column for column in found if column[2] > 0.0))
+        statistics = ((name, float(np.mean(r)), float(np.std(r))) for name, r in recorded.items())
+        return RecordedDependence(tuple(column for column in statistics if column[2] > 0.0))
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`: something was recorded, and it varies."""
@@ -289,7 +289,7 @@ class RecordedDependence(SensorEffect):
         """See `Effect.starts`: one column after the other, to either side."""
         names = [parameter.name for parameter in self.inner]
         return tuple(
-            {name: change if name == one else 0.0 for name in names}
-            for one in names
+            {name: change if name == changed else 0.0 for name in names}
+            for changed in names
             for change in (-0.2, -0.03, 0.03, 0.2)
         )

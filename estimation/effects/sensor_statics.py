@@ -268,8 +268,8 @@ def _first_readings(effort: FloatArray, data: ChannelData, width: float) -> Floa
         reading, number = reading[:, None], number[:, None]
     until = np.minimum.reduceat(np.where(moved, number, len(data)), starts)
     still = number < until[piece]
-    found: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
-    return found / np.add.reduceat(still.astype(np.float64), starts)
+    sums: FloatArray = np.add.reduceat(np.where(still, reading, 0.0), starts)
+    return sums / np.add.reduceat(still.astype(np.float64), starts)
 
 
 _EDGES = (0.5, 1.5)  # that are near enough for noise to reach, in steps

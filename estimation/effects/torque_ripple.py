@@ -72,6 +72,8 @@ class TorqueRipple(AdditiveEffect):
         """See `Effect.starts`: about what was found; for one wave, so close that none is missed."""
         span = float(np.ptp(data.position)) or 1.0
         off = np.pi / (span * self._multiples.max())  # half a wave of the shortest from end to end
-        found = [] if self._cycles is None else [self._cycles + part * off for part in (-0.5, 0.0, 0.5)]
+        starts = [] if self._cycles is None else [self._cycles + part * off for part in (-0.5, 0.0, 0.5)]
         waves = np.arange(2.0, 40.0, 0.4) if self._multiples.tolist() == [1.0] else ()
-        return tuple({"cycles": float(n)} for n in (*found, *(2.0 * np.pi / span * count for count in waves)))
+        return tuple(
+            {"cycles": float(n)} for n in (*starts, *(2.0 * np.pi / span * count for count in waves))
+        )

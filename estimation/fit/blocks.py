@@ -225,8 +225,8 @@ def _at_corners(data: ChannelData, rows: IntArray) -> BoolArray:
         jumps = np.flatnonzero(np.abs(np.diff(velocity)) > _CORNER * data.averaged * np.ptp(velocity))
         around = jumps[:, None] + np.arange(-_CORNER_REACH, _CORNER_REACH + 2)
         sharp[of_run[np.clip(around.ravel(), 0, len(of_run) - 1)]] = True
-    found = np.asarray(sharp[rows].any(axis=1))
-    return found if np.mean(found) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
+    corners = np.asarray(sharp[rows].any(axis=1))
+    return corners if np.mean(corners) <= _MOST_CORNERS else np.zeros(len(rows), dtype=np.bool_)
 
 
 def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
@@ -235,15 +235,15 @@ def _at_starts(data: ChannelData, rows: IntArray) -> BoolArray:
     A run that begins pressed remembers how it came there until it lets go; where it hardly presses
     again, it is taken as if the press began with it.
     """
-    found, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
+    starts, engaged = np.zeros(len(data), dtype=np.bool_), data.engaged
     for of_run in rows_of_runs(data.run):
         since_s = data.time_s[of_run] - data.time_s[of_run[0]]
-        found[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
+        starts[of_run] = since_s < min(_UNKNOWN_S, _UNKNOWN * float(since_s[-1]))
         if data.kind is ChannelKind.CONTACT:
             pressed = engaged[of_run]
             until = len(pressed) if pressed.all() else int(np.argmin(pressed))
-            found[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
-    return np.asarray(found[rows].any(axis=1))
+            starts[of_run[:until]] |= until < _AGAIN * np.sum(pressed)
+    return np.asarray(starts[rows].any(axis=1))
 
 
 def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:

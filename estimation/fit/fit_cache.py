@@ -28,10 +28,10 @@ class FitCache:
             if what in self._known:
                 self._known.move_to_end(what)
                 return self._known[what]
-        found = compute()
+        array = compute()
         with self._lock:
-            self.size += found.nbytes - (self._known[what].nbytes if what in self._known else 0)
-            self._known[what] = found
+            self.size += array.nbytes - (self._known[what].nbytes if what in self._known else 0)
+            self._known[what] = array
             while self.size > MOST_BYTES and len(self._known) > 1:
                 self.size -= self._known.popitem(last=False)[1].nbytes
-        return found
+        return array

@@ -236,10 +236,10 @@ def solve_gains(
         before = lifted
         slopes, effort = model.linearise(data, now, parts, lifted)
         by_gain, gains = problem.blocked.reduce(slopes), np.array([now[name] for name in names])
-        wanted = problem.blocked.reduce(data.effort - effort) + by_gain @ gains
-        if number and not np.abs(wanted).max() < _LOST * np.abs(data.effort).max():
+        remaining = problem.blocked.reduce(data.effort - effort) + by_gain @ gains
+        if number and not np.abs(remaining).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
-        target, columns = wanted, by_gain
+        target, columns = remaining, by_gain
         if number >= least and _energy(problem, target - columns @ gains) <= arrived * expected:
             break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)

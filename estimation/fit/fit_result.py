@@ -322,7 +322,7 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
         whitened_problem, solve_gains(whitened_problem, fit.solution.model, fit.solution.parameters)
     )
     used = fit.problem.used
-    plain, whitened = (float(np.sum(each.residual[used] ** 2)) for each in (fit.solution, solution))
+    plain, whitened = (float(np.sum(solved.residual[used] ** 2)) for solved in (fit.solution, solution))
     if whitened > _NOISE_ALONE**2 * plain:
         return fit.problem, fit.solution
     return whitened_problem, _beside_smoothing(whitened_problem, solution, fit.filters)

@@ -141,9 +141,9 @@ def _between(
     low = values[at - 1] if at > 0 else _outside(values, inner, upwards=False)
     high = values[at + 1] if at + 1 < len(line) else _outside(values, inner, upwards=True)
     closer = []
-    for other, outside in ((low, at == 0), (high, at + 1 == len(line))):
-        middle = np.sqrt(value * other) if inner.log and value * other > 0.0 else 0.5 * (value + other)
-        number = other if outside else middle
+    for bound, outside in ((low, at == 0), (high, at + 1 == len(line))):
+        middle = np.sqrt(value * bound) if inner.log and value * bound > 0.0 else 0.5 * (value + bound)
+        number = bound if outside else middle
         closer.append({**here, inner.name: float(np.clip(number, inner.lower, inner.upper))})
     return [point for point in closer if point[inner.name] != value]
 
@@ -262,7 +262,7 @@ def _polished(problem: FitProblem, solution: Solution, settled: float, step: flo
         }
         return residual_slopes(problem, at(numbers), ahead) / (unit * steps)
 
-    found = scipy.optimize.least_squares(
+    optimum = scipy.optimize.least_squares(
         residual,
         np.zeros(len(scales)),
         jac=jacobian,
@@ -272,5 +272,5 @@ def _polished(problem: FitProblem, solution: Solution, settled: float, step: flo
         max_nfev=_EVALUATIONS,
         x_scale=0.1,
     )
-    polished = at(found.x)
+    polished = at(optimum.x)
     return polished if polished.sse < solution.sse else solution

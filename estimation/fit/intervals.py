@@ -42,16 +42,16 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     if measurement.filters[1] is None:
         # Change of the prediction with the acceleration that positions speak for, shape (m,).
         blocked = problem.blocked
-        other = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
-        by_positions = blocked.reduce(other - solution.model.predict(blocked.data, solution.parameters))
+        inflated = solution.model.predict(inflate_acceleration_noise(blocked.data), solution.parameters)
+        by_positions = blocked.reduce(inflated - solution.model.predict(blocked.data, solution.parameters))
         errors = np.hypot(errors, _turned(slopes, problem.whiten(by_positions)))
     known = {**solution.model.gains, **solution.model.inner}
     units = {name: parameter.unit_of(problem.blocked.data.kind) for name, parameter in known.items()}
     most = np.array([_widest(known[name], solution.parameters[name]) for name in names])
     errors = np.where(errors < most, errors, np.nan)
-    found = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
+    errors_by_name = dict.fromkeys(known, 0.0) | dict(zip(names, errors.tolist(), strict=True))
     estimates = {}
-    for name, error in found.items():
+    for name, error in errors_by_name.items():
         value, half = float(solution.parameters[name]), SIGMAS_95 * error
         at_bound = solution.model.at_bound(name, value) or name in solution.fixed - solution.model.held.keys()
         estimates[name] = ParameterEstimate(
@@ -74,8 +74,8 @@ def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
 
 def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
     """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
-    found = solution.model.inner_slopes(problem.blocked.data, solution.parameters, _STEP)
-    return [_without_jumps(problem.blocked.reduce(slope)) for slope in found]
+    slopes = solution.model.inner_slopes(problem.blocked.data, solution.parameters, _STEP)
+    return [_without_jumps(problem.blocked.reduce(slope)) for slope in slopes]
 
 
 def _without_jumps(slope: FloatArray) -> FloatArray:

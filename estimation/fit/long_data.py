@@ -72,10 +72,10 @@ def shortened(data: ChannelData, held_out: Sequence[int] = ()) -> tuple[ChannelD
     shortest = min(map(len, rows_of_runs(moving.run)))
     while len(moving) > _ENOUGH * block and 2 * block * _FEWEST_IN_RUN <= shortest:
         looked_at = max(2 * block, _FEWEST_IN_BLOCK)
-        found = within_blocks(moving, looked_at)
-        if not found.is_noise(looked_at):
+        moving_blocks = within_blocks(moving, looked_at)
+        if not moving_blocks.is_noise(looked_at):
             break
-        block, seen = 2 * block, found
+        block, seen = 2 * block, moving_blocks
     short = _means(moving, block)
     said = _sentence(data, short, block, seen, motions)
     for fewer in (_fewer_runs, _fewer_stretches, _coarser):

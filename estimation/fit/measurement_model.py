@@ -88,8 +88,8 @@ class MeasurementModel:
             fast = np.flatnonzero(speed >= np.median(speed))
             fast = fast[np.argsort(place[fast])]
             known, span = place[fast], float(np.ptp(place[fast])) or 1.0
-            wanted = known[0] + (place - known[0] + span * rng.random()) % span
-            nearest = np.minimum(np.searchsorted(known, wanted), len(fast) - 1)
+            target = known[0] + (place - known[0] + span * rng.random()) % span
+            nearest = np.minimum(np.searchsorted(known, target), len(fast) - 1)
             return np.asarray(self.error[fast][nearest] * rng.choice([-1.0, 1.0]))
         slow = low_frequency_noise(self.error, self.data.run, self.halves[0], rng)
         return shuffle_noise(self.error, self.data.run, rng) + slow
@@ -151,14 +151,14 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
     slow = np.zeros_like(error)
     for rows in equal_length_blocks(run) if error.any() else ():
         count = rows.shape[1]
-        found, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
+        spectrum, frequency = np.fft.rfft(error[rows]), np.fft.rfftfreq(count)
         beside, below = (frequency >= edge) & (frequency < 2.0 * edge), (frequency > 0.0) & (frequency < edge)
         if not beside.any() or not below.any():
             continue
-        density = np.mean(np.abs(found[:, beside]) ** 2, axis=1, keepdims=True)
-        lacking = np.maximum(density - np.abs(found[:, below]) ** 2, 0.0)
+        density = np.mean(np.abs(spectrum[:, beside]) ** 2, axis=1, keepdims=True)
+        lacking = np.maximum(density - np.abs(spectrum[:, below]) ** 2, 0.0)
         parts = rng.standard_normal((2, *lacking.shape))
-        drawn = np.zeros_like(found)
+        drawn = np.zeros_like(spectrum)
         drawn[:, below] = np.sqrt(0.5 * lacking) * (parts[0] + 1j * parts[1])
         slow[rows] = np.fft.irfft(drawn, count)
     return slow
@@ -169,10 +169,10 @@ def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order
     if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, data.run):
         times = IdentityKey(data.time_s), IdentityKey(data.run)
         return np.asarray(_derivative_operator(*times, window, order) @ signal)
-    found = np.empty(len(signal))
+    integral = np.empty(len(signal))
     for rows in blocks(data.run):
-        found[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
-    return found
+        integral[rows] = local_derivative(data.time_s[rows], signal[rows], window, order)
+    return integral
 
 
 @lru_cache(maxsize=8)
@@ -191,15 +191,15 @@ def _bent(data: ChannelData, exact: FloatArray, window: int | None, order: int) 
     )
 
 
-def _unbent(data: ChannelData, found: FloatArray, window: int | None, order: int) -> FloatArray:
+def _unbent(data: ChannelData, derivative: FloatArray, window: int | None, order: int) -> FloatArray:
     """A derivative (n,) that a window bends to about the one found: what it does to that, taken off.
 
     J. W. Tukey, Exploratory Data Analysis (1977), ch. 16: twicing. Noise in what was found is no motion:
     it is smoothed first, by a window a size wider, which bends a signal less than its derivatives.
     """
     if window is None:
-        return found
-    smooth = channel_derivative(data, found, wider_window(window, 1), 0)
+        return derivative
+    smooth = channel_derivative(data, derivative, wider_window(window, 1), 0)
     return 2.0 * smooth - _bent(data, smooth, window, order)
 
 

@@ -130,11 +130,11 @@ def _differences(base: FitResult) -> Iterator[FloatArray]:
     reach = _REPEATED * float(np.ptp(data.position))
     for first, second in pairwise(rows_of_runs(data.run)):
         count = min(len(first), len(second))
-        one, other = first[:count], second[:count]
-        if count >= _LEAST and rmse(data.position[one] - data.position[other]) <= reach:
-            judged = base.judged[one] & base.judged[other]
+        earlier, later = first[:count], second[:count]
+        if count >= _LEAST and rmse(data.position[earlier] - data.position[later]) <= reach:
+            judged = base.judged[earlier] & base.judged[later]
             if judged.any():
-                yield (left[one] - left[other])[judged]
+                yield (left[earlier] - left[later])[judged]
 
 
 def _of_motion(base: FitResult) -> float:

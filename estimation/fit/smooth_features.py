@@ -38,7 +38,7 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     clocks = [_unit(c) for c in (time_s, time_in_run(time_s, run), work, time_in_run(work, run))]
     fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
     ageing = np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
-    found = {
+    features = {
         "offset": np.ones((len(x), 1)),
         "time": ageing,
         "position": blocked.cache.get_or_compute("position", lambda: _position(blocked)),
@@ -50,14 +50,16 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     }
     for name in sorted(_CONTEXT & data.context.keys()):
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
-        found[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
+        features[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
     for name in sorted(data.recorded):
-        found[f"recorded {name}" if name in found else name] = _beside(
+        features[f"recorded {name}" if name in features else name] = _beside(
             blocked.reduce(data.context[name]), x, v, effort
         )
-    if "load" in found:
-        found["load"] = np.column_stack([found["load"], sharp * np.abs(blocked.reduce(data.context["load"]))])
-    return found
+    if "load" in features:
+        features["load"] = np.column_stack(
+            [features["load"], sharp * np.abs(blocked.reduce(data.context["load"]))]
+        )
+    return features
 
 
 def _unit(clock: FloatArray) -> FloatArray:
@@ -102,7 +104,7 @@ def _after(blocked: BlockedData, x: FloatArray) -> FloatArray:
 def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
     """What a signal that no model knows may add, and how it may scale what is there."""
     unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
-    return np.column_stack([hats(unit), *(unit * other for other in others)])
+    return np.column_stack([hats(unit), *(unit * factor for factor in others)])
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:

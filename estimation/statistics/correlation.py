@@ -66,7 +66,7 @@ def cross_correlation(residual: FloatArray, motion: FloatArray, run: IntArray, m
     products, pairs = _products(u, residual, run, most)
     size = float(np.sqrt(_power(residual) * _power(u)))
     value = np.where(pairs > 0, products / np.maximum(pairs, 1), np.nan) / (size or np.nan)
-    own = [autocorrelation(each, run, most).value for each in (residual, u)]
+    own = [autocorrelation(signal, run, most).value for signal in (residual, u)]
     product = np.nan_to_num(own[0] * own[1])
     inflation = max(2.0 * float(product[1:].sum()) + float(product[0]), 1.0)
     band = SIGMAS_99 * np.sqrt(inflation / np.maximum(pairs, 1))
@@ -79,7 +79,7 @@ def _products(a: FloatArray, b: FloatArray, run: IntArray, most: int) -> tuple[F
     first, second = _centred(a), _centred(b)
     for rows in rows_of_runs(run):
         total += _lagged(first[rows], second[rows], most)
-        known, known_too = (np.isfinite(each[rows]).astype(np.float64) for each in (a, b))
+        known, known_too = (np.isfinite(signal[rows]).astype(np.float64) for signal in (a, b))
         pairs += _lagged(known, known_too, most)
     return total, np.rint(pairs)
 

@@ -151,15 +151,15 @@ def described_by(source: Source, model: str) -> tuple[ChannelData, ...]:
         InputError: there is no such model, or it describes none of the channels.
     """
     kinds = MODELS[model].channels
-    found = tuple(channel for channel in source.channels if channel.kind in kinds)
-    if found:
-        return found
-    wanted = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
+    channels = tuple(channel for channel in source.channels if channel.kind in kinds)
+    if channels:
+        return channels
+    expected = " or ".join(_IN_WORDS[kind] for kind in sorted(kinds))
     there = ", ".join(f"{channel.name} ({channel.kind})" for channel in source.channels)
     hint = "." if source.session is None or ChannelKind.CONTACT not in kinds else "; was anything touched?"
     valid = [n for n in MODELS if MODELS[n].channels & {channel.kind for channel in source.channels}]
     raise InputError(
-        f"{source.path or source.name}: model '{model}' describes a {wanted}, its channels are: "
+        f"{source.path or source.name}: model '{model}' describes a {expected}, its channels are: "
         f"{there}{hint} Choose with --model: {', '.join(valid)}"
     )
 
@@ -193,7 +193,7 @@ def suited_names(name: str, effects: Sequence[Effect], channels: Sequence[Channe
     names = [effect.name for effect in effects if effect.channels & kinds]
     meant = get_close_matches(name, [effect.name for effect in effects], n=1)
     words = {word for text in (name, *meant) for word in text.split("_")}
-    likely = [one for one in names if one in meant or words & set(one.split("_"))]
+    likely = [name for name in names if name in meant or words & set(name.split("_"))]
     hint = f"Did you mean {' or '.join(likely)}? " if likely else ""
     where = " and ".join(f"a {kind.value}" for kind in sorted(kinds))
     return f"{hint}In {where} there are: {', '.join(names)}"
@@ -232,8 +232,8 @@ def _feed(digest: "hashlib._Hash", value: object) -> None:
             digest.update(f"{len(value)}:{value}".encode())
         case Sequence():
             digest.update(f"[{len(value)}".encode())
-            for one in value:
-                _feed(digest, one)
+            for item in value:
+                _feed(digest, item)
         case _ if is_dataclass(value):
             for field in fields(value):
                 _feed(digest, (field.name, getattr(value, field.name)))

@@ -94,21 +94,21 @@ class Comparisons(TableDisplay):
         """The comparison of one channel. InputError: there is none, or it cannot be judged."""
         if channel in self.failures:
             raise InputError(self.failures[channel])
-        found = {one.channel: one for one in self.channels}
-        if channel not in found:
-            raise UnknownNameError(f"no channel '{channel}' is compared. There are: {', '.join(found)}")
-        return found[channel]
+        by_name = {channel.channel: channel for channel in self.channels}
+        if channel not in by_name:
+            raise UnknownNameError(f"no channel '{channel}' is compared. There are: {', '.join(by_name)}")
+        return by_name[channel]
 
     def _table(self) -> DisplayTable:
         rows = [
             (
-                one.channel,
-                one.model,
-                f"{one.rmse:.3g} {one.effort_unit}",
-                f"{one.lack_of_fit:.2f}",
-                one.not_judged,
+                channel.channel,
+                channel.model,
+                f"{channel.rmse:.3g} {channel.effort_unit}",
+                f"{channel.lack_of_fit:.2f}",
+                channel.not_judged,
             )
-            for one in self.channels
+            for channel in self.channels
         ]
         rows += [(name, "", "", "", why) for name, why in self.failures.items()]
         columns = ("channel", "model", "held-out error", "x noise", "not judged")
@@ -139,7 +139,7 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
     first, *where = _words(fitted.rmse, noise, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
-    words = (first, *where, *(one.sentence for one in seen), *_kinds_in_words(kinds))
+    words = (first, *where, *(pattern.sentence for pattern in seen), *_kinds_in_words(kinds))
     return Comparison(data.name, unit, model, fitted, noise, parts, words, seen, kinds)
 
 

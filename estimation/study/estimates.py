@@ -80,9 +80,9 @@ class ChannelEstimates(TableDisplay):
 
     def _table(self) -> DisplayTable:
         rows = [
-            (one.estimator, p.name, f"{p.value:.5g} {p.unit}", interval_text(p))
-            for one in self.estimates
-            for p in one.parameters
+            (estimate.estimator, p.name, f"{p.value:.5g} {p.unit}", interval_text(p))
+            for estimate in self.estimates
+            for p in estimate.parameters
         ]
         columns = ("estimator", "parameter", "value", "95 % interval")
         return DisplayTable(f"{self.model.name} of {self.channel.name}", columns, rows)

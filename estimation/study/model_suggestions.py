@@ -35,7 +35,7 @@ def better_model(
 
 
 def better_explanation(
-    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> tuple[str, float] | None:
     """The base model that does far better than the usual one with what was found missing, and its error.
 
@@ -45,12 +45,12 @@ def better_explanation(
     Args:
         study: the measurement and its fits.
         channel: with the usual base model.
-        found: the diagnosis of that model.
+        diagnosis: the diagnosis of that model.
     """
-    base, final = found.baseline, found.final
-    if base is None or final is None or found.verdict is Verdict.ADEQUATE:
+    base, final = diagnosis.baseline, diagnosis.final
+    if base is None or final is None or diagnosis.verdict is Verdict.ADEQUATE:
         return None
-    if found.verdict is Verdict.UNEXPLAINED or found.complete is False:
+    if diagnosis.verdict is Verdict.UNEXPLAINED or diagnosis.complete is False:
         return better_model(study, channel, FAR_BETTER * final.rmse)
     most = min(FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
     return better_model(study, channel, most, len(final.parameters))
@@ -62,11 +62,11 @@ def _others(study: ModelStudy, channel: StudyChannel) -> Iterator[tuple[str, flo
         if name == channel.model.name or channel.kind not in MODELS[name].channels:
             continue
         try:
-            other = study.with_model(channel.name, name)
-            error = study.fit(other).rmse
+            variant = study.with_model(channel.name, name)
+            error = study.fit(variant).rmse
         except InputError:  # it lacks something, such as a URDF
             continue
-        yield name, error, len(other.model.gains) + len(other.model.inner)
+        yield name, error, len(variant.model.gains) + len(variant.model.inner)
 
 
 _BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most

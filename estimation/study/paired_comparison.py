@@ -249,14 +249,14 @@ class Sides(TableDisplay):
         a, b = self.first.data, self.second.data
         if self.is_same_data or len(a.runs) != len(b.runs):
             return None
-        found = np.full(len(a), np.nan)
+        matched = np.full(len(a), np.nan)
         for run, run_of_b in zip(a.runs, b.runs, strict=True):
             rows, there = a.run == run, b.run == run_of_b
             t, u = a.time_s[rows] - a.time_s[rows][0], b.time_s[there] - b.time_s[there][0]
             if min(t[-1], u[-1]) < _ALIKE * max(t[-1], u[-1]):
                 return None
-            found[rows] = np.interp(t, u, values[there], right=np.nan)
-        return found
+            matched[rows] = np.interp(t, u, values[there], right=np.nan)
+        return matched
 
     @property
     def followed(self) -> float:
@@ -276,14 +276,14 @@ class Sides(TableDisplay):
     def fits(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Fit [%] of each model (row) to each measurement (column)."""
         pair = (self.first, self.second)
-        first, second = ((one.fit_of(pair[0]), one.fit_of(pair[1])) for one in pair)
+        first, second = ((side.fit_of(pair[0]), side.fit_of(pair[1])) for side in pair)
         return first, second
 
     def _table(self) -> DisplayTable:
         rows = [
             (
                 d.name,
-                *(f"{one.value:.5g}" if one else "" for one in (d.first, d.second)),
+                *(f"{estimate.value:.5g}" if estimate else "" for estimate in (d.first, d.second)),
                 f"{d.value:.3g}",
                 f"{d.half:.2g}",
             )
@@ -309,17 +309,17 @@ def side_by_side(
     Raises:
         InputError: they share no channel.
     """
-    chosen = grown or [[(one, ()) for one in study.channels] for study in (first, second)]
-    found = tuple(
-        Sides(_side(names[0], first, one, effects), _side(names[1], second, other, others))
-        for one, effects in chosen[0]
-        for other, others in chosen[1]
-        if other.name == one.name and other.kind is one.kind
+    chosen = grown or [[(channel, ()) for channel in study.channels] for study in (first, second)]
+    comparisons = tuple(
+        Sides(_side(names[0], first, first_channel, effects), _side(names[1], second, second_channel, others))
+        for first_channel, effects in chosen[0]
+        for second_channel, others in chosen[1]
+        if second_channel.name == first_channel.name and second_channel.kind is first_channel.kind
     )
-    if not found:
-        there = [", ".join(one.name for one, _ in each) for each in chosen]
+    if not comparisons:
+        there = [", ".join(channel.name for channel, _ in side) for side in chosen]
         raise InputError(f"{names[0]} and {names[1]} share no channel: {there[0]}; {there[1]}")
-    return found
+    return comparisons
 
 
 def _side(name: str, study: ModelStudy, channel: StudyChannel, effects: Sequence[str]) -> Side:

@@ -61,15 +61,15 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
     left = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))  # about the mean, which hides no pattern
     varying = {by: _about_their_mean(own) for by, own in parts.items()}
     means = {by: _share_of_means(own, left) for by, own in varying.items()}
-    found = [
+    patterns = [
         Pattern(by, words, share)
         for by, own in varying.items()
-        if means[by] > _OTHER * max((means.get(one, 0.0) for one in _FOLLOWS.get(by, ())), default=-1.0)
+        if means[by] > _OTHER * max((means.get(name, 0.0) for name in _FOLLOWS.get(by, ())), default=-1.0)
         for words, share in _of_split(by, own, means[by])
     ]
     if one_sided > _ONE_SIGN:
-        found.append(Pattern("all", "has one sign throughout", one_sided))
-    return tuple(sorted(found, key=lambda one: -one.share)[:_MOST])
+        patterns.append(Pattern("all", "has one sign throughout", one_sided))
+    return tuple(sorted(patterns, key=lambda pattern: -pattern.share)[:_MOST])
 
 
 def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[str, float]]:
@@ -138,7 +138,7 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         outwards: data.velocity < -slow,
         "at rest": np.abs(data.velocity) <= slow,
     }
-    found = {
+    masks_by = {
         "phase": phases,
         "run": {f"run {run}": data.run == run for run in data.runs},
         "direction": directions,
@@ -149,10 +149,14 @@ def splits(data: ChannelData) -> dict[str, dict[str, BoolArray]]:
         "effort": _bins(data.effort, data.kind.effort_unit, data.engaged),
     }
     if "load" in data.context:
-        found["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
+        masks_by["load"] = _bins(np.abs(data.context["load"]), data.kind.effort_unit, data.engaged)
     for name in sorted(data.recorded):
-        found[f"recorded {name}" if name in found else name] = _bins(data.context[name], "", data.engaged)
-    occupied = {by: {name: one for name, one in masks.items() if one.any()} for by, masks in found.items()}
+        masks_by[f"recorded {name}" if name in masks_by else name] = _bins(
+            data.context[name], "", data.engaged
+        )
+    occupied = {
+        by: {name: mask for name, mask in masks.items() if mask.any()} for by, masks in masks_by.items()
+    }
     return {by: masks for by, masks in occupied.items() if len(masks) > 1}
 
 

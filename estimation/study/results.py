@@ -66,12 +66,12 @@ class ChannelResult(TableDisplay):
         noise = self.noise.value if self.noise else float("nan")
         rows = [
             (
-                "" if one.number is None else one.number,
-                f"+ {one.added}" if one.added else one.fitted.model.name,
-                f"{one.rmse:.4g} {unit}",
-                f"{one.rmse / noise:.2f}",
+                "" if stage.number is None else stage.number,
+                f"+ {stage.added}" if stage.added else stage.fitted.model.name,
+                f"{stage.rmse:.4g} {unit}",
+                f"{stage.rmse / noise:.2f}",
             )
-            for one in self.stages
+            for stage in self.stages
         ]
         level = f"noise {self.noise.describe(unit)}. " if self.noise else ""
         caption = f"{self.channel.name}: {level}{self.reason}"
@@ -95,8 +95,13 @@ class StudyDiagnosis(TableDisplay, Diagnosis):
 
     def _table(self) -> DisplayTable:
         rows = [
-            (one.channel, one.verdict, ", ".join(entry.effect for entry in one.accepted), one.reason)
-            for one in self.channels
+            (
+                channel.channel,
+                channel.verdict,
+                ", ".join(entry.effect for entry in channel.accepted),
+                channel.reason,
+            )
+            for channel in self.channels
         ]
         return DisplayTable(
             f"What is missing in {self.model}", ("channel", "verdict", "effects", "why"), rows
@@ -111,14 +116,14 @@ class RevisionTable(TableDisplay, tuple[Revision, ...]):
     def _table(self) -> DisplayTable:
         rows = [
             (
-                one.number,
-                "" if one.parent is None else one.parent,
-                one.channel,
-                " + ".join([one.model, *one.effects]),
-                f"{one.rmse:.4g} {one.effort_unit}",
-                one.created_utc,
+                entry.number,
+                "" if entry.parent is None else entry.parent,
+                entry.channel,
+                " + ".join([entry.model, *entry.effects]),
+                f"{entry.rmse:.4g} {entry.effort_unit}",
+                entry.created_utc,
             )
-            for one in self
+            for entry in self
         ]
         columns = ("revision", "from", "channel", "model", "held-out error", "made")
         return DisplayTable("Revisions", columns, rows)

@@ -135,11 +135,11 @@ class Revisions:
         Args:
             revisions: just saved, the newest last.
         """
-        for one in reversed(revisions):
+        for revision in reversed(revisions):
             if self._folder is None:
-                self._in_memory.remove(one)
+                self._in_memory.remove(revision)
             else:
-                (self._folder / _name(one.number)).unlink(missing_ok=True)
+                (self._folder / _name(revision.number)).unlink(missing_ok=True)
 
 
 def own_effects(revisions: Sequence[Revision]) -> list[str]:
@@ -190,10 +190,11 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
     if lacking := sorted(_wanted(revision) - set(revision.parameters)):
         yield f"its parameter {lacking[0]} is missing"
     for name in (name for name in effects if name in EFFECTS):
-        for one in EFFECTS[name].inner:
-            value = revision.parameters[f"{name}.{one.name}"].value
-            if not one.lower <= value <= one.upper:
-                yield f"its parameter {name}.{one.name} is {value:g}, beyond {one.lower:g} to {one.upper:g}"
+        for parameter in EFFECTS[name].inner:
+            value = revision.parameters[f"{name}.{parameter.name}"].value
+            if not parameter.lower <= value <= parameter.upper:
+                bounds = f"{parameter.lower:g} to {parameter.upper:g}"
+                yield f"its parameter {name}.{parameter.name} is {value:g}, beyond {bounds}"
 
 
 def _wanted(revision: Revision) -> set[str]:

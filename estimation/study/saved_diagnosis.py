@@ -38,7 +38,9 @@ def diagnosis_data(diagnosis: Diagnosis, channels: Sequence[StudyChannel]) -> di
         diagnosis: to save.
         channels: the channels that it is about.
     """
-    about = {one.name: {"model": one.model.name, "data_sha256": one.sha256} for one in channels}
+    about = {
+        channel.name: {"model": channel.model.name, "data_sha256": channel.sha256} for channel in channels
+    }
     return with_checksum(diagnosis.model_dump(mode="json") | {_ABOUT: about})
 
 
@@ -58,10 +60,14 @@ def read_diagnosis(folder: Path | None) -> dict[tuple[str, str, str], ChannelDia
     if file is None or not file.exists():
         return {}
     try:
-        found = read_kept(file, _KeptDiagnosis)
+        saved = read_kept(file, _KeptDiagnosis)
         return {
-            (one.channel, found.judged[one.channel].model, found.judged[one.channel].data_sha256): one
-            for one in found.channels
+            (
+                channel.channel,
+                saved.judged[channel.channel].model,
+                saved.judged[channel.channel].data_sha256,
+            ): channel
+            for channel in saved.channels
         }
     except (ValueError, KeyError) as error:
         why = error if isinstance(error, ValueError) else f"judged.{error}: is missing"

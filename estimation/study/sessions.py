@@ -32,7 +32,7 @@ def read_session(path: Path, runs: str = "") -> tuple[Session, tuple[ChannelData
         return session, channels
     # Number of each run by its label in the imported data file, and by its number. A number that is
     # another run's label is ambiguous and left out.
-    there = sorted(set(chain(*(one.runs.tolist() for one in channels))))
+    there = sorted(set(chain(*(channel.runs.tolist() for channel in channels))))
     called = {label: run for label, run in run_labels(session).items() if run in there}
     unnamed = {str(run): run for run in there}
     known = {

@@ -63,7 +63,7 @@ class Source:
     @property
     def runs(self) -> tuple[int, ...]:
         """Numbers of the runs as they were recorded, of all channels."""
-        return tuple(sorted({run for one in self.channels for run in self.recorded(one)}))
+        return tuple(sorted({run for channel in self.channels for run in self.recorded(channel)}))
 
     def recorded(self, channel: ChannelData) -> list[int]:
         """For each of a channel's runs the one that was recorded: another where it is a stretch of that.
@@ -89,7 +89,10 @@ class Source:
         Args:
             runs: numbers of recorded runs to leave out.
         """
-        left = (one.of_runs(np.setdiff1d(one.runs, self.runs_of(one, runs))) for one in self.channels)
+        left = (
+            channel.of_runs(np.setdiff1d(channel.runs, self.runs_of(channel, runs)))
+            for channel in self.channels
+        )
         return replace(self, channels=tuple(left))
 
     def tared(self) -> tuple[ChannelData, ...]:
@@ -154,9 +157,13 @@ def joined(first: Source, second: Source) -> Source:
     Raises:
         InputError: they share no channel.
     """
-    others = {(one.name, one.kind): one for one in second.channels}
-    pairs = [(one, others.get((one.name, one.kind))) for one in first.channels]
-    channels = tuple(joined_channels((one, other)) for one, other in pairs if other is not None)
+    others = {(channel.name, channel.kind): channel for channel in second.channels}
+    pairs = [(channel, others.get((channel.name, channel.kind))) for channel in first.channels]
+    channels = tuple(
+        joined_channels((first_channel, second_channel))
+        for first_channel, second_channel in pairs
+        if second_channel is not None
+    )
     if not channels:
         raise InputError(f"{second.name}: has no channel that {first.name} has")
     return Source(f"{first.name} and {second.name}", channels, first.arm)
@@ -170,10 +177,10 @@ def _read(data: Any, options: ImportOptions) -> Source:  # noqa: ANN401
             return _of_file(Path(data), options)
         case ChannelData():
             return Source(IN_MEMORY, (data,))
-        case list() | tuple() if data and all(isinstance(one, str | os.PathLike) for one in data):
-            return _of_import(IN_MEMORY, import_files([Path(one) for one in data], options))
-        case list() | tuple() if data and all(isinstance(one, ChannelData) for one in data):
-            names = [one.name for one in data]
+        case list() | tuple() if data and all(isinstance(item, str | os.PathLike) for item in data):
+            return _of_import(IN_MEMORY, import_files([Path(path) for path in data], options))
+        case list() | tuple() if data and all(isinstance(item, ChannelData) for item in data):
+            names = [channel.name for channel in data]
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise InputError(f"{IN_MEMORY}: several channels are called {', '.join(twice)}; rename them")
             return Source(IN_MEMORY, tuple(data))

@@ -131,8 +131,10 @@ class ModelStudy(TableDisplay):
     @cached_property
     def warnings(self) -> dict[str, list[str]]:
         """Sentences on implausible data, by channel; only channels that have any."""
-        found = {one.name: quality_warnings(one.measured, one.model) for one in self.channels}
-        return {name: sentences for name, sentences in found.items() if sentences}
+        warnings = {
+            channel.name: quality_warnings(channel.measured, channel.model) for channel in self.channels
+        }
+        return {name: sentences for name, sentences in warnings.items() if sentences}
 
     # Channels
 
@@ -176,9 +178,9 @@ class ModelStudy(TableDisplay):
         Raises:
             InputError: there is no such channel, or the model is unknown, or lacks something.
         """
-        data = next((one for one in self.source.channels if one.name == name), None)
+        data = next((channel for channel in self.source.channels if channel.name == name), None)
         if data is None:
-            there = ", ".join(one.name for one in self.source.channels)
+            there = ", ".join(channel.name for channel in self.source.channels)
             raise InputError(f"channel '{name}' is not there. There are: {there}")
         return self._channel(data, model)
 
@@ -317,11 +319,11 @@ class ModelStudy(TableDisplay):
             InputError: there is no such channel, or none can be judged.
         """
         compared, failures = [], {}
-        for one in self.chosen(channel):
+        for chosen in self.chosen(channel):
             try:
-                compared.append(self.comparison(one))
+                compared.append(self.comparison(chosen))
             except InputError as error:
-                failures[one.name] = str(error)
+                failures[chosen.name] = str(error)
         if not compared:
             raise InputError(next(iter(failures.values())))
         return Comparisons(tuple(compared), failures)
@@ -368,21 +370,22 @@ class ModelStudy(TableDisplay):
             InputError: there is no such channel.
         """
         chosen = self.chosen(channel)
-        if any(one.key not in self._diagnoses for one in chosen):
-            data, models = [one.to_fit for one in chosen], [one.model for one in chosen]
+        if any(member.key not in self._diagnoses for member in chosen):
+            data, models = [member.to_fit for member in chosen], [member.model for member in chosen]
             # Stretches of one recording are no runs, each of which might have met another zero or gain.
             excluded = RunVariation if self.source.stretches else ()
             effects = [effect for effect in self.effects if not isinstance(effect, excluded)]
             judged = judge(data, models, effects, progress, self._file)
-            for one, entry in zip(chosen, judged.channels, strict=True):
+            for member, entry in zip(chosen, judged.channels, strict=True):
                 for added, packed in entry.take_fits().items():
-                    self.take_fit(one, added, packed)
+                    self.take_fit(member, added, packed)
             entries = judged.channels
             probe = self.next_probe(entries, progress=progress) if plan else None
             if probe is not None:  # the arm can do more than repeat its motion in another way
                 change = {"next_experiment": probe.proposal}
                 entries = [
-                    one.model_copy(update=change) if one.channel in probe.channels else one for one in entries
+                    entry.model_copy(update=change) if entry.channel in probe.channels else entry
+                    for entry in entries
                 ]
             averaged, warnings = self.source.averaged, self.warnings
             entries = [
@@ -395,12 +398,12 @@ class ModelStudy(TableDisplay):
                 for entry in entries
             ]
             with self._lock:
-                self._diagnoses |= {one.key: entry for one, entry in zip(chosen, entries, strict=True)}
-        entries = [self._diagnoses[one.key] for one in chosen]
-        for one, entry in zip(chosen, entries, strict=True):
+                self._diagnoses |= {member.key: entry for member, entry in zip(chosen, entries, strict=True)}
+        entries = [self._diagnoses[member.key] for member in chosen]
+        for member, entry in zip(chosen, entries, strict=True):
             if apply and entry.accepted:
-                self._keep(one, [accepted.effect for accepted in entry.accepted], None)
-        names = "+".join(dict.fromkeys(one.model.name for one in chosen))
+                self._keep(member, [accepted.effect for accepted in entry.accepted], None)
+        names = "+".join(dict.fromkeys(member.model.name for member in chosen))
         return StudyDiagnosis(file=self._file, model=names, channels=entries)
 
     def next_probe(
@@ -430,8 +433,12 @@ class ModelStudy(TableDisplay):
         key = (
             longest_s,
             tuple(
-                (self.channel(one.channel).key, one.verdict, tuple(each.effect for each in one.accepted))
-                for one in diagnosed
+                (
+                    self.channel(entry.channel).key,
+                    entry.verdict,
+                    tuple(effect.effect for effect in entry.accepted),
+                )
+                for entry in diagnosed
             ),
         )
         if key not in self._probes:
@@ -518,19 +525,19 @@ class ModelStudy(TableDisplay):
         """
         names, models = choose_estimators(estimators), model_to_estimate(self.source, self.model)
         data: Sequence[ChannelData] = [
-            one for one in self.source.tared() if one.name in models and channel in {None, one.name}
+            data for data in self.source.tared() if data.name in models and channel in {None, data.name}
         ]
         if self.held_out:
             data = replace(self.source, channels=tuple(data)).without(self.held_out).channels
         if not data:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
-        chosen = [one if runs is None else only_runs(one, runs, self.source) for one in data]
+        chosen = [channel if runs is None else only_runs(channel, runs, self.source) for channel in data]
         return tuple(
             replace(
-                estimate_with(one, models[one.name], names, self.source.arm),
-                noise=self._noise_if_judged(one.name),
+                estimate_with(channel, models[channel.name], names, self.source.arm),
+                noise=self._noise_if_judged(channel.name),
             )
-            for one in chosen
+            for channel in chosen
         )
 
     def _noise_if_judged(self, name: str) -> MeasurementNoise | None:
@@ -572,14 +579,14 @@ class ModelStudy(TableDisplay):
         chosen = [self._effect(name) for name in effects]
         with self._lock:
             if start is None:
-                one = self._suited_channel(chosen, channel, fresh=fresh)
-                parent = None if fresh else self.latest(one)
+                base = self._suited_channel(chosen, channel, fresh=fresh)
+                parent = None if fresh else self.latest(base)
             else:
                 parent = self._revisions.get(start)
                 given = {"--fresh": fresh, "--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
                     raise InputError(f"--from {start} says channel and model already: leave out {extra[0]}")
-                one = self.channel_of(parent)
+                base = self.channel_of(parent)
                 self.check(parent)
             before = [] if parent is None else parent.effects
             if parent is not None:
@@ -590,8 +597,8 @@ class ModelStudy(TableDisplay):
                         "(--from, see palpate revisions), or begin anew (--fresh)"
                     )
             added = [*before, *effects]
-            new = self._keep(one, added, parent)
-            return Change(self.result(one, added, self.known_diagnosis(one)), new, parent)
+            new = self._keep(base, added, parent)
+            return Change(self.result(base, added, self.known_diagnosis(base)), new, parent)
 
     def remove(self, effect: str, channel: str | None = None) -> Change:
         """Remove an effect from the newest model of a channel, as a further revision.
@@ -604,7 +611,7 @@ class ModelStudy(TableDisplay):
             InputError: that effect was added to no channel's newest model, or to those of several.
         """
         with self._lock:
-            newest = [kept for one in self.chosen(channel) if (kept := self.newest(one)) is not None]
+            newest = [kept for member in self.chosen(channel) if (kept := self.newest(member)) is not None]
             having = [revision for revision in newest if effect in revision.effects]
             if not having:
                 added = (f"{kept.channel} has {', '.join(kept.effects)}" for kept in newest if kept.effects)
@@ -615,9 +622,9 @@ class ModelStudy(TableDisplay):
                 raise InputError(f"remove {effect!r}: was added to {there}; choose one with --channel")
             (parent,) = having
             self._check_own(parent)
-            one, left = self.channel_of(parent), [name for name in parent.effects if name != effect]
-            revision = self._keep_one(one, left, parent, removed=effect)
-            return Change(self.result(one, left, self.known_diagnosis(one)), (revision,), parent)
+            base, left = self.channel_of(parent), [name for name in parent.effects if name != effect]
+            revision = self._keep_one(base, left, parent, removed=effect)
+            return Change(self.result(base, left, self.known_diagnosis(base)), (revision,), parent)
 
     def latest(self, channel: StudyChannel) -> Revision | None:
         """Return the newest revision of a channel's data and base model; None without one.
@@ -697,7 +704,7 @@ class ModelStudy(TableDisplay):
         Raises:
             InputError: a file in the folder is damaged.
         """
-        return tuple(self._newest_result(self._current(one)) for one in self.channels)
+        return tuple(self._newest_result(self._current(member)) for member in self.channels)
 
     def result(
         self,
@@ -732,8 +739,8 @@ class ModelStudy(TableDisplay):
 
     def _table(self) -> DisplayTable:
         rows = [
-            (one.name, one.model.name, len(one.data.runs), len(one.data), one.sha256[:12])
-            for one in self.channels
+            (member.name, member.model.name, len(member.data.runs), len(member.data), member.sha256[:12])
+            for member in self.channels
         ]
         return DisplayTable(self.source.name, ("channel", "base model", "runs", "samples", "SHA-256"), rows)
 
@@ -753,11 +760,13 @@ class ModelStudy(TableDisplay):
 
     def _with_shared_gains(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
         """Add to each joint whose masses are fitted what the other joints say of the same masses."""
-        joints = [one for one in channels if one.model.name == FITTED_ARM_MODEL]
-        shared = with_shared_gains([one.data for one in joints], [one.model for one in joints])
-        prepared = {one.name: replace(one, prepared=data) for one, data in zip(joints, shared, strict=True)}
-        self._channels.update({(one.name, one.model.name): one for one in prepared.values()})
-        return tuple(prepared.get(one.name, one) for one in channels)
+        joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
+        shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
+        prepared = {
+            member.name: replace(member, prepared=data) for member, data in zip(joints, shared, strict=True)
+        }
+        self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
+        return tuple(prepared.get(member.name, member) for member in channels)
 
     def _fit(self, channel: StudyChannel, effects: Sequence[str]) -> FitResult:
         if not effects:
@@ -776,7 +785,7 @@ class ModelStudy(TableDisplay):
 
     def _effect(self, name: str) -> Effect:
         if name not in self._library:
-            known = suited_names(name, self.effects, [one.data for one in self.channels])
+            known = suited_names(name, self.effects, [member.data for member in self.channels])
             raise InputError(f"no effect is called '{name}'. {known}")
         return self._library[name]
 
@@ -796,16 +805,16 @@ class ModelStudy(TableDisplay):
         chosen = self.chosen(name)
         begun = chosen if fresh else tuple(map(self._current, chosen))
         fitting_channels = [
-            one for one in begun if not any(unapplicable(effect, self._loaded(one)) for effect in effects)
+            base for base in begun if not any(unapplicable(effect, self._loaded(base)) for effect in effects)
         ]
         names = " and ".join(effect.name for effect in effects)
         if not fitting_channels:
-            there = ", ".join(f"{one.name} ({one.kind})" for one in begun)
-            known = suited_names(effects[0].name, self.effects, [one.data for one in begun])
+            there = ", ".join(f"{base.name} ({base.kind})" for base in begun)
+            known = suited_names(effects[0].name, self.effects, [base.data for base in begun])
             raise InputError(f"{names} can be in none of the channels: {there}. {known}")
-        contacts = [one for one in fitting_channels if one.kind is ChannelKind.CONTACT]
+        contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
-            there = ", ".join(one.name for one in fitting_channels)
+            there = ", ".join(base.name for base in fitting_channels)
             raise InputError(f"{names} can be in {there}: choose one with --channel")
         return (contacts or fitting_channels)[0]
 
@@ -843,7 +852,9 @@ class ModelStudy(TableDisplay):
         self, channel: StudyChannel, effects: Sequence[str], parent: Revision | None
     ) -> tuple[Revision, ...]:
         """Save each stage after the parent, or after the base model that is saved already."""
-        bases = (one for one in self.revisions if one.key == channel.key and not one.effects)
+        bases = (
+            revision for revision in self.revisions if revision.key == channel.key and not revision.effects
+        )
         before = parent or next(bases, None)
         self.fit(channel, effects)  # nothing is saved of what cannot be added
         kept: list[Revision] = []

@@ -25,18 +25,18 @@ _CONTAINED = 1e-3  # of the energy of what a law adds, that is left where anothe
 _UNSEEN = (1.0 + SMALL) ** 2 - 1.0  # of the energy of the noise: it raises the error by what decides nothing
 
 
-def is_undecided(found: ChannelDiagnosis) -> bool:
+def is_undecided(diagnosis: ChannelDiagnosis) -> bool:
     """Return whether several explanations are left, or none that explains everything.
 
     Args:
-        found: the diagnosis.
+        diagnosis: the diagnosis.
     """
-    if found.verdict in {Verdict.INSUFFICIENT, Verdict.ADEQUATE}:
+    if diagnosis.verdict in {Verdict.INSUFFICIENT, Verdict.ADEQUATE}:
         return False
-    return not found.complete or any(entry.confused_with for entry in found.accepted)
+    return not diagnosis.complete or any(entry.confused_with for entry in diagnosis.accepted)
 
 
-def rival_effects(found: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
+def rival_effects(diagnosis: ChannelDiagnosis, effects: Iterable[Effect]) -> list[list[list[str]]]:
     """The questions that are left, each as the effects of all models that may be right, the best first.
 
     Where an effect is not told from others, each in its place, which is a question of its own for each such
@@ -44,31 +44,33 @@ def rival_effects(found: ChannelDiagnosis, effects: Iterable[Effect]) -> list[li
     best candidates alone.
 
     Args:
-        found: the diagnosis.
+        diagnosis: the diagnosis.
         effects: the library; an effect that is what others are together stands in the place of all of them.
     """
-    names = [entry.effect for entry in found.accepted]
-    parts = {one.name: one.parts for one in effects}
+    names = [entry.effect for entry in diagnosis.accepted]
+    parts = {effect.name: effect.parts for effect in effects}
     asked = [
-        [_with(names, entry.effect, other, parts.get(other, ())) for other in _group(entry)]
-        for entry in found.accepted
+        [_with(names, entry.effect, rival, parts.get(rival, ())) for rival in _group(entry)]
+        for entry in diagnosis.accepted
         if entry.confused_with
     ]
-    alone = [[one.effect] for one in found.ranking if one.score > 0.0 and one.effect not in names]
-    return [one[:MOST] for one in asked] or [[names, *alone][:_ALONE]]
+    alone = [
+        [ranked.effect] for ranked in diagnosis.ranking if ranked.score > 0.0 and ranked.effect not in names
+    ]
+    return [models[:MOST] for models in asked] or [[names, *alone][:_ALONE]]
 
 
 def _group(entry: Accepted) -> list[str]:
     return [entry.effect, *entry.confused_with]
 
 
-def _with(names: Sequence[str], place: str, other: str, parts: Sequence[str]) -> list[str]:
+def _with(names: Sequence[str], place: str, rival: str, parts: Sequence[str]) -> list[str]:
     """Effects, another in the place of one and of all its own parts, and last."""
-    return [*(name for name in names if name != place and name not in parts), other]
+    return [*(name for name in names if name != place and name not in parts), rival]
 
 
 def rivals_of(
-    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
 ) -> list[dict[str, FitResult]]:
     """For each question, these models by their effects in words, fitted, and the best first.
 
@@ -79,19 +81,19 @@ def rivals_of(
     Args:
         study: the measurement and its fits.
         channel: the channel with its base model.
-        found: the diagnosis of that channel.
+        diagnosis: the diagnosis of that channel.
     """
-    if not is_undecided(found):
+    if not is_undecided(diagnosis):
         return []
-    asked = rival_effects(found, study.effects)
+    asked = rival_effects(diagnosis, study.effects)
     if len(asked[0]) == 1:
         asked = [[*asked[0], *([name] for name in _telling_most(study, channel))]]
-    return [fitted for one in asked if len(fitted := _fitted(study, channel, one)) > 1]
+    return [fitted for models in asked if len(fitted := _fitted(study, channel, models)) > 1]
 
 
-def _fitted(study: ModelStudy, channel: StudyChannel, wanted: Iterable[list[str]]) -> dict[str, FitResult]:
+def _fitted(study: ModelStudy, channel: StudyChannel, models: Iterable[list[str]]) -> dict[str, FitResult]:
     fitted = {}
-    for effects in wanted:
+    for effects in models:
         try:
             fitted[" + ".join(effects) or channel.model.name] = study.fit(channel, effects).training_fit
         except InputError:
@@ -102,10 +104,12 @@ def _fitted(study: ModelStudy, channel: StudyChannel, wanted: Iterable[list[str]
 def _telling_most(study: ModelStudy, channel: StudyChannel) -> list[str]:
     base = study.fit(channel).training_fit
     tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # the best first
-    return [one.effect.name for one in tried[: _ALONE - 1]]
+    return [candidate.effect.name for candidate in tried[: _ALONE - 1]]
 
 
-def with_the_simplest(study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis) -> ChannelDiagnosis:
+def with_the_simplest(
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis
+) -> ChannelDiagnosis:
     """The diagnosis without rivals that are less simple than another and contain it.
 
     To be asked where no experiment that can be made tells them apart: what a law has beyond a simpler one is
@@ -116,40 +120,45 @@ def with_the_simplest(study: ModelStudy, channel: StudyChannel, found: ChannelDi
     Args:
         study: the measurement and its fits.
         channel: the channel with its base model.
-        found: the diagnosis of that channel.
+        diagnosis: the diagnosis of that channel.
     """
-    for place, entry in enumerate(found.accepted):
+    for place, entry in enumerate(diagnosis.accepted):
         if entry.confused_with:
-            found = _with_the_simplest_in(study, channel, found, place)
-    return found
+            diagnosis = _with_the_simplest_in(study, channel, diagnosis, place)
+    return diagnosis
 
 
 def _with_the_simplest_in(
-    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis, place: int
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, place: int
 ) -> ChannelDiagnosis:
-    accepted, names = list(found.accepted), [one.effect for one in found.accepted]
-    entry, known = accepted[place], {one.name: one for one in study.effects}
+    accepted, names = (
+        list(diagnosis.accepted),
+        [accepted_effect.effect for accepted_effect in diagnosis.accepted],
+    )
+    entry, known = accepted[place], {effect.name: effect for effect in study.effects}
     models = {
-        other: study.fit(channel, _with(names, entry.effect, other, known[other].parts)).training_fit
-        for other in _group(entry)
+        rival: study.fit(channel, _with(names, entry.effect, rival, known[rival].parts)).training_fit
+        for rival in _group(entry)
     }
     kept: list[str] = []
-    for name in sorted(models, key=lambda one: (_size(models[one].solution.model), len(known[one].signals))):
-        if not _contains_another(models[name], [models[one] for one in kept]):
+    for name in sorted(
+        models, key=lambda name: (_size(models[name].solution.model), len(known[name].signals))
+    ):
+        if not _contains_another(models[name], [models[rival] for rival in kept]):
             kept.append(name)
     first, *rest = [name for name in models if name in kept]
     effect = known[first]
     about = {"physics": effect.physics, "equation": effect.equation, "signature": effect.signature}
     accepted[place] = entry.model_copy(update={"effect": first, "confused_with": rest, **about})
-    return _with_numbers(study, channel, found, accepted)
+    return _with_numbers(study, channel, diagnosis, accepted)
 
 
 def _with_numbers(
-    study: ModelStudy, channel: StudyChannel, found: ChannelDiagnosis, accepted: Sequence[Accepted]
+    study: ModelStudy, channel: StudyChannel, diagnosis: ChannelDiagnosis, accepted: Sequence[Accepted]
 ) -> ChannelDiagnosis:
     """The diagnosis with other accepted effects, and the numbers of their fits."""
-    changed = found.model_copy(update={"accepted": list(accepted)})
-    if found.baseline is None or found.final is None or found.noise_floor is None:
+    changed = diagnosis.model_copy(update={"accepted": list(accepted)})
+    if diagnosis.baseline is None or diagnosis.final is None or diagnosis.noise_floor is None:
         return changed
     names = [entry.effect for entry in accepted]
     stages = [study.fit(channel, names[:count]).training_fit for count in range(len(names) + 1)]
@@ -159,10 +168,12 @@ def _with_numbers(
         )
         for entry, (before, after) in zip(accepted, pairwise(stages), strict=True)
     ]
-    base, last, unit = found.baseline.rmse, stages[-1].rmse, found.effort_unit
-    left = found.reason.removeprefix(error_decrease(found.accepted, base, found.final.rmse, unit))
-    times = last / found.noise_floor if found.noise_floor > 0.0 else 1.0
-    remaining = found.remaining and found.remaining.model_copy(update={"rmse": last, "times_floor": times})
+    base, last, unit = diagnosis.baseline.rmse, stages[-1].rmse, diagnosis.effort_unit
+    left = diagnosis.reason.removeprefix(error_decrease(diagnosis.accepted, base, diagnosis.final.rmse, unit))
+    times = last / diagnosis.noise_floor if diagnosis.noise_floor > 0.0 else 1.0
+    remaining = diagnosis.remaining and diagnosis.remaining.model_copy(
+        update={"rmse": last, "times_floor": times}
+    )
     return changed.model_copy(
         update={
             "reason": error_decrease(entries, base, last, unit) + left,
@@ -175,19 +186,19 @@ def _with_numbers(
 
 def _contains_another(larger: FitResult, others: Iterable[FitResult]) -> bool:
     """Whether a model draws what a simpler one does, or has become something else than its name says."""
-    simpler = [one for one in others if _is_simpler(one, larger)]
+    simpler = [smaller for smaller in others if _is_simpler(smaller, larger)]
     if simpler and is_misnamed(larger.solution.model.effects[-1], larger.solution, larger.problem):
         return True
-    return any(_contains(larger, one) for one in simpler)
+    return any(_contains(larger, smaller) for smaller in simpler)
 
 
-def _is_simpler(one: FitResult, other: FitResult) -> bool:
+def _is_simpler(smaller: FitResult, larger: FitResult) -> bool:
     """Whether a model is simpler than another that differs from it in the last effect."""
-    last = other.solution.model.effects[-1]
-    if last.parts and {effect.name for effect in one.solution.model.effects} >= set(last.parts):
+    last = larger.solution.model.effects[-1]
+    if last.parts and {effect.name for effect in smaller.solution.model.effects} >= set(last.parts):
         return False
-    sizes = [_size(each.solution.model) for each in (one, other)]
-    few, many = (set(each.solution.model.effects[-1].signals) for each in (one, other))
+    sizes = [_size(fit.solution.model) for fit in (smaller, larger)]
+    few, many = (set(fit.solution.model.effects[-1].signals) for fit in (smaller, larger))
     return sizes[0] < sizes[1] or (sizes[0] == sizes[1] and few < many)
 
 
