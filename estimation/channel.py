@@ -10,13 +10,94 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimation.information import Information
-from palpate.estimation.surface import Surface
-from palpate.estimation.tare import Tare
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ARRAYS = ("time_s", "position", "velocity", "acceleration", "effort", "run", "phase")
+
+
+FEWEST_STEPS = 4.0  # of an encoder over which a press has a slope: half a step at either end is a quarter
+_NO_DIRECTION = 1e-13  # of the largest eigenvalue: columns that depend on each other
+# Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
+_checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface along the press direction."""
+
+    position_m: float  # coordinate along the press direction, in the frame of the tip positions [m]
+    std_err_m: float  # its standard error [m]; NaN if there is none
+    # The least coordinate at which the touch still allows it; -inf if nothing is known [m].
+    highest_m: float = float("-inf")
+    deepest_m: float = float("inf")  # the greatest; inf if nothing is known [m]
+
+
+@dataclass(frozen=True)
+class Tare:
+    """The effort in free air, run by run; r runs.
+
+    A run's tare is a mean of noisy samples. Its error is the same in all samples of the run, so that more of
+    them do not average it out.
+    """
+
+    run: IntArray  # their numbers, ascending, shape (r,)
+    effort: FloatArray  # mean in free air, shape (r,)
+    std_err: FloatArray  # its standard error, shape (r,)
+
+    def of(self, run: IntArray) -> FloatArray:
+        """What to take off each sample of these runs, shape (n,).
+
+        Args:
+            run: number of each sample's run, shape (n,).
+        """
+        taken: FloatArray = self.effort[np.searchsorted(self.run, run)]
+        return taken
+
+    def errors(self, run: IntArray) -> FloatArray:
+        """One standard error of each tare in the samples that share it, shape (n, r).
+
+        Args:
+            run: number of each sample's run, shape (n,).
+        """
+        return np.where(run[:, None] == self.run, self.std_err, 0.0)
+
+
+@dataclass(frozen=True)
+class Information:
+    """A quadratic: beta' matrix beta / 2 - vector' beta, of one or of several fits."""
+
+    matrix: FloatArray  # shape (..., s, s), symmetric
+    vector: FloatArray  # shape (..., s)
+
+    def __add__(self, other: "Information") -> "Information":
+        return Information(self.matrix + other.matrix, self.vector + other.vector)
+
+    def times(self, factor: float) -> "Information":
+        """For normal equations that are not divided by the noise variance: times that variance."""
+        return Information(factor * self.matrix, factor * self.vector)
+
+    def about(self, chosen: IntArray | BoolArray) -> "Information":
+        """Of these parameters alone, all others at their best beside them (Schur complement).
+
+        Args:
+            chosen: indices or mask of the parameters that are kept.
+        """
+        kept = np.zeros(self.vector.shape[-1], dtype=np.bool_)
+        kept[chosen] = True
+        cross = self.matrix[..., kept, :][..., ~kept] @ pseudo_inverse(self.matrix[..., ~kept, :][..., ~kept])
+        matrix = self.matrix[..., kept, :][..., kept] - cross @ self.matrix[..., ~kept, :][..., kept]
+        vector = self.vector[..., kept] - (cross @ self.vector[..., ~kept, None])[..., 0]
+        return Information(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), vector)
+
+
+def pseudo_inverse(matrices: FloatArray) -> FloatArray:
+    """Of symmetric matrices (..., k, k), whatever the columns' units."""
+    scale = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
+    scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    scaled = matrices * scale[..., :, None] * scale[..., None, :]
+    inverse = np.linalg.pinv(scaled, rcond=_NO_DIRECTION, hermitian=True)
+    return np.asarray(inverse * scale[..., :, None] * scale[..., None, :])
 
 
 class ChannelKind(StrEnum):
@@ -149,10 +230,6 @@ class ChannelData:
             runs: numbers of the runs to keep.
         """
         return self.select(np.isin(self.run, runs))
-
-
-# Arrays that were checked, by what they are: a fit makes thousands of channels of the same ones.
-_checked: WeakValueDictionary[int, NDArray[Any]] = WeakValueDictionary()
 
 
 def _check(channel: str, what: str, values: FloatArray | IntArray, length: int) -> None:

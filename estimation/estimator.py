@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.fit.irls import Loss
-from palpate.estimation.regression import Regression
+from palpate.estimation.model import Regression
 from palpate.estimation.statistics.uncertainty import Covariance, assemble
 from palpate.robot_io.types import BoolArray, FloatArray
 

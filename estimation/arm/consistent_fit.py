@@ -8,7 +8,7 @@ import scipy
 
 from palpate.estimation.arm.base_parameters import BaseParameters
 from palpate.estimation.arm.pseudo_inertia import Divergence, nearest_bodies
-from palpate.estimation.information import Information
+from palpate.estimation.channel import Information
 from palpate.robot_io.types import FloatArray
 
 

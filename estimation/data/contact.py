@@ -6,12 +6,11 @@ import numpy as np
 
 from palpate.control.laws.touch import touch_force_n
 from palpate.control.loop.task import Phase
+from palpate.estimation.channel import FEWEST_STEPS, Surface, Tare
 from palpate.estimation.signals.blocks import block_index
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import common_error_covariance, sandwich
-from palpate.estimation.surface import FEWEST_STEPS, Surface
-from palpate.estimation.tare import Tare
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _LASTING = 3  # samples in a row

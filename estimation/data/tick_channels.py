@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from palpate.control.loop.task import NO_RUN, Phase
 from palpate.control.loop.tick_record import STREAM_NAME, tick_stream
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.contact import Contact, find_contacts, find_surface, touch_of
 from palpate.estimation.data.derivatives import differentiate, grid_step
 from palpate.estimation.data.units import fault_of, more_like_it, useless_rows
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
-from palpate.estimation.tare import Tare
 from palpate.robot_io.errors import InputError, SessionError
 from palpate.robot_io.session import Samples, Session
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray, Status

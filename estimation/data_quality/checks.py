@@ -32,8 +32,8 @@ from palpate.estimation.data_quality.readings import (
     unchanging,
 )
 from palpate.estimation.data_quality.timing import lost_rows, time_offset
-from palpate.estimation.fit.ar_noise import ORDER, ArNoise
 from palpate.estimation.fit.blocks import PIECES, block_average, block_length
+from palpate.estimation.fit.normal_equations import ORDER, ArNoise
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import apply_per_run, sample_time
 from palpate.robot_io.types import BoolArray

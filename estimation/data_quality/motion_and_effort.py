@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_file import mistaken_scale
-from palpate.estimation.fit.joint_load import HEAVY
+from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient

@@ -10,8 +10,8 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import blocks
 from palpate.estimation.signals.runwise import is_even, sample_time, shift
+from palpate.estimation.statistics.correlation import Misfit, misfit
 from palpate.estimation.statistics.least_squares import solve
-from palpate.estimation.statistics.misfit import Misfit, misfit
 from palpate.robot_io.types import BoolArray
 
 _FARTHEST_S, _MOST_SHIFTS = 0.1, 50  # that is looked for; samples

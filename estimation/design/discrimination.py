@@ -19,12 +19,11 @@ import numpy as np
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.import_files import joined_channels
 from palpate.estimation.effect import Effect
-from palpate.estimation.fit.blocks import block_average, decimate
-from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.blocks import block_average, decimate, with_load
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import refine_inner, search_inner
-from palpate.estimation.fit.joint_load import with_load
 from palpate.estimation.fit.measurement_model import shuffle_noise
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
 SMALL = 0.05  # of an error: a smaller lead decides nothing, see `palpate.estimation.diagnosis.bootstrap`

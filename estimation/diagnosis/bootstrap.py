@@ -15,13 +15,13 @@ import scipy
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.derivatives import grid_step
 from palpate.estimation.effect import Effect
-from palpate.estimation.fit.fit_cache import FitCache
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.flexible_regression import fit_flexible
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
 from palpate.estimation.fit.measurement_model import MeasurementModel, shuffle_noise
 from palpate.estimation.model import Model
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import BoolArray, FloatArray
 

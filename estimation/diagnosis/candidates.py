@@ -9,6 +9,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.fit.blocks import HEAVY
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.inner_search import (
@@ -19,7 +20,6 @@ from palpate.estimation.fit.inner_search import (
     search_inner,
 )
 from palpate.estimation.fit.intervals import inner_slopes
-from palpate.estimation.fit.joint_load import HEAVY
 from palpate.estimation.model import Model
 from palpate.estimation.signals.runwise import finest_step
 from palpate.robot_io.types import BoolArray

@@ -8,12 +8,12 @@ from palpate.estimation.data_quality import usable
 from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.diagnosis.candidates import screen_effects
 from palpate.estimation.effect import Effect
-from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.inner_search import GridSearch
-from palpate.estimation.fit.joint_load import LOAD, LUMPED
 from palpate.estimation.fit.threads import single_threaded
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _MOST_STARTS = 3  # physically plausible starts from which a fit is repeated

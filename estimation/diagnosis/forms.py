@@ -29,8 +29,7 @@ from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.flexible_regression import is_plausible_bias, smoothing_bias
-from palpate.estimation.fit.normal_equations import held_out_sse, solve_normal_equations
-from palpate.estimation.fit.nuisance import nuisance_of
+from palpate.estimation.fit.normal_equations import held_out_sse, nuisance_of, solve_normal_equations
 from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray

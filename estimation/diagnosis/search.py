@@ -24,12 +24,12 @@ from palpate.estimation.diagnosis.candidates import (
 from palpate.estimation.effect import Effect, Inner, SensorEffect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.fit.blocks import BlockedData, decimate, merge_blocks
-from palpate.estimation.fit.fit_cache import FitCache
 from palpate.estimation.fit.fit_problem import Solution, columns_at, solve_gains
 from palpate.estimation.fit.fit_result import FitResult, fit_model
 from palpate.estimation.fit.permutation import COUNT, null_improvements
 from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import rows_of_runs
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray
 

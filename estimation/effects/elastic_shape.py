@@ -15,6 +15,13 @@ from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.estimation.signals.runwise import shifted_motion
 from palpate.robot_io.types import FloatArray
 
+_STRAIGHT = 0.1  # from a power of one, within which the law is a straight line
+_CLEARLY = 2.0  # standard errors
+_SHOWN = 0.03  # of the press of the upper layer, that a sensor must show
+_OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
+_STEEPEST = 50.0  # b |x| beyond which nothing is computed
+_STARTS = (0.5, 1.0, 2.0, 4.0, 7.0, 12.0)  # b times the largest |x|
+
 
 class Stiffness(AdditiveEffect):
     """F = k x; in a contact the spring pushes only while it is pressed (x > 0)."""
@@ -67,9 +74,6 @@ class CubicStiffness(AdditiveEffect):
         return depth * depth * depth  # ten times faster than a power
 
 
-_STRAIGHT = 0.1  # from a power of one, within which the law is a straight line
-
-
 class PowerLawStiffness(AdditiveEffect):
     """F = k |x|^n sign(x), beside whatever other stiffness there is; in a contact only while pressed.
 
@@ -110,11 +114,6 @@ class PowerLawStiffness(AdditiveEffect):
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
         pressed = np.where(data.engaged, data.position, 0.0)
         return (np.sign(pressed) * np.abs(pressed) ** inner["n"])[:, None]
-
-
-_CLEARLY = 2.0  # standard errors
-_SHOWN = 0.03  # of the press of the upper layer, that a sensor must show
-_OTHER_SPRINGS = {"hunt_crossley.k", "stress_relaxation.k1"}
 
 
 class LayeredStiffness(AdditiveEffect):
@@ -294,3 +293,37 @@ def _smooth_force(data: ChannelData) -> Motion:
     return differentiate(
         data.time_s, data.effort, number_stretches(data.engaged, data.run), rounding=0.0, calm=False
     )
+
+
+class ExponentialStiffness(AdditiveEffect):
+    """F = a (exp(b |x|) - 1 - b |x|) sign(x): what a fibrous tissue adds to the straight line of its toe.
+
+    The straight part, a b x of Fung's law, is left to the spring beside.
+    """
+
+    name = "exponential_stiffness"
+    kind = Kind.ELASTIC_SHAPE
+    physics = "Fibres straighten one after the other, so that stiffness grows with the force itself."
+    equation = "F = a (exp(b |x|) - 1 - b |x|) sign(x)"
+    source = "Y. C. Fung, Am. J. Physiology 213 (1967): elasticity of soft tissues in simple elongation"
+    signature = "the slope of effort over position is a straight line over the effort, at any speed"
+    signals = ("position",)
+    channels = frozenset(ChannelKind)
+    gains = (Parameter("a", "{effort}", 0.0, 1e12, (1e-4, 10.0)),)
+    elastic = ("a",)
+    inner = (Parameter("b", "1/{position}", 1e-3, 1e9, (10.0, 1000.0), log=True),)
+    confused_with = {
+        "power_law_stiffness": "press deeper: an exponential soon outgrows any power",
+        "cubic_stiffness": "press deeper: an exponential soon outgrows a cubic",
+        "layered_stiffness": "press deeper: layers have a kink, an exponential has none",
+    }
+
+    def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
+        pressed = np.where(data.engaged, data.position, 0.0)
+        steep = np.minimum(inner["b"] * np.abs(pressed), _STEEPEST)
+        return np.asarray(np.sign(pressed) * (np.expm1(steep) - steep))[:, None]
+
+    def starts(self, data: ChannelData) -> tuple[Inner, ...]:
+        """See `Effect.starts`: from hardly bent to steep within the range of motion."""
+        deepest = float(np.max(np.abs(data.position), initial=0.0)) or 1.0
+        return tuple({"b": float(np.clip(steep / deepest, 1e-3, 1e9))} for steep in _STARTS)

@@ -5,10 +5,9 @@ import numpy as np
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_share, irls
-from palpate.estimation.regression import Regression
-from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.model import Regression
+from palpate.estimation.statistics.least_squares import solve, solve_subsets
 from palpate.estimation.statistics.noise import NoiseLevel, fit_noise_level, robust_sigma
-from palpate.estimation.statistics.subsets import solve_subsets
 from palpate.estimation.statistics.uncertainty import sandwich
 from palpate.robot_io.types import FloatArray
 

@@ -10,10 +10,9 @@ from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.estimators.recursive import INITIAL_VARIANCE, Rls
 from palpate.estimation.fit.irls import Loss
-from palpate.estimation.regression import Regression
-from palpate.estimation.statistics.least_squares import solve
+from palpate.estimation.model import Regression
+from palpate.estimation.statistics.least_squares import solve, solve_subsets
 from palpate.estimation.statistics.noise import robust_sigma
-from palpate.estimation.statistics.subsets import solve_subsets
 from palpate.estimation.statistics.uncertainty import Covariance, sandwich
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray

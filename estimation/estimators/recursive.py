@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.estimation.estimate import Estimate
 from palpate.estimation.estimator import OnlineEstimator
-from palpate.estimation.regression import Regression
+from palpate.estimation.model import Regression
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.estimation.statistics.uncertainty import Covariance
 from palpate.robot_io.errors import InputError

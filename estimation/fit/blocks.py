@@ -1,6 +1,6 @@
 """The grid on which a diagnosis works: means over short blocks, and folds of whole runs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,10 +10,9 @@ import scipy
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import reading_error
 from palpate.estimation.effect import AdditiveEffect, Inner
-from palpate.estimation.fit.fit_cache import FitCache
-from palpate.estimation.fit.joint_load import LOAD
+from palpate.estimation.model import Model
 from palpate.estimation.signals.blocks import rows_of_runs
-from palpate.estimation.signals.cache_by_array import IdentityKey
+from palpate.estimation.signals.cache_by_array import FitCache, IdentityKey
 from palpate.estimation.signals.runwise import sample_time
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
@@ -36,6 +35,13 @@ _AGAIN = (
     0.9  # of the contact of a run that begins pressed: with more in its first touch, it hardly presses again
 )
 _REST = 0.05  # of the joint's usual highest speed
+LOAD = "load"
+LUMPED = "lumped_inertia_effort"  # part of the load, of which the drive's rotor may take some before the gear
+# Effects in which weight acts, and all whose effort is a load;
+# not the armature: what accelerates a rotor does not pass through the gear
+HEAVY = frozenset({"pendulum", "rigid_body", "rigid_body_fitted", "payload", "gravity_tilt", "weight"})
+CARRYING = HEAVY | {"inertia"}
+_LUMPED = {"inertia": "m", "pendulum": "inertia"}  # the gain in which link and rotor are one
 
 
 @dataclass(frozen=True)
@@ -263,3 +269,22 @@ def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
     """Whether a joint moves in blocks of samples, shape (m,), or as good as rests."""
     speed = np.abs(data.velocity[rows].mean(axis=1))
     return np.asarray(speed >= _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
+
+
+def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) -> ChannelData:
+    """The channel with the signal `load`: what the model's masses and weights take.
+
+    What an inertia takes that may be the rotor's as well as the link's is a signal of its own, beside
+    weights: by itself it only scales the load.
+
+    A contact, a channel that brings its own, and a model without masses are returned as they are.
+    """
+    carrying = Model(model.name, tuple(e for e in model.effects if e.name in CARRYING))
+    if data.kind is ChannelKind.CONTACT or LOAD in data.context or not carrying.effects:
+        return data
+    signals = {LOAD: carrying.predict(data, parameters)}
+    names = {effect.name for effect in carrying.effects}
+    if names & _LUMPED.keys() and names - {"inertia"}:
+        inertia = sum(parameters[f"{name}.{_LUMPED[name]}"] for name in names & _LUMPED.keys())
+        signals[LUMPED] = inertia * data.acceleration
+    return replace(data, context={**data.context, **signals})

@@ -8,18 +8,18 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind, Information
 from palpate.estimation.effect import AdditiveEffect, Effect, Inner, SensorEffect
-from palpate.estimation.fit.ar_noise import WHITE, ArNoise
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.normal_equations import (
+    WHITE,
+    ArNoise,
     LinearFit,
     NormalEquations,
+    Nuisance,
     gram_matrices,
     solve_normal_equations,
 )
-from palpate.estimation.fit.nuisance import Nuisance
-from palpate.estimation.information import Information
 from palpate.estimation.model import Model, Parts, own
 from palpate.estimation.statistics.least_squares import solve_within_bounds
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray

@@ -7,11 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from palpate.estimation.channel import ChannelData, ChannelKind
-from palpate.estimation.display import DisplayTable, TableDisplay, interval_text
-from palpate.estimation.estimate import ParameterEstimate
-from palpate.estimation.fit.ar_noise import WHITE, estimate_ar_noise
-from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries
-from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay, interval_text
+from palpate.estimation.fit.blocks import BlockedData, block_average, decimate, exclude_boundaries, with_load
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, held_out_residual, rmse, solve_gains
 from palpate.estimation.fit.flexible_regression import (
     DifferentiationFilter,
@@ -22,10 +19,11 @@ from palpate.estimation.fit.flexible_regression import (
 )
 from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.intervals import estimate_parameters
-from palpate.estimation.fit.joint_load import with_load
 from palpate.estimation.fit.measurement_model import identify_measurement_model
+from palpate.estimation.fit.normal_equations import WHITE, estimate_ar_noise
 from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.model import Model
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9

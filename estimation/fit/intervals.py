@@ -10,10 +10,13 @@ import numpy as np
 
 from palpate.estimation.effect import Parameter
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.estimation.fit.acceleration_noise import inflate_acceleration_noise
-from palpate.estimation.fit.fit_cache import FitCache
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
-from palpate.estimation.fit.measurement_model import MeasurementModel, identify_measurement_model
+from palpate.estimation.fit.measurement_model import (
+    MeasurementModel,
+    identify_measurement_model,
+    inflate_acceleration_noise,
+)
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.statistics.noise import sum_covariance
 from palpate.robot_io.types import FloatArray, IntArray
 

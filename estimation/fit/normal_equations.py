@@ -4,10 +4,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
-from palpate.estimation.information import Information
+from palpate.estimation.channel import Information
+from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.statistics.least_squares import solve_definite
-from palpate.robot_io.types import BoolArray, FloatArray
+from palpate.robot_io.types import BoolArray, FloatArray, IntArray
+
+ORDER = 4
+_INDEPENDENT = 1e-4  # of the largest singular value of columns of unit size
 
 
 @dataclass(frozen=True)
@@ -144,3 +149,96 @@ def _sse(products: FloatArray, gains: FloatArray) -> FloatArray:
     signed = np.concatenate([-gains, np.ones((*gains.shape[:-1], 1))], axis=-1)
     sse: FloatArray = np.sum((products @ signed[..., None])[..., 0] * signed, axis=-1)
     return np.maximum(sse, 0.0)
+
+
+@dataclass(frozen=True)
+class ArNoise:
+    """An autoregressive noise, run by run."""
+
+    coefficients: FloatArray  # coefficients of the previous samples, newest first; empty for white noise
+
+    def used(self, run: IntArray, trusted: BoolArray) -> BoolArray:
+        """Samples that are trusted with all their past within their own run, shape (m,)."""
+        order = len(self.coefficients)
+        used = trusted.copy()
+        used[:order] = False
+        for lag in range(1, order + 1):
+            used[order:] &= trusted[order - lag : len(run) - lag]
+        used[order:] &= run[order:] == run[: len(run) - order]
+        return used
+
+    def whiten(self, signal: FloatArray) -> FloatArray:
+        """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `used` count."""
+        order = len(self.coefficients)
+        if order == 0:
+            return signal
+        new = np.array(signal, dtype=np.float64)
+        for lag, weight in enumerate(self.coefficients, start=1):
+            new[order:] -= weight * signal[order - lag : len(signal) - lag]
+        return new
+
+
+WHITE = ArNoise(np.empty(0))
+
+
+def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -> ArNoise:
+    """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise)."""
+    clean = np.where(trusted, residual, 0.0)
+    products = np.empty(ORDER + 1)
+    for lag in range(ORDER + 1):
+        same = run[lag:] == run[: len(run) - lag]
+        products[lag] = np.sum((clean[lag:] * clean[: len(clean) - lag])[same])
+    if not products[0] > 0.0:
+        return WHITE
+    products[0] *= 1.0 + 1e-6
+    return ArNoise(scipy.linalg.solve_toeplitz(products[:-1], products[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Orthonormal columns on blocks; rows that are not used are zero."""
+
+    by_run: FloatArray  # orthonormal within each run, shape (m, j); j = 0 without differences between runs
+    run: IntArray  # run of each block, shape (m,)
+    basis: FloatArray  # orthonormal over all blocks, shape (m, q)
+
+    def remove(self, blocks: FloatArray) -> FloatArray:
+        """Return what the nuisance columns leave of blocks (m,) or (m, k)."""
+        left = _without_runs(blocks, self.by_run, self.run)
+        return np.asarray(left - self.basis @ (self.basis.T @ left))
+
+
+def nuisance_of(columns: FloatArray, by_run: FloatArray, run: IntArray, used: BoolArray) -> Nuisance:
+    """Prepare the projection.
+
+    Args:
+        columns: flexible laws of all runs together, shape (m, q).
+        by_run: columns with a coefficient of its own in each run, shape (m, j).
+        run: run of each block, shape (m,).
+        used: blocks that count, shape (m,).
+    """
+    own = np.zeros(by_run.shape)
+    for rows in rows_of_runs(run):
+        some = rows[used[rows]]
+        own[some, : min(by_run.shape[1], len(some))] = _orthonormal(by_run[some])[:, : by_run.shape[1]]
+    masked = _without_runs(columns * used[:, None], own, run)
+    return Nuisance(own, run, _orthonormal(masked, drop=True))
+
+
+def _without_runs(blocks: FloatArray, by_run: FloatArray, run: IntArray) -> FloatArray:
+    if by_run.shape[1] == 0:
+        return blocks
+    left = blocks.astype(np.float64, copy=True)
+    for rows in rows_of_runs(run):
+        own = by_run[rows]
+        left[rows] -= own @ (own.T @ left[rows])
+    return left
+
+
+def _orthonormal(columns: FloatArray, *, drop: bool = False) -> FloatArray:
+    """Return an orthonormal basis of columns (m, q); directions that hardly exist are zero, or dropped."""
+    size = np.sqrt(np.sum(columns**2, axis=0))
+    unit = columns / np.where(size > 0.0, size, 1.0)
+    left, values, _ = np.linalg.svd(unit, full_matrices=False)
+    exist = values > _INDEPENDENT * max(values.max(initial=0.0), 1e-300)
+    return np.asarray(left[:, exist] if drop else left * exist)

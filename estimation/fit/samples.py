@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.fit.ar_noise import WHITE
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, Solution, solve_gains
 from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.irls import IrlsResult, Loss, absolute_share, cauchy_influence, irls
+from palpate.estimation.fit.normal_equations import WHITE
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import robust_sigma
 from palpate.estimation.statistics.uncertainty import Covariance, sandwich

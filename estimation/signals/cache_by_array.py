@@ -1,18 +1,22 @@
 """Cache results by the identity of the arrays that they were computed from."""
 
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache, wraps
+from threading import Lock
 from typing import Any, TypeVar, cast
 
 from numpy.typing import NDArray
 
 from palpate.estimation.channel import ChannelData
+from palpate.robot_io.types import FloatArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result")
 _MOST = 4  # results of each function
 _LONG = 500_000  # samples; longer arrays are not kept alive by a cache
+MOST_BYTES = 64_000_000
 
 
 class IdentityKey:
@@ -76,3 +80,30 @@ def cache_by_channel_arrays(
         return lookup
 
     return decorate
+
+
+@dataclass
+class FitCache:
+    """Arrays by what they are; those asked for longest ago are forgotten first."""
+
+    size: int = 0  # of all together [bytes]
+    _known: OrderedDict[Hashable, FloatArray] = field(default_factory=OrderedDict)
+    _lock: Lock = field(default_factory=Lock)  # a page computes in several threads
+
+    def __reduce__(self) -> tuple[type["FitCache"], tuple[()]]:
+        """For another process: it begins with nothing, and computes what it needs sooner than it is sent."""
+        return FitCache, ()
+
+    def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
+        """What was computed for `what` before, or is now."""
+        with self._lock:
+            if what in self._known:
+                self._known.move_to_end(what)
+                return self._known[what]
+        array = compute()
+        with self._lock:
+            self.size += array.nbytes - (self._known[what].nbytes if what in self._known else 0)
+            self._known[what] = array
+            while self.size > MOST_BYTES and len(self._known) > 1:
+                self.size -= self._known.popitem(last=False)[1].nbytes
+        return array

@@ -1,6 +1,6 @@
 """One study of one measurement."""
 
-from palpate.estimation.study.arm import Arm
+from palpate.estimation.base_model import Arm
 from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.comparison import Comparison
 from palpate.estimation.study.estimates import ChannelEstimates

@@ -8,12 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.estimation.base_model import ModelContext
+from palpate.estimation.base_model import Arm, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import Effect
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.study.arm import Arm
 from palpate.estimation.study.source import Source
 from palpate.robot_io.errors import InputError
 

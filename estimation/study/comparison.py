@@ -9,12 +9,11 @@ from palpate.estimation.budget import BudgetEntry, error_budget
 from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.bootstrap import SMALL
 from palpate.estimation.diagnosis.forms import error_of_kinds
-from palpate.estimation.display import DisplayTable, TableDisplay
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
+from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.fit.threads import single_threaded
-from palpate.estimation.physical import UNPHYSICAL
 from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.types import BoolArray, FloatArray

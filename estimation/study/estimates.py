@@ -5,19 +5,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData
-from palpate.estimation.display import DisplayTable, TableDisplay, interval_text
-from palpate.estimation.estimate import Estimate, Identifiability
+from palpate.estimation.base_model import NO_ARM, Arm
+from palpate.estimation.channel import ChannelData, Surface
+from palpate.estimation.estimate import DisplayTable, Estimate, Identifiability, TableDisplay, interval_text
 from palpate.estimation.estimate_channel import estimate_channel, fitting_rows
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.fit.fit_problem import Solution
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
-from palpate.estimation.statistics.misfit import residual_scale
-from palpate.estimation.study.arm import NO_ARM, Arm
+from palpate.estimation.statistics.correlation import residual_scale
 from palpate.estimation.study.source import Source
-from palpate.estimation.surface import Surface
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.types import BoolArray, FloatArray
 

@@ -7,14 +7,17 @@ from functools import cached_property
 import numpy as np
 
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.display import DisplayTable, TableDisplay
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.intervals import SIGMAS_95
 from palpate.estimation.fit.samples import slopes_of
 from palpate.estimation.signals.blocks import rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
-from palpate.estimation.statistics.correlation import Correlation, autocorrelation, cross_correlation
-from palpate.estimation.statistics.misfit import fit_percent
+from palpate.estimation.statistics.correlation import (
+    Correlation,
+    autocorrelation,
+    cross_correlation,
+    fit_percent,
+)
 from palpate.estimation.statistics.uncertainty import sandwich
 from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.comparison import Comparison

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Diagnosis
-from palpate.estimation.display import DisplayTable, TableDisplay
-from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDisplay
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.study.channels import StudyChannel

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.channel import ChannelData
 from palpate.estimation.data.array_files import arrow_of
 from palpate.estimation.data.column_names import RUN
@@ -19,7 +20,6 @@ from palpate.estimation.data.import_files import data_files, import_files, joine
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data.table import table_of
 from palpate.estimation.fit.long_data import shortened
-from palpate.estimation.study.arm import NO_ARM, Arm
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.extras import LazyModule
 

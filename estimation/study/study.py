@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.estimation.base_model import Arm
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.data_quality import quality_warnings, reject_reason
@@ -20,15 +21,14 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.candidates import effect_library
 from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
 from palpate.estimation.diagnosis.result import ParameterValue
-from palpate.estimation.display import DisplayTable, TableDisplay
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
+from palpate.estimation.estimate import DisplayTable, TableDisplay
 from palpate.estimation.fit.fit_problem import NOT_HELD
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
 from palpate.estimation.shared_gains import with_shared_gains
 from palpate.estimation.study import fitting
-from palpate.estimation.study.arm import Arm
 from palpate.estimation.study.channels import (
     ALL_CHANNELS,
     FITTED_ARM_MODEL,

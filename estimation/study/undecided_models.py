@@ -10,11 +10,10 @@ from palpate.estimation.diagnosis.candidates import applicable_effects, is_misna
 from palpate.estimation.diagnosis.result import Accepted, Fitted, stage_numbers
 from palpate.estimation.diagnosis.verdict import error_decrease
 from palpate.estimation.effect import Effect
-from palpate.estimation.fit.blocks import decimate
-from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.blocks import decimate, with_load
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.joint_load import with_load
 from palpate.estimation.model import Model
+from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.estimation.study.channels import StudyChannel
 from palpate.estimation.study.study import ModelStudy
 from palpate.robot_io.errors import InputError

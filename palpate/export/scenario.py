@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import atan2, hypot
 
+from palpate.estimation.channel import Surface
 from palpate.estimation.study import Revision
-from palpate.estimation.surface import Surface
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import validate
 from palpate.sim_backend.imperfection import Imperfection, parse_imperfection

@@ -7,8 +7,8 @@ from math import nan
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.diagnosis.forms import Form
 from palpate.estimation.effects import EFFECTS
+from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.kinds import Kind
-from palpate.estimation.physical import UNPHYSICAL
 from palpate.render import palette
 from palpate.render.view import NOISE, BudgetPart, BudgetView, VerdictView, percent
 

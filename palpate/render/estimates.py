@@ -11,12 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.common.console import AT_BOUND, NOT_DETERMINED, count, natural_width, safe, significant, table
+from palpate.estimation.channel import FEWEST_STEPS
 from palpate.estimation.data_quality import contaminated
 from palpate.estimation.estimate import Determined, Estimate, Identifiability, ParameterEstimate
+from palpate.estimation.estimate_channel import in_steps, steps_spanned
 from palpate.estimation.fit.intervals import SIGMAS_95
-from palpate.estimation.rounding import in_steps, steps_spanned
 from palpate.estimation.study.estimates import BEST, MOST, OFFSET, ChannelEstimates
-from palpate.estimation.surface import FEWEST_STEPS
 from palpate.render.build import channel_view, stage_view
 from palpate.render.view import ChannelView, VerdictView
 from palpate.robot_io.calibration import parse_calibrations

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from palpate.estimation.regression import Regression
+from palpate.estimation.model import Regression
 
 TRUTH = np.array([500.0, 20.0])
 NAMES, UNITS = ("k", "c"), ("N/m", "N s/m")

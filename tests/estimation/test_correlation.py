@@ -8,8 +8,12 @@ from scipy.signal import lfilter, lombscargle
 from statsmodels.tsa.stattools import acf, ccf
 
 from palpate.estimation.signals.periodicity import strongest_frequency
-from palpate.estimation.statistics.correlation import SIGMAS_99, autocorrelation, cross_correlation
-from palpate.estimation.statistics.misfit import fit_percent
+from palpate.estimation.statistics.correlation import (
+    SIGMAS_99,
+    autocorrelation,
+    cross_correlation,
+    fit_percent,
+)
 
 N, LAGS = 4000, 30
 ONE_RUN = np.zeros(N, dtype=int)

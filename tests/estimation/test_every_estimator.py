@@ -6,7 +6,7 @@ import pytest
 from palpate.estimation.estimate import Identifiability
 from palpate.estimation.estimator import Estimator, OnlineEstimator
 from palpate.estimation.estimators import ESTIMATORS
-from palpate.estimation.regression import Regression
+from palpate.estimation.model import Regression
 from palpate.robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, std_errs, values
 

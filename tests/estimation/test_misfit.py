@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.statistics.misfit import misfit
+from palpate.estimation.statistics.correlation import misfit
 
 RUN = np.repeat([0, 1, 2], 1000)
 ALL = np.ones(3000, dtype=bool)

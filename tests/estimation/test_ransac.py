@@ -3,8 +3,8 @@ import pytest
 from sklearn.linear_model import LinearRegression, RANSACRegressor
 
 from palpate.estimation.estimators.ransac import Ransac
-from palpate.estimation.regression import Regression
-from palpate.estimation.statistics.subsets import solve_subsets
+from palpate.estimation.model import Regression
+from palpate.estimation.statistics.least_squares import solve_subsets
 from palpate.estimation.statistics.uncertainty import cramer_rao
 from palpate.robot_io.errors import InputError
 from tests.estimation.problems import NAMES, TRUTH, UNITS, motion, problem, std_errs, values

@@ -3,7 +3,7 @@ import pytest
 
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.estimators.batch import Lsq, Robust, Weighted
-from palpate.estimation.regression import Regression
+from palpate.estimation.model import Regression
 from palpate.estimation.statistics.noise import fit_noise_level
 from tests.estimation.problems import NAMES, TRUTH, UNITS, covered, motion, problem, values
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import lfilter
 
 from palpate.control.loop.task import Phase
+from palpate.estimation.channel import Tare
 from palpate.estimation.data.contact import find_contacts
 from palpate.estimation.data.tick_channels import contact_channels
 from palpate.estimation.estimate_channel import estimate_channel
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.statistics.uncertainty import common_error_covariance
-from palpate.estimation.tare import Tare
 from tests.estimation.contact_data import base_model
 from tests.estimation.little_probe import hunt_crossley, kelvin_voigt, probe, ticks
 

@@ -9,8 +9,8 @@ import pyarrow.parquet
 import pytest
 
 from palpate.control.loop.task import Phase
+from palpate.estimation.channel import Surface
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.surface import Surface
 from palpate.export.scenario import ARM, CONTACT, JOINT, SENSOR, FittedChannel, export_scenario
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.session import Event, Session, SessionMetadata, write_session, writer

@@ -22,9 +22,8 @@ from palpate.estimation.estimator import Estimator
 from palpate.estimation.estimators import ESTIMATORS
 from palpate.estimation.estimators.ransac import Ransac
 from palpate.estimation.fit.samples import fit_samples, slopes_of
-from palpate.estimation.model import Model
+from palpate.estimation.model import Model, Regression
 from palpate.estimation.models import MODELS
-from palpate.estimation.regression import Regression
 from palpate.estimation.statistics.uncertainty import cramer_rao
 from palpate.estimation.study.channels import CONTACT_MODEL
 from palpate.robot_io.errors import InputError

@@ -10,7 +10,7 @@ from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.arm.base_parameters import base_parameters
 from palpate.estimation.arm.consistent_fit import consistent_information, fit_bodies, urdf_information
 from palpate.estimation.arm.pseudo_inertia import Divergence, inertial_of, nearest_bodies, pseudo_inertias
-from palpate.estimation.information import Information
+from palpate.estimation.channel import Information
 from tests.estimation.arm.panda import is_body, minimum, other_bodies, panda
 
 FOLLOWER = Path(sim_backend.__file__).parent / "arms/follower/follower.urdf"

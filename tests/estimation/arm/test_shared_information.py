@@ -12,7 +12,7 @@ from palpate.estimation.arm.consistent_fit import (
     training_sums,
     urdf_information,
 )
-from palpate.estimation.information import Information
+from palpate.estimation.channel import Information
 from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
 
 FOLDS = 4

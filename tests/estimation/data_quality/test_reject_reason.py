@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.estimation.base_model import ModelContext
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData, ChannelKind, Tare
 from palpate.estimation.data.import_files import joined_channels
 from palpate.estimation.data_quality import checklist, contaminated, quality_warnings, reject_reason, usable
 from palpate.estimation.data_quality.motion_and_effort import late_touch
 from palpate.estimation.models import MODELS
-from palpate.estimation.tare import Tare
 from tests.estimation.presses import kelvin_voigt, session
 
 DATA = session(3)

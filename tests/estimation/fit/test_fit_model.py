@@ -8,18 +8,21 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from palpate.estimation.base_model import ModelContext
+from palpate.estimation.channel import Information
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.fit.ar_noise import estimate_ar_noise
-from palpate.estimation.fit.blocks import block_average
-from palpate.estimation.fit.fit_cache import FitCache
+from palpate.estimation.fit.blocks import block_average, with_load
 from palpate.estimation.fit.fit_problem import held_out_residual, linearise_along, solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import _widest, estimate_parameters, inner_slopes
-from palpate.estimation.fit.joint_load import with_load
-from palpate.estimation.fit.normal_equations import gram_matrices, held_out_sse, solve_normal_equations
-from palpate.estimation.information import Information
+from palpate.estimation.fit.normal_equations import (
+    estimate_ar_noise,
+    gram_matrices,
+    held_out_sse,
+    solve_normal_equations,
+)
 from palpate.estimation.model import Model
 from palpate.estimation.models import MODELS
+from palpate.estimation.signals.cache_by_array import FitCache
 from tests.estimation.fits import MODEL, fits
 from tests.estimation.presses import K, kelvin_voigt, session
 from tests.estimation.swings import DAMPING, INERTIA, NOISE_NM, WEIGHT, read, swings
@@ -337,7 +340,7 @@ def test_the_floor_in_all_runs_is_the_floor_and_in_some_it_is_theirs():
 
 
 def test_what_was_asked_for_longest_ago_is_forgotten_first(monkeypatch):
-    monkeypatch.setattr("palpate.estimation.fit.fit_cache.MOST_BYTES", 3 * 80)
+    monkeypatch.setattr("palpate.estimation.signals.cache_by_array.MOST_BYTES", 3 * 80)
     cache, asked = FitCache(), []
 
     def made(number):

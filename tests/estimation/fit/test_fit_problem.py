@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from palpate.estimation.channel import ChannelKind, SharedGains
+from palpate.estimation.channel import ChannelKind, Information, SharedGains
 from palpate.estimation.effect import AdditiveEffect
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.fit.ar_noise import WHITE, ArNoise
 from palpate.estimation.fit.blocks import BlockedData
 from palpate.estimation.fit.fit_problem import FitProblem, residual_slopes, solve_gains
-from palpate.estimation.fit.normal_equations import NormalEquations, held_out_sse, solve_normal_equations
-from palpate.estimation.information import Information
+from palpate.estimation.fit.normal_equations import (
+    WHITE,
+    ArNoise,
+    NormalEquations,
+    held_out_sse,
+    solve_normal_equations,
+)
 from palpate.estimation.model import Model
 from tests.estimation.contact_data import channel
 

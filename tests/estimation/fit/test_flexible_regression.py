@@ -16,8 +16,7 @@ from palpate.estimation.fit.flexible_regression import (
     is_plausible_bias,
     model_features,
 )
-from palpate.estimation.fit.normal_equations import gram_matrices
-from palpate.estimation.fit.nuisance import nuisance_of
+from palpate.estimation.fit.normal_equations import gram_matrices, nuisance_of
 from palpate.estimation.fit.smooth_features import hats, smooth_features
 from palpate.estimation.model import Model
 from palpate.estimation.signals.exponential_memory import low_pass

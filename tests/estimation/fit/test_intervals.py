@@ -7,10 +7,10 @@ import pytest
 
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.fit import fit_result
-from palpate.estimation.fit.acceleration_noise import inflate_acceleration_noise
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import final_solution, fit_model
 from palpate.estimation.fit.intervals import _errors, _without_jumps, estimate_parameters
+from palpate.estimation.fit.measurement_model import inflate_acceleration_noise
 from palpate.estimation.model import Model
 from palpate.estimation.statistics.noise import sum_covariance
 from tests.estimation.swings import DAMPING, INERTIA, WEIGHT, smoothed, swings, within

@@ -11,12 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.diagnosis.extension import PackedFit
 from palpate.estimation.effects import EFFECTS
 from palpate.estimation.study import ModelStudy, fitting
 from palpate.estimation.study import study as study_module
-from palpate.estimation.study.arm import NO_ARM, Arm
 from palpate.estimation.study.saved_diagnosis import RESULT, with_checksum
 from palpate.robot_io.errors import InputError
 from tests.estimation.fits import cubic
