@@ -74,7 +74,11 @@ class Information:
         return Information(self.matrix + other.matrix, self.vector + other.vector)
 
     def times(self, factor: float) -> "Information":
-        """For normal equations that are not divided by the noise variance: times that variance."""
+        """For normal equations that are not divided by the noise variance: times that variance.
+
+        Args:
+            factor: variance of the noise, in the unit of the effort squared.
+        """
         return Information(factor * self.matrix, factor * self.vector)
 
     def about(self, chosen: IntArray | BoolArray) -> "Information":
@@ -92,7 +96,11 @@ class Information:
 
 
 def pseudo_inverse(matrices: FloatArray) -> FloatArray:
-    """Of symmetric matrices (..., k, k), whatever the columns' units."""
+    """Of symmetric matrices (..., k, k), whatever the columns' units.
+
+    Args:
+        matrices: symmetric, shape (..., k, k).
+    """
     scale = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
     scaled = matrices * scale[..., :, None] * scale[..., None, :]

@@ -8,7 +8,11 @@ from threading import Thread
 
 
 def end_workers(pool: ProcessPoolExecutor) -> None:
-    """End a pool and its processes at once; what they were computing is lost."""
+    """End a pool and its processes at once; what they were computing is lost.
+
+    Args:
+        pool: the pool; it takes no further work.
+    """
     for process in list((pool._processes or {}).values()):
         process.terminate()
     # else half a result would be waited for: only the process that ended could complete it

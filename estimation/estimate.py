@@ -90,7 +90,11 @@ class DisplayTable(NamedTuple):
 
 
 def interval_text(estimated: ParameterEstimate) -> str:
-    """A parameter's 95 % interval, or that it is at the bound of its search."""
+    """A parameter's 95 % interval, or that it is at the bound of its search.
+
+    Args:
+        estimated: the parameter.
+    """
     lower, upper = estimated.interval
     return "at its bound" if estimated.at_bound else f"{lower:.5g} to {upper:.5g}"
 

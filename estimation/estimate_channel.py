@@ -36,6 +36,9 @@ def fitting_rows(data: ChannelData) -> BoolArray:
 
     Of a contact: those surely in contact where the surface was found from the data, else those below the
     surface; of a joint: all.
+
+    Args:
+        data: the channel.
     """
     if data.kind is not ChannelKind.CONTACT:
         return np.ones(len(data), dtype=np.bool_)

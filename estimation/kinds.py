@@ -102,7 +102,12 @@ _SEPARATING = {
 
 
 def separating_experiment(first: Kind, second: Kind) -> str:
-    """Return the experiment that separates two kinds; a general one where none is known."""
+    """Return the experiment that separates two kinds; a general one where none is known.
+
+    Args:
+        first: kind of one effect.
+        second: kind of the effect that it may be confused with.
+    """
     known = _SEPARATING.get(frozenset({first, second}))
     return (
         known

@@ -48,7 +48,11 @@ class Regression:
             raise InputError(f"regression: {samples} samples cannot determine {gains} parameters")
 
     def select(self, rows: BoolArray | IntArray) -> "Regression":
-        """The problem with only these samples (a mask or indices)."""
+        """The problem with only these samples (a mask or indices).
+
+        Args:
+            rows: mask or indices of samples.
+        """
         run = None if self.run is None else self.run[rows]
         return replace(self, columns=self.columns[rows], effort=self.effort[rows], run=run)
 

@@ -165,7 +165,13 @@ class _Problem:
         self._root = _root(information.matrix)
 
     def descend(self, inertial: FloatArray, precision: float, close: float) -> FloatArray:
-        """From bodies to the bodies of least cost."""
+        """From bodies to the bodies of least cost.
+
+        Args:
+            inertial: parameters of all bodies, shape (10 links,).
+            precision: weight of the divergence from the bodies of origin.
+            close: squared decrement at which it ends, as a share of the precision.
+        """
         here = self._cost(inertial, precision)
         for _ in range(_STEPS):
             step, decrement = self.newton(inertial, precision)

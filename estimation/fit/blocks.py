@@ -67,7 +67,11 @@ class BlockedData:
         return int(self.fold.max()) + 1
 
     def reduce(self, signal: FloatArray) -> FloatArray:
-        """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k)."""
+        """Means over blocks of a signal (n,) or (n, k): shape (m,) or (m, k).
+
+        Args:
+            signal: a value or k values a sample, shape (n,) or (n, k).
+        """
         block = self.rows.shape[1]
         if block == 1:
             return signal[self.rows[:, 0]]
@@ -80,11 +84,21 @@ class BlockedData:
         return self.cache.get_or_compute("effort", lambda: self.reduce(self.data.effort))
 
     def columns(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
-        """Columns of an effect on blocks, shape (m, k), on the motion as measured."""
+        """Columns of an effect on blocks, shape (m, k), on the motion as measured.
+
+        Args:
+            effect: the effect.
+            inner: values of the inner parameters by name.
+        """
         return self._cached("columns", effect, inner, effect.columns)
 
     def known(self, effect: AdditiveEffect, inner: Inner) -> FloatArray:
-        """Effort on blocks that an effect adds without any gain, shape (m,)."""
+        """Effort on blocks that an effect adds without any gain, shape (m,).
+
+        Args:
+            effect: the effect.
+            inner: values of the inner parameters by name.
+        """
         return self._cached("known", effect, inner, effect.known)
 
     def _cached(
@@ -109,7 +123,11 @@ class BlockedData:
 
 
 def block_length(data: ChannelData) -> int:
-    """Samples in a block; half as many as long as a joint's effort swings within the block."""
+    """Samples in a block; half as many as long as a joint's effort swings within the block.
+
+    Args:
+        data: the channel.
+    """
     rate_hz = CONTACT_RATE_HZ if data.kind is ChannelKind.CONTACT else JOINT_RATE_HZ
     block = max(1, int(1.0 / (rate_hz * sample_time(data.time_s, data.run)) + 0.5))
     while block > 1 and data.kind is not ChannelKind.CONTACT and _swings_within(data.effort, block):
@@ -159,7 +177,12 @@ def block_average(
 
 
 def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
-    """Join neighbouring blocks of a run until at most so many are left, or the effort swings within them."""
+    """Join neighbouring blocks of a run until at most so many are left, or the effort swings within them.
+
+    Args:
+        blocked: the channel on blocks.
+        most: number of blocks that are allowed.
+    """
     factor = -(-len(blocked) // most)
     while factor > 1 and _swings_within(blocked.effort, factor):
         factor //= 2
@@ -179,12 +202,21 @@ def merge_blocks(blocked: BlockedData, most: int) -> BlockedData:
 
 
 def exclude_boundaries(blocked: BlockedData, moved: ChannelData) -> BlockedData:
-    """The frame without trust in blocks where a contact begins or ends by a motion, measured or another."""
+    """The frame without trust in blocks where a contact begins or ends by a motion, measured or another.
+
+    Args:
+        blocked: the channel on blocks.
+        moved: the same channel with the motion that acts.
+    """
     return replace(blocked, trusted=blocked.trusted & ~_mixed(moved, blocked))
 
 
 def decimate(blocked: BlockedData) -> ChannelData:
-    """The channel averaged over blocks, one sample for each."""
+    """The channel averaged over blocks, one sample for each.
+
+    Args:
+        blocked: the channel on blocks.
+    """
     data, mean = blocked.data, blocked.reduce
     return replace(
         data,
@@ -266,7 +298,12 @@ def _at_rest(data: ChannelData, rows: IntArray) -> BoolArray:
 
 
 def is_moving(data: ChannelData, rows: IntArray) -> BoolArray:
-    """Whether a joint moves in blocks of samples, shape (m,), or as good as rests."""
+    """Whether a joint moves in blocks of samples, shape (m,), or as good as rests.
+
+    Args:
+        data: the channel.
+        rows: the samples of each block, shape (m, samples in a block).
+    """
     speed = np.abs(data.velocity[rows].mean(axis=1))
     return np.asarray(speed >= _REST * float(np.quantile(np.abs(data.velocity), 0.95)))
 
@@ -278,6 +315,11 @@ def with_load(data: ChannelData, model: Model, parameters: Mapping[str, float]) 
     weights: by itself it only scales the load.
 
     A contact, a channel that brings its own, and a model without masses are returned as they are.
+
+    Args:
+        data: the channel.
+        model: the model, of which masses and weights count.
+        parameters: values by "effect.parameter".
     """
     carrying = Model(model.name, tuple(e for e in model.effects if e.name in CARRYING))
     if data.kind is ChannelKind.CONTACT or LOAD in data.context or not carrying.effects:

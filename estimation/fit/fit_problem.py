@@ -55,7 +55,11 @@ class FitProblem:
         return order, [slice(*ends) for ends in pairwise(borders)]
 
     def whiten(self, blocks: FloatArray) -> FloatArray:
-        """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k)."""
+        """Blocks (m,) or (m, k) with the colour taken out, shape (w,) or (w, k).
+
+        Args:
+            blocks: shape (m,) or (m, k).
+        """
         return self._white(blocks)[self.used]
 
     def _white(self, blocks: FloatArray) -> FloatArray:
@@ -184,7 +188,12 @@ class Solution:
 
 
 def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
-    """Effort less what the gains fitted to the other folds predict, shape (n,); NaN outside blocks."""
+    """Effort less what the gains fitted to the other folds predict, shape (n,); NaN outside blocks.
+
+    Args:
+        blocked: the channel on blocks.
+        solution: the fitted model.
+    """
     slopes, effort = solution.model.linearise(blocked.data, solution.parameters)
     gains = np.array([solution.parameters[name] for name in solution.model.gains])
     residual = np.full(len(blocked.data), np.nan)
@@ -195,7 +204,11 @@ def held_out_residual(blocked: BlockedData, solution: Solution) -> FloatArray:
 
 
 def rmse(residual: FloatArray) -> float:
-    """Root mean square over the samples that have a value."""
+    """Root mean square over the samples that have a value.
+
+    Args:
+        residual: any shape; NaN does not count.
+    """
     return float(np.sqrt(np.nanmean(residual**2)))
 
 
@@ -274,7 +287,13 @@ def _on_blocks(
 
 
 def columns_at(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> FloatArray:
-    """Change of the effort on blocks by each gain, at known gains and inner parameters, shape (m, q)."""
+    """Change of the effort on blocks by each gain, at known gains and inner parameters, shape (m, q).
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        model: the model.
+        parameters: values by "effect.parameter".
+    """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
         return _on_blocks(problem, model, parameters)[0]
@@ -325,7 +344,12 @@ LinearisedParts = Callable[[Inner], Parts | None]
 
 
 def is_linear_on_blocks(data: ChannelData, model: Model) -> bool:
-    """Whether a model can be fitted on blocks alone; a contact's effort is cut off sample by sample."""
+    """Whether a model can be fitted on blocks alone; a contact's effort is cut off sample by sample.
+
+    Args:
+        data: the channel.
+        model: the model.
+    """
     return model.is_sum and data.kind is not ChannelKind.CONTACT
 
 

@@ -296,7 +296,15 @@ def fit_problem(
     good: BoolArray | None,
     cache: FitCache,
 ) -> FitProblem:
-    """Build the blocks on which a model with these parameters is fitted and scored; see `fit_model`."""
+    """Build the blocks on which a model with these parameters is fitted and scored; see `fit_model`.
+
+    Args:
+        data: the channel.
+        model: the model.
+        parameters: values by "effect.parameter"; gains that are missing count as zero.
+        good: samples that may be used, shape (n,); None for all.
+        cache: arrays that other fits of the channel share.
+    """
     blocked = block_average(with_load(data, model, parameters), good, cache)
     if data.kind is not ChannelKind.CONTACT:
         return FitProblem(blocked, WHITE)
@@ -309,6 +317,9 @@ def final_solution(fit: FitResult) -> tuple[FitProblem, Solution]:
     Prewhitened parameters are the most exact, but only once nothing is missing: a missing effect would pass
     for coloured noise. They are taken only near the plain fit, since with a badly known noise model another
     place may leave as little.
+
+    Args:
+        fit: the fitted model.
 
     Returns:
         The problem, with or without prewhitening, and its solution.

@@ -68,7 +68,15 @@ def search_inner(
     parameters: Mapping[str, float],
     starts: Iterable[Mapping[str, float]],
 ) -> GridSearch:
-    """Try `effect`, which is part of `model`, at its starts."""
+    """Try `effect`, which is part of `model`, at its starts.
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        model: the model.
+        effect: the effect.
+        parameters: known values by "effect.parameter".
+        starts: inner parameters to try, by name.
+    """
     along = linearise_along(problem.blocked.data, model, effect, parameters)
     places = list(starts)
     solutions = (_at(problem, model, effect, parameters, inner, along=along) for inner in places)
@@ -76,7 +84,12 @@ def search_inner(
 
 
 def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
-    """All trials of a candidate, of which the best keeps its blocks."""
+    """All trials of a candidate, of which the best keeps its blocks.
+
+    Args:
+        solutions: the trials.
+        start_count: number of starts among them.
+    """
     kept: list[Solution] = []
     best = 0
     for number, solution in enumerate(solutions):
@@ -89,7 +102,14 @@ def grid_search(solutions: Iterable[Solution], start_count: int) -> GridSearch:
 
 
 def refine_inner(problem: FitProblem, model: Model, effect: Effect, looked: GridSearch) -> GridSearch:
-    """Try an effect closer and closer around the best of what was tried."""
+    """Try an effect closer and closer around the best of what was tried.
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        model: the model.
+        effect: the effect.
+        looked: what was tried before.
+    """
     solutions = list(looked.solutions)
     along = linearise_along(problem.blocked.data, model, effect, solutions[0].parameters)
     grid = [
@@ -195,13 +215,21 @@ class Scale:
         return self.number(self.parameter.lower), self.number(self.parameter.upper)
 
     def number(self, value: float) -> float:
-        """The number for a value."""
+        """The number for a value.
+
+        Args:
+            value: of the inner parameter, in its unit.
+        """
         if self.by_ratio:
             return float(np.log(max(value, 1e-300) / self.start))
         return (value - self.start) / self._unit
 
     def value(self, number: float) -> float:
-        """The value for a number."""
+        """The value for a number.
+
+        Args:
+            number: on the scale that is searched.
+        """
         return float(self.start * np.exp(number)) if self.by_ratio else self.start + number * self._unit
 
     @property

@@ -35,6 +35,10 @@ def estimate_parameters(problem: FitProblem, solution: Solution) -> dict[str, Pa
     The sandwich of slopes by gains and inner parameters, around the covariance of residuals times slopes with
     the noise's colour taken out first (Andrews and Monahan 1992). What another reading of the motion
     would turn the parameters by is added to their variance. One that is held has no error.
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        solution: the fitted model.
     """
     names = [name for name in (*solution.model.gains, *solution.model.inner) if name not in solution.fixed]
     slopes = problem.whiten(_free_slopes(problem, solution))
@@ -76,7 +80,12 @@ def _free_slopes(problem: FitProblem, solution: Solution) -> FloatArray:
 
 
 def inner_slopes(problem: FitProblem, solution: Solution) -> list[FloatArray]:
-    """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,)."""
+    """Slope of the prediction by each inner parameter at fixed gains, each of shape (m,).
+
+    Args:
+        problem: data, noise weights and folds of the fit.
+        solution: the fitted model.
+    """
     slopes = solution.model.inner_slopes(problem.blocked.data, solution.parameters, _STEP)
     return [_without_jumps(problem.blocked.reduce(slope)) for slope in slopes]
 

@@ -39,13 +39,21 @@ class Loss(StrEnum):
 
 
 def cauchy_influence(standardised: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cauchy's weight psi(u) / u in an equivalent least squares, and the slope of psi, each (n,)."""
+    """Cauchy's weight psi(u) / u in an equivalent least squares, and the slope of psi, each (n,).
+
+    Args:
+        standardised: residuals u divided by their scale, shape (n,).
+    """
     square = (standardised / _CAUCHY_CUT) ** 2
     return 1.0 / (1.0 + square), (1.0 - square) / (1.0 + square) ** 2
 
 
 def absolute_share(residuals: FloatArray) -> FloatArray:
-    """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,)."""
+    """Squared weights with which least squares, repeated, minimises absolute residuals, shape (n,).
+
+    Args:
+        residuals: shape (n,).
+    """
     smallest = max(_SMALLEST_RESIDUAL * robust_sigma(residuals), _NO_NOISE)
     return np.asarray(1.0 / np.maximum(np.abs(residuals), smallest))
 

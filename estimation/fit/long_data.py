@@ -39,7 +39,11 @@ class Within:
     count: int  # samples that this was seen in
 
     def is_noise(self, block: int) -> bool:
-        """Whether the departure is noise, or so little more that means over blocks do not show it."""
+        """Whether the departure is noise, or so little more that means over blocks do not show it.
+
+        Args:
+            block: samples in a block.
+        """
         error = _SURE * np.sqrt(4.6 / self.count)  # of a mean of squared third differences
         return bool(self.departure**2 <= self.noise**2 * (1.0 + _LOST / block + error))
 

@@ -60,7 +60,11 @@ class MeasurementModel:
         return shifted_motion(data, -self.error, velocity - data.velocity, acceleration - data.acceleration)
 
     def simulate(self, rng: np.random.Generator) -> ChannelData:
-        """That motion read once more: other errors of the position, derived by the same windows."""
+        """That motion read once more: other errors of the position, derived by the same windows.
+
+        Args:
+            rng: source of random numbers.
+        """
         error, data = self._another_error(rng), self.data
         if self.filters[0] is not None:
             noise = channel_derivative(data, error, self.filters[0], 1)
@@ -101,6 +105,9 @@ def identify_measurement_model(data: ChannelData) -> MeasurementModel:
     """Tell the errors of a channel's positions, and how its derivatives came about.
 
     What is found is remembered for the same motion under another load.
+
+    Args:
+        data: the channel.
     """
     return replace(_readings_of(data), data=data)
 
@@ -133,7 +140,13 @@ def _readings_of(data: ChannelData) -> MeasurementModel:
 
 
 def shuffle_noise(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign."""
+    """Noise (n,) like the one given, without its tie to the motion: shifted in time, of either sign.
+
+    Args:
+        noise: shape (n,).
+        run: number of each sample's run, shape (n,).
+        rng: source of random numbers.
+    """
     made = np.empty_like(noise)
     for rows in equal_length_blocks(run):
         count = rows.shape[1]
@@ -148,6 +161,12 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
     A reading's error does not end at the frequency where the smooth motion begins. That is about where a
     cubic fit to 2 h + 1 samples passes half of a wave's size (for short windows, rather higher): R. W.
     Schafer, IEEE Signal Processing Magazine 28 (2011).
+
+    Args:
+        error: of the readings, shape (n,).
+        run: number of each sample's run, shape (n,).
+        half: samples to either side in a window.
+        rng: source of random numbers.
     """
     edge = min(0.5 * 4.0 / max(3.2 * half - 4.6, 1.0), 0.25)  # in cycles a sample
     slow = np.zeros_like(error)
@@ -167,7 +186,14 @@ def low_frequency_noise(error: FloatArray, run: IntArray, half: int, rng: np.ran
 
 
 def channel_derivative(data: ChannelData, signal: FloatArray, window: int, order: int) -> FloatArray:
-    """Derivative (n,) of a signal (n,) by the window that derived the channel's own."""
+    """Derivative (n,) of a signal (n,) by the window that derived the channel's own.
+
+    Args:
+        data: the channel.
+        signal: shape (n,).
+        window: samples to either side in a window.
+        order: of the derivative.
+    """
     if len(signal) * (2 * window + 1) < _MOST_WEIGHTS and not is_even(data.time_s, data.run):
         times = IdentityKey(data.time_s), IdentityKey(data.run)
         return np.asarray(_derivative_operator(*times, window, order) @ signal)

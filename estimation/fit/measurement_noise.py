@@ -54,7 +54,11 @@ class MeasurementNoise:
         return self.effort is None
 
     def describe(self, unit: str) -> str:
-        """Return the noise in words, such as "at most 0.031 N, by repeated runs"."""
+        """Return the noise in words, such as "at most 0.031 N, by repeated runs".
+
+        Args:
+            unit: of the effort.
+        """
         size = f"{self.value:.3g} {unit}"
         return (
             f"at most {size}, by {self.source.value}"
@@ -89,7 +93,11 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
 
 
 def free_air_noise(data: ChannelData) -> float | None:
-    """Standard deviation of the effort before the first touch of each run, about that run's mean."""
+    """Standard deviation of the effort before the first touch of each run, about that run's mean.
+
+    Args:
+        data: the channel.
+    """
     if data.kind is not ChannelKind.CONTACT:
         return None
     parts = []

@@ -24,7 +24,11 @@ class NormalEquations:
     known: Information | None = None
 
     def only(self, columns: BoolArray) -> "NormalEquations":
-        """With only these columns, a mask of shape (q,), and the target."""
+        """With only these columns, a mask of shape (q,), and the target.
+
+        Args:
+            columns: mask, shape (q,).
+        """
         kept = np.append(np.flatnonzero(columns), len(columns))
         known = self.known and Information(
             self.known.matrix[:, kept[:-1, None], kept[None, :-1]], self.known.vector[:, kept[:-1]]
@@ -32,7 +36,12 @@ class NormalEquations:
         return NormalEquations(self.products[:, kept[:, None], kept[None, :]], known)
 
     def with_fixed(self, columns: BoolArray, gains: FloatArray) -> "NormalEquations":
-        """Without some columns (a mask, shape (q,)), whose effort at these gains (q,) the target loses."""
+        """Without some columns (a mask, shape (q,)), whose effort at these gains (q,) the target loses.
+
+        Args:
+            columns: mask, shape (q,).
+            gains: of all columns; those of the mask count, shape (q,).
+        """
         shift = np.eye(len(gains) + 1)
         shift[:-1, -1] = np.where(columns, -gains, 0.0)
         known = self.known and Information(
@@ -42,6 +51,9 @@ class NormalEquations:
 
     def training(self, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What gains solve, of all folds and of all but each, for columns that are `scale` (q,) times these.
+
+        Args:
+            scale: factor of each column, shape (q,).
 
         Returns:
             Systems (1 + folds, q, q) and right-hand sides (1 + folds, q).
@@ -55,7 +67,11 @@ class NormalEquations:
 
 
 def gram_matrices(parts: Iterable[FloatArray]) -> NormalEquations:
-    """Cross products of columns and target side by side, one array (rows, q + 1) for each fold."""
+    """Cross products of columns and target side by side, one array (rows, q + 1) for each fold.
+
+    Args:
+        parts: columns and target of each fold, (rows, q + 1).
+    """
     return NormalEquations(np.stack([part.T @ part for part in parts]))
 
 
@@ -82,7 +98,12 @@ class LinearFit:
         return np.asarray(np.sqrt(variance) * self.scale)
 
     def beside(self, gains: FloatArray, free: Sequence[int]) -> "LinearFit":
-        """The same fit among all gains (q,), of which only those at these places were free."""
+        """The same fit among all gains (q,), of which only those at these places were free.
+
+        Args:
+            gains: all gains, shape (q,).
+            free: places of those that were fitted.
+        """
         whole = np.repeat(gains[None], len(self.fold_gains) + 1, axis=0)
         whole[:, free] = np.concatenate([self.gains[None], self.fold_gains])
         system, scale = np.eye(len(gains)), np.zeros(len(gains))
@@ -112,13 +133,22 @@ def held_out_sse(equations: NormalEquations, ridges: FloatArray) -> FloatArray:
     """Sum of squared residuals in each fold, of the fit to the others, (r, folds), for each shrinkage (r, q).
 
     See `solve_normal_equations`, which does one of them and more.
+
+    Args:
+        equations: of all folds.
+        ridges: shrinkages to try, on columns of unit size, shape (r, q).
     """
     scaled, scale = _scaled(equations)
     return _sse(scaled, np.array([_shrunken(equations, scale, ridge) for ridge in ridges]))
 
 
 def held_out_gains(equations: NormalEquations, ridge: FloatArray) -> FloatArray:
-    """Gains (folds, q) from the folds other than each, with a shrinkage (q,)."""
+    """Gains (folds, q) from the folds other than each, with a shrinkage (q,).
+
+    Args:
+        equations: of all folds.
+        ridge: shrinkage of each gain, on columns of unit size, shape (q,).
+    """
     _, scale = _scaled(equations)
     return _shrunken(equations, scale, ridge) * scale
 
@@ -158,7 +188,12 @@ class ArNoise:
     coefficients: FloatArray  # coefficients of the previous samples, newest first; empty for white noise
 
     def used(self, run: IntArray, trusted: BoolArray) -> BoolArray:
-        """Samples that are trusted with all their past within their own run, shape (m,)."""
+        """Samples that are trusted with all their past within their own run, shape (m,).
+
+        Args:
+            run: number of the run of each sample, shape (m,).
+            trusted: samples that may be used, shape (m,).
+        """
         order = len(self.coefficients)
         used = trusted.copy()
         used[:order] = False
@@ -168,7 +203,11 @@ class ArNoise:
         return used
 
     def whiten(self, signal: FloatArray) -> FloatArray:
-        """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `used` count."""
+        """What is new in each sample of `signal` (m,) or (m, k), same shape; rows of `used` count.
+
+        Args:
+            signal: shape (m,) or (m, k).
+        """
         order = len(self.coefficients)
         if order == 0:
             return signal
@@ -182,7 +221,13 @@ WHITE = ArNoise(np.empty(0))
 
 
 def estimate_ar_noise(residual: FloatArray, run: IntArray, trusted: BoolArray) -> ArNoise:
-    """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise)."""
+    """Fit the noise colour to residuals (Yule-Walker, pooled over runs; the mean is part of the noise).
+
+    Args:
+        residual: shape (m,).
+        run: number of the run of each, shape (m,).
+        trusted: which of them count, shape (m,).
+    """
     clean = np.where(trusted, residual, 0.0)
     products = np.empty(ORDER + 1)
     for lag in range(ORDER + 1):
@@ -203,7 +248,11 @@ class Nuisance:
     basis: FloatArray  # orthonormal over all blocks, shape (m, q)
 
     def remove(self, blocks: FloatArray) -> FloatArray:
-        """Return what the nuisance columns leave of blocks (m,) or (m, k)."""
+        """Return what the nuisance columns leave of blocks (m,) or (m, k).
+
+        Args:
+            blocks: shape (m,) or (m, k).
+        """
         left = _without_runs(blocks, self.by_run, self.run)
         return np.asarray(left - self.basis @ (self.basis.T @ left))
 

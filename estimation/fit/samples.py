@@ -82,7 +82,13 @@ def fit_samples(
 
 
 def slopes_of(model: Model, data: ChannelData, parameters: Mapping[str, float]) -> FloatArray:
-    """Change of the prediction with each gain and each inner parameter, shape (n, p + q)."""
+    """Change of the prediction with each gain and each inner parameter, shape (n, p + q).
+
+    Args:
+        model: the model.
+        data: the channel.
+        parameters: values by "effect.parameter".
+    """
     by_gain, _ = model.linearise(data, parameters)
     return np.column_stack([by_gain, *model.inner_slopes(data, parameters, _STEP)])
 

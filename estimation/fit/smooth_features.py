@@ -117,12 +117,22 @@ def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> Float
 
 
 def reversal_memory(signal: FloatArray, run: IntArray, share: float) -> FloatArray:
-    """Direction of the last reversal of a signal, over a path that is a share of its range and its unit."""
+    """Direction of the last reversal of a signal, over a path that is a share of its range and its unit.
+
+    Args:
+        signal: shape (n,).
+        run: number of each sample's run, shape (n,).
+        share: of the signal's range, length of the path.
+    """
     return signal - play(signal, run, share * float(np.ptp(signal)))
 
 
 def curves(signal: FloatArray) -> FloatArray:
-    """Bumps, and powers that go on where another run went further."""
+    """Bumps, and powers that go on where another run went further.
+
+    Args:
+        signal: shape (n,).
+    """
     unit = signal / _rms(signal)
     return np.column_stack([hats(signal), unit, unit * np.abs(unit), unit**3])
 
@@ -131,6 +141,10 @@ def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
     """Piecewise linear bumps without the one at zero: a constant is not theirs.
 
     Knots lie at quantiles and `even` more over the range; of two that nearly coincide, one is left out.
+
+    Args:
+        signal: shape (n,).
+        even: number of knots at even distances.
     """
     low, high = float(signal.min()), float(signal.max())
     quantiles = np.quantile(signal, np.linspace(0.0, 1.0, _KNOTS))

@@ -95,7 +95,12 @@ class FitCache:
         return FitCache, ()
 
     def get_or_compute(self, what: Hashable, compute: Callable[[], FloatArray]) -> FloatArray:
-        """What was computed for `what` before, or is now."""
+        """What was computed for `what` before, or is now.
+
+        Args:
+            what: key of the array.
+            compute: called without arguments where nothing is known.
+        """
         with self._lock:
             if what in self._known:
                 self._known.move_to_end(what)

@@ -61,7 +61,11 @@ class ChannelEstimates(TableDisplay):
         return residual_scale(self.best.residuals) / self.noise.value
 
     def surface_of(self, estimate: Estimate) -> Surface | None:
-        """The surface as this estimate has it, not below the touch; None where depth was given."""
+        """The surface as this estimate has it, not below the touch; None where depth was given.
+
+        Args:
+            estimate: of one estimator.
+        """
         surface = self.channel.surface
         if surface is None:
             return None

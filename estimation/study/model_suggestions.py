@@ -73,7 +73,11 @@ _BETTER = 0.95  # of the error in held-out runs, that another way to count must 
 
 
 def on_clocks_of_their_own(data: ChannelData) -> ChannelData:
-    """The channel with a clock that begins anew in each run: none is another's sequel."""
+    """The channel with a clock that begins anew in each run: none is another's sequel.
+
+    Args:
+        data: the channel.
+    """
     return replace(data, time_s=time_in_run(data.time_s, data.run))
 
 
