@@ -114,21 +114,31 @@ class ChannelKind(StrEnum):
     CONTACT = "contact"  # position: depth into the object [m]; effort: force, positive in compression [N]
     REVOLUTE = "revolute"  # position: joint angle [rad]; effort: joint torque [N m]
     PRISMATIC = "prismatic"  # position: joint displacement [m]; effort: joint force [N]
+    # Position: angle of a servo's output [rad]; effort: goal minus position [rad], torque over position gain.
+    SERVO = "servo"
 
     @property
     def effort_unit(self) -> str:
         """Unit of the effort."""
-        return "N m" if self is ChannelKind.REVOLUTE else "N"
+        return {ChannelKind.REVOLUTE: "N m", ChannelKind.SERVO: "rad"}.get(self, "N")
 
     @property
     def position_unit(self) -> str:
         """Unit of the position."""
-        return "rad" if self is ChannelKind.REVOLUTE else "m"
+        return "rad" if self.is_angle else "m"
 
     @property
     def inertia_unit(self) -> str:
         """Unit of effort over acceleration."""
-        return "kg m^2" if self is ChannelKind.REVOLUTE else "kg"
+        return {ChannelKind.REVOLUTE: "kg m^2", ChannelKind.SERVO: "s^2"}.get(self, "kg")
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the position is an angle."""
+        return self in (ChannelKind.REVOLUTE, ChannelKind.SERVO)
+
+
+JOINTS = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC, ChannelKind.SERVO})
 
 
 @dataclass(frozen=True)

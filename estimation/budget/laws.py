@@ -92,13 +92,13 @@ def flexible_laws(blocked: BlockedData, effort: FloatArray, residual: FloatArray
         products = (unit_speed * unit_depth, unit_speed * unit_depth**2)
         laws.append(_law((Kind.ELASTIC_SHAPE, Kind.RATE_DEPENDENCE), *products))
     else:
-        is_angle = data.kind is ChannelKind.REVOLUTE
+        is_angle = data.kind.is_angle
         laws.append(_law(Kind.PERIODIC, periodic_columns(position, residual, is_angle=is_angle)))
         if 1 < len(np.unique(run)) <= _MOST_RUNS:
             of_runs = periodic_columns(position, residual, is_angle=is_angle, run=run)
             laws.append(_law((Kind.PERIODIC, Kind.RUN_DIFFERENCES), of_runs))
         load = [hats(blocked.reduce(data.context["load"]))] if "load" in data.context else []
-        if data.kind is ChannelKind.REVOLUTE and np.ptp(position) > _GRAVITY_RANGE:
+        if is_angle and np.ptp(position) > _GRAVITY_RANGE:
             load += [np.sin(position), np.cos(position)]
         laws.append(_law(Kind.GRAVITY_LOAD, *load))
     recorded = [blocked.reduce(data.context[name]) for name in sorted(data.recorded)]

@@ -161,6 +161,12 @@ def assign_columns(table: Table, options: ImportOptions) -> Columns:
             role = role_of_option(name, shift)
             chosen[role.key] = (role, column)
     chosen = _by_own_name(table, options, chosen, shift)
+    if any(quantity in EFFORTS for quantity, _ in chosen):  # a goal counts only where no effort is there
+        chosen = {
+            key: (role, name)
+            for key, (role, name) in chosen.items()
+            if role.quantity != "goal" or name in options.columns.values()
+        }
     taken = {*options.columns.values(), *options.context, *(column for _, column in chosen.values())}
     chosen |= choose_columns(table, chosen, taken, options, shift)
     run = _special(table, options, RUN)

@@ -24,12 +24,14 @@ _CONTEXT = "context_"  # begins the name of a further signal
 _COLUMNS = {
     ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
     ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_nm"),
+    ChannelKind.SERVO: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "goal_error_rad"),
     ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_n"),
 }
 _DOCS = {
     "displacement_m": "into the object",
     "force_n": "positive in compression, or along the joint",
     "torque_nm": "positive along the joint axis",
+    "goal_error_rad": "goal minus position",
 }
 
 

@@ -141,6 +141,8 @@ def _wanted(there: Collection[Key]) -> list[Key]:
             if effort in there and effort not in keys:
                 keys += [("position", joint), effort]
                 break
+    if not keys:  # a servo, whose goal error stands for an effort that nobody measured
+        keys = [key for j in joints if ("goal", j) in there for key in (("position", j), ("goal", j))]
     return [TIME, *keys] if keys else []
 
 
@@ -183,6 +185,7 @@ def _same(table: Table, one: Guess, other: Guess) -> bool:
 _LARGE = {  # the unit that is likely where the numbers span more
     "displacement": (0.2, "mm"),
     "position": (4.0 * np.pi, "deg"),
+    "goal": (4.0 * np.pi, "deg"),
 }
 
 
@@ -397,4 +400,6 @@ def _numbered(names: Iterable[str]) -> Numbered:
             numbered.setdefault(guess.quantity, {})[guess.joint] = guess.column
     if "position" not in numbered:  # then the forces are those of presses
         numbered.pop("force", None)
+    if {*numbered} & {*EFFORTS} or len(numbered.get("goal", ())) != len(numbered.get("position", ())):
+        numbered.pop("goal", None)
     return numbered

@@ -19,6 +19,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "acceleration": ("length_rate_2", "angle_rate_2"),
         "force": ("force", "voltage", "pressure"),
         "torque": ("torque", "current"),
+        "goal": ("angle",),
     }
 )
 """Dimensions that each quantity may have; see `STANDS_FOR`."""
@@ -32,7 +33,7 @@ STANDS_FOR: Mapping[str, tuple[str, str, str]] = MappingProxyType(
 )
 """What may stand for an effort: the effort's unit, the constant between them, and an example of it."""
 
-OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force"})
+OF_JOINTS = frozenset({"position", "velocity", "acceleration", "torque", "force", "goal"})
 
 _ALSO = {"depth": "displacement", "angle": "position"}
 _NAME = re.compile(rf"({'|'.join([*QUANTITIES, *_ALSO])})(?:_(\d+))?(?:_(.+))?", re.IGNORECASE)
@@ -193,6 +194,10 @@ _NOT_MEASURED = frozenset(
         *("strain", "offset", "temperature", "temp"),
     ]
 )
+# What a position servo was asked for, which counts only where nothing tells its effort.
+_GOAL = frozenset(
+    "goal target desired des cmd command commanded set setpoint soll reference ref action".split()  # noqa: SIM905
+)
 _KNOWN = tuple((quantity, known) for quantity, known in WORDS.items() if quantity != RUN)
 OWN_NAME, _BY_NAME, _BY_WORD, _BY_UNIT, _BY_PAIR = 4, 3, 2, 1, 0
 _JOINTLY = ("position", "velocity", "torque")  # what a file has for each of several joints
@@ -280,6 +285,9 @@ def guess_column(name: str) -> Guess:
     numbers = [int(word) for word in words if word.isdecimal() and len(word) < 4]
     letters = [word.lower() for word in words if not word.isdecimal()]
     joint = numbers[0] if len(numbers) == 1 else None
+    asked = _GOAL & set(letters) and not {*letters} - _GOAL - _SAYS_NOTHING - WORDS["position"]
+    if asked and dimension_of(unit) in {None, "angle"}:
+        return Guess(name, "goal", joint, unit, _BY_WORD, "by a word in its name")
     if _NOT_MEASURED & set(letters):
         return Guess(name, "")
     letters = [word for word in letters if word not in _SAYS_NOTHING]

@@ -88,6 +88,11 @@ def import_table(table: Table, options: ImportOptions = _DEFAULT) -> Imported:
             there = ", ".join(columns.unused) or "none"
             raise InputError(f"--context {column}: this column is already used. Unused columns: {there}")
     notes = [*columns.notes, *([rows.note] if rows.note else [])]
+    if any(source.kind is ChannelKind.SERVO for source in sources):
+        notes.append(
+            "no column holds an effort: goal minus position stands for it, in rad, which is the torque over "
+            "the servo's position gain (model position_servo)"
+        )
     step_s = sample_time(rows.time_s, rows.run)
     if not _QUICKEST_S <= step_s <= SLOWEST_S:  # as a mistaken unit makes them
         time = columns.assigned["time", 0]
@@ -206,6 +211,12 @@ def _sources(columns: Columns) -> list[_Source]:
             if effort in columns and effort not in taken:
                 sources.append(_Source(f"joint_{max(joint, 1)}", kind, (quantity, joint), effort))
     if not sources:
+        for quantity, joint in sorted(columns.assigned):
+            is_angle = columns.assigned[quantity, joint].dimension == "angle"
+            if quantity == "position" and is_angle and ("goal", joint) in columns:
+                keys = (quantity, joint), ("goal", joint)
+                sources.append(_Source(f"joint_{max(joint, 1)}", ChannelKind.SERVO, *keys))
+    if not sources:
         for (quantity, joint), position in columns.assigned.items():
             remedy = "force" if position.dimension == "angle" else "torque"
             pushing = columns.assigned.get((remedy, joint))
@@ -239,6 +250,8 @@ def _channel(source: _Source, columns: Columns, rows: Rows, notes: list[str]) ->
     if given is not None:
         acceleration = given
     effort, phase = columns.values(source.effort)[rows.order], rows.phase
+    if source.kind is ChannelKind.SERVO:
+        effort = effort - position
     is_contact = source.kind is ChannelKind.CONTACT
     both_ways = np.ones(len(position), dtype=np.bool_) if is_contact and columns.two_sided else None
     if is_contact and (phase == UNKNOWN_PHASE).all():

@@ -57,7 +57,7 @@ def mistaken_units(data: ChannelData) -> str | None:
                 "a unit is another one, say it, such as --unit force=mN or --unit displacement=mm"
             )
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
-    if data.kind is ChannelKind.REVOLUTE and fast > _FASTEST_RAD_S:
+    if data.kind.is_angle and fast > _FASTEST_RAD_S:
         return (
             f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s, {fast:.3g} rad/s in a tenth of the "
             "samples; if the angle is in degrees or the time in milliseconds, say --unit position=deg or "

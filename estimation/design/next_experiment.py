@@ -68,7 +68,7 @@ def extent(data: ChannelData) -> str:
     Args:
         data: the channel.
     """
-    if data.kind is ChannelKind.REVOLUTE:
+    if data.kind.is_angle:
         far, fast = f"{np.ptp(data.position):.3g} rad", f"{np.abs(data.velocity).max():.3g} rad/s"
     else:
         position = np.maximum(data.position, 0.0) if data.kind is ChannelKind.CONTACT else data.position

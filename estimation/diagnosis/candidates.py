@@ -35,6 +35,7 @@ _NOT_TRIED = {
     ChannelKind.CONTACT: frozenset({"inertia", "pendulum"}),
     ChannelKind.REVOLUTE: frozenset({"inertia", "pendulum", "stiffness", "damping"}),
     ChannelKind.PRISMATIC: frozenset({"inertia", "stiffness", "damping"}),
+    ChannelKind.SERVO: frozenset({"inertia", "stiffness", "damping"}),
 }
 _BASES = frozenset({"rigid_body", "rigid_body_fitted"})
 

@@ -91,7 +91,7 @@ def _left_by_own_waves(end: FitResult) -> float | None:
         return None
     run, position = blocked.run[used], blocked.reduce(end.data.position)[used]
     residual = end.solution.residual[used]
-    waves = periodic_columns(position, residual, is_angle=end.data.kind is ChannelKind.REVOLUTE, run=run)
+    waves = periodic_columns(position, residual, is_angle=end.data.kind.is_angle, run=run)
     columns = np.column_stack([np.ones(len(residual)), waves])
     left = fit_each_run(residual, columns, np.unique(run, return_inverse=True)[1])
     return end.rmse * rmse(left) / rmse(residual) if rmse(left) < _OWN_WAVES * rmse(residual) else None

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.data.derivatives import Motion, differentiate
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
 from palpate.estimation.kinds import Kind
@@ -187,7 +187,7 @@ class JointSpring(AdditiveEffect):
     source = "W. Khalil, E. Dombre, Modeling, Identification and Control of Robots (2002), ch. 9"
     signature = "effort grows in proportion to position, whatever the speed"
     signals = ("position",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (
         Parameter("k", "{effort}/{position}", -1e12, 1e12, (0.01, 1000.0)),
         Parameter("preload", "{effort}", -1e12, 1e12, (-10.0, 10.0)),
@@ -214,7 +214,7 @@ class JointElasticity(MotionEffect):
     source = "M. W. Spong, J. Dyn. Sys. Meas. Control 109 (1987)"
     signature = "errors grow with the second derivative of the load: at fast changes, not at slow ones"
     signals = ("load",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     inner = (Parameter("compliance", "{position}/{effort}", 0.0, 1e9, (1e-05, 0.1), log=True),)
     needs = ("load",)
     confused_with = {

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
@@ -25,7 +25,7 @@ class CoulombFriction(AdditiveEffect):
     )
     signature = "effort jumps where the velocity changes sign, by the same amount at any speed and position"
     signals: ClassVar[tuple[str, ...]] = ("direction",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner: ClassVar[tuple[Parameter, ...]] = (
         Parameter("transition", "{position}/s", 1e-09, 1e3, (0.0001, 0.05), log=True),
@@ -147,7 +147,7 @@ class PositionDependentFriction(AdditiveEffect):
     source = "B. Armstrong-Hélouvry, Control of Machines with Friction (1991), ch. 5: friction by position"
     signature = "the difference between the two directions of motion varies with position, at any speed"
     signals = ("position", "direction")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (
         Parameter("level", "{effort}", 0.0, 1e12, (0.001, 50.0)),
         Parameter("sine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
@@ -198,7 +198,7 @@ class StribeckFriction(AdditiveEffect):
     )
     signature = "effort falls with rising speed just after each reversal, then levels off"
     signals = ("velocity", "direction")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (
         Parameter("coulomb", "{effort}", 0.0, 1e12, (0.001, 50.0)),
         Parameter("rise", "{effort}", -1e12, 1e12, (0.001, 50.0)),

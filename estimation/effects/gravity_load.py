@@ -204,10 +204,10 @@ class Weight(AdditiveEffect):
     source = "C. Huygens, Horologium Oscillatorium (1673)"
     signature = "effort follows the sine of the angle, whatever the speed, and comes back with each turn"
     signals = ("position",)
-    channels = frozenset({ChannelKind.REVOLUTE})
+    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.SERVO})
     gains = (
-        Parameter("g1", "N m", -1e12, 1e12, (-50.0, 50.0)),
-        Parameter("g2", "N m", -1e12, 1e12, (-50.0, 50.0)),
+        Parameter("g1", "{effort}", -1e12, 1e12, (-50.0, 50.0)),
+        Parameter("g2", "{effort}", -1e12, 1e12, (-50.0, 50.0)),
     )
     confused_with = {
         "joint_spring": "swing by more than 60 degrees: a sine bends, a spring does not",

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
@@ -43,7 +43,7 @@ class Armature(AdditiveEffect):
     source = "R. Featherstone, Rigid Body Dynamics Algorithms (2008), sec. 9.6"
     signature = "effort follows the joint's own acceleration, in any posture"
     signals = ("acceleration",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),)
     confused_with = {
         "lag": "move at two frequencies",
@@ -79,7 +79,7 @@ class JointCoupling(AdditiveEffect):
     )
     signature = "effort while this joint rests and its neighbour moves, in any posture"
     signals = ("other joints", "velocity", "direction", "acceleration")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (
         Parameter("inertia", "{inertia}", 0.0, 1e12, (0.001, 5.0)),
         Parameter("viscous", "{effort} s/{position}", 0.0, 1e12, (0.001, 50.0)),

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, MotionEffect, Parameter
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.blocks import number_stretches
@@ -26,7 +26,7 @@ class PreslidingFriction(AdditiveEffect):
     source = "P. R. Dahl, A Solid Friction Model, Aerospace Corp. TOR-158 (1968)"
     signature = "after a reversal effort turns over a path, not at a speed; at rest it keeps its value"
     signals: ClassVar[tuple[str, ...]] = ("direction", "past motion")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (Parameter("force", "{effort}", 0.0, 1e12, (0.001, 50.0)),)
     inner = (Parameter("presliding", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),)
     path = "presliding"
@@ -214,7 +214,7 @@ class Backlash(MotionEffect):
         "the resting place depends on the last direction"
     )
     signals = ("direction", "past motion")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     inner = (
         Parameter("gap", "{position}", 1e-07, 10.0, (0.0001, 0.1), log=True),
         Parameter("motor_inertia", "1", 0.0, 1.0, (0.0, 1.0)),
@@ -264,7 +264,7 @@ class LoadedBacklash(MotionEffect):
     source = "M. Nordin, P.-O. Gutman, Automatica 38 (2002), sec. 2: backlash under load"
     signature = "the resting place depends on which way the load pulled last, and not on the motion"
     signals = ("load",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     inner = (
         Parameter("gap", "{position}", 1e-9, 10.0, (1e-4, 0.1), log=True),
         Parameter("threshold", "{effort}", 1e-12, 1e6, (1e-3, 1.0), log=True),

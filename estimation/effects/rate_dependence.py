@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Errors, Inner, Parameter
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.types import FloatArray
@@ -43,7 +43,7 @@ class ViscousFriction(AdditiveEffect):
     source = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994)"
     signature = "effort is higher by an amount in proportion to speed, in either direction"
     signals = ("velocity",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (Parameter("d", "{effort} s/{position}", 0.0, 1e12, (0.001, 500.0)),)
     confused_with = {
         "joint_coupling": "hold this joint still and move its neighbour",
@@ -87,7 +87,7 @@ class QuadraticFriction(AdditiveEffect):
     source = "L. Prandtl, O. Tietjens, Applied Hydro- and Aeromechanics (1934): drag at high Reynolds number"
     signature = "effort rises faster than in proportion to speed"
     signals = ("velocity",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains = (Parameter("d2", "{effort} s^2/{position}^2", 0.0, 1e12, (0.0001, 50.0)),)
     confused_with = {
         "viscous_friction": "move at three speeds",

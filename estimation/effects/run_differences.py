@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData, ChannelKind
 from palpate.estimation.effect import Inner, Parameter, SensorEffect
 from palpate.estimation.effects.torque_ripple import TorqueRipple
 from palpate.estimation.kinds import Kind
@@ -220,7 +220,7 @@ class RunRipple(RunVariation):
     source = "J. Holtz, L. Springob, IEEE Trans. Industrial Electronics 43 (1996)"
     signature = "a wave over position of the same length in all runs, that begins elsewhere in each"
     signals = ("position", "recorded")
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     inner = (*RunVariation.inner, *TorqueRipple.inner)
     confused_with = {
         "torque_ripple": "go to one stop before each run: from there on the wave begins in one place",

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import JOINTS, ChannelData
 from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
 from palpate.estimation.kinds import Kind
 from palpate.estimation.signals.periodicity import harmonics
@@ -34,7 +34,7 @@ class TorqueRipple(AdditiveEffect):
     )
     signature = "a wave or a pattern over position, the same at any speed and in either direction"
     signals = ("position",)
-    channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
+    channels = JOINTS
     gains: ClassVar[tuple[Parameter, ...]] = (
         Parameter("sine", "{effort}", -1e12, 1e12, (0.001, 5.0)),
         Parameter("cosine", "{effort}", -1e12, 1e12, (0.001, 5.0)),

@@ -26,6 +26,21 @@ class InertiaModel(BaseModel):
         return Model(self.name, (Inertia(), ViscousFriction()))
 
 
+class PositionServoModel(BaseModel):
+    """goal - position = (J a + (d + kt^2/R) v) / K, K = kp V kt/R: a servo whose effort nobody measured.
+
+    The firmware puts the voltage kp V (goal - position) on the motor, which makes kt/R of it a torque, less
+    kt^2/R v of back-EMF (M. Duclusaud, G. Passault, V. Padois, O. Ly, arXiv:2410.08650). Neither K nor the
+    parts of the damping can be told apart without an effort: all is in rad of goal error.
+    """
+
+    name = "position_servo"
+    channels = frozenset({ChannelKind.SERVO})
+
+    def build(self, context: ModelContext) -> Model:
+        return Model(self.name, (Inertia(), ViscousFriction()))
+
+
 class PendulumModel(BaseModel):
     """torque = J a + g1 sin(q) + d v, q = 0 hanging straight down."""
 

@@ -4,7 +4,7 @@ from math import gcd
 
 import numpy as np
 
-from palpate.estimation.channel import ChannelData, ChannelKind
+from palpate.estimation.channel import ChannelData
 from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
 from palpate.estimation.signals.cache_by_array import cache_by_channel_arrays
 from palpate.robot_io.types import FloatArray, IntArray
@@ -120,7 +120,7 @@ def harmonics(data: ChannelData) -> tuple[float, tuple[int, ...]]:
     span = float(np.ptp(data.position))
     if span == 0.0:
         return 0.0, ()
-    whole_turn = data.kind is ChannelKind.REVOLUTE and span > _WHOLE_TURN * 2.0 * np.pi
+    whole_turn = data.kind.is_angle and span > _WHOLE_TURN * 2.0 * np.pi
     data = data.select(np.arange(0, len(data), -(-len(data) // _MOST_SAMPLES)))
     # Columns (n, k) of simple motion and direction, each of length 1.
     q, v = data.position, data.velocity

@@ -20,12 +20,14 @@ CONTACT_MODEL = "kelvin_voigt"
 ARM_MODEL = "rigid_body"
 FITTED_ARM_MODEL = "rigid_body_fitted"
 LOOSE_JOINT_MODEL = "inertia"
+SERVO_MODEL = "position_servo"
 ChannelKey = tuple[str, str, str]  # channel, base model, SHA-256 of the data
 ALL_CHANNELS = "all"
 _IN_WORDS = {
     ChannelKind.CONTACT: "contact",
     ChannelKind.PRISMATIC: "prismatic joint",
     ChannelKind.REVOLUTE: "revolute joint",
+    ChannelKind.SERVO: "position servo",
 }
 
 
@@ -114,6 +116,8 @@ def usual_model(channel: ChannelData, arm: Arm) -> str:
     """
     if channel.kind is ChannelKind.CONTACT:
         return CONTACT_MODEL
+    if channel.kind is ChannelKind.SERVO:
+        return SERVO_MODEL
     return ARM_MODEL if arm.urdf else LOOSE_JOINT_MODEL
 
 

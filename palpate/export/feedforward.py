@@ -200,7 +200,7 @@ def _reason(effect: str) -> str:
 
 
 def _position_unit(joint: FittedJoint) -> str:
-    return "rad" if joint.kind is ChannelKind.REVOLUTE else "m"
+    return joint.kind.position_unit
 
 
 def _range(joint: FittedJoint, name: str) -> tuple[float, float]:

@@ -29,6 +29,7 @@ ENDINGS = (".csv", ".parquet")
 _NAMES = {
     ChannelKind.CONTACT: ("displacement_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
     ChannelKind.REVOLUTE: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "torque_Nm"),
+    ChannelKind.SERVO: ("position_rad", "velocity_rad_s", "acceleration_rad_s2", "goal_error_rad"),
     ChannelKind.PRISMATIC: ("position_m", "velocity_m_s", "acceleration_m_s2", "force_N"),
 }
 

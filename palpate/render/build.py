@@ -65,7 +65,7 @@ def channel_view(
         not_judged: a sentence on the others; by default their share.
         notes: further sentences.
     """
-    scale = 1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI
+    scale = 1.0 if data.kind.is_angle else _MILLI
     if judged is None:
         judged = np.isfinite(stages[-1].residual) if stages else np.ones(len(data), dtype=np.bool_)
     fall = [(stage.label, stage.rmse) for stage in stages]
@@ -168,6 +168,8 @@ def axes_of(kind: ChannelKind) -> Axes:
     match kind:
         case ChannelKind.CONTACT:
             return Axes(f"contact force [{unit}]", unit, "depth [mm]", "velocity inwards [mm/s]")
+        case ChannelKind.SERVO:
+            return Axes(f"goal error [{unit}]", unit, "position [rad]", "velocity [rad/s]")
         case ChannelKind.PRISMATIC:
             return Axes(f"force [{unit}]", unit, "position [mm]", "velocity [mm/s]")
     return Axes(f"torque [{unit}]", unit, "position [rad]", "velocity [rad/s]")

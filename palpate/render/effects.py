@@ -295,7 +295,7 @@ def drawn(example: Example, width: int) -> Iterator[Text]:
     is_of_past = bool({"position", "past motion"} & set(signals))
     if data.kind is not ChannelKind.CONTACT and not is_of_past and signals[0] in {"velocity", "direction"}:
         over = axes.velocity, data.velocity
-    in_unit = over[1] * (1.0 if data.kind is ChannelKind.REVOLUTE else _MILLI)
+    in_unit = over[1] * (1.0 if data.kind.is_angle else _MILLI)
     curves = [(f"over {over[0]}", in_unit), ("over time", one_after_the_other(data))][:sides]
     ends = np.array([np.min([before, after]), np.max([before, after])])
     low, high = np.where(np.abs(ends) < _ROUNDING * np.ptp(ends), 0.0, ends)

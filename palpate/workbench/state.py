@@ -454,6 +454,9 @@ def _listed(runs: Sequence[int]) -> str:
 
 def describe_kind(kind: ChannelKind) -> str:
     """What a channel is, for its button."""
-    return {ChannelKind.CONTACT: "contact force", ChannelKind.REVOLUTE: "joint torque"}.get(
-        kind, "joint force"
-    )
+    return {
+        ChannelKind.CONTACT: "contact force",
+        ChannelKind.REVOLUTE: "joint torque",
+        ChannelKind.PRISMATIC: "joint force",
+        ChannelKind.SERVO: "goal error",
+    }[kind]

@@ -1,0 +1,107 @@
+"""Position servos whose effort nobody measured: goal minus position, by the model `position_servo`.
+
+The servo here is simulated by itself: voltage of a firmware's gain, back-EMF, friction that sticks, a gap.
+"""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from palpate.estimation.channel import ChannelKind
+from palpate.estimation.data.import_file import import_file
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.robot_io.errors import InputError
+from palpate.study import Study
+from tests.palpate.presses import write_table
+
+GAIN_V_RAD, KT, OHM, INERTIA = 20.0, 1.28, 2.75, 0.03  # firmware gain times supply; motor; load and rotor
+STIFF = GAIN_V_RAD * KT / OHM  # torque per goal error [N m/rad]
+VISCOUS = 0.03
+STEP_S, EVERY = 2e-4, 50
+
+
+def servo(seed, dry=0.0, weight=0.0, seconds=12.0):
+    """Goal and position of a servo that follows three sines, with 0.3 mrad of noise; columns t, goal, q."""
+    rng = np.random.default_rng(seed)
+    size, phase = np.array([0.5, 0.25, 0.1]), rng.uniform(0.0, 6.0, 3)
+    rate = rng.uniform([0.8, 2.0, 4.0], [1.6, 3.5, 6.0])
+    q, v, rows = float(size @ np.sin(phase)), 0.0, []
+    for step in range(int(seconds / STEP_S)):
+        t = step * STEP_S
+        goal = float(size @ np.sin(rate * t + phase))
+        if step % EVERY == 0:
+            rows.append((t, goal, q))
+        motor = KT / OHM * (GAIN_V_RAD * (goal - q) - KT * v) - VISCOUS * v - weight * np.sin(q)
+        pushed = v + STEP_S * motor / INERTIA
+        v = np.sign(pushed) * max(abs(pushed) - STEP_S * dry / INERTIA, 0.0)
+        q += STEP_S * v
+    table = np.array(rows)[100:]  # the start from rest is over
+    table[:, 2] += rng.normal(0.0, 3e-4, len(table))
+    return table
+
+
+def written(folder, **hidden):
+    runs = [servo(seed, **hidden) for seed in range(4)]
+    t, goal, q = np.concatenate(runs).T
+    run = np.repeat(np.arange(4), len(runs[0]))
+    return write_table(folder / "servo.csv", time_s=t, run=run, goal_position_rad=goal, position_rad=q)
+
+
+def test_hidden_dry_friction_is_named_with_its_size_in_goal_error(tmp_path):
+    study = Study(written(tmp_path, dry=0.15), keep=False)
+    (channel,) = study.channels
+    assert (channel.kind, channel.model.name) == (ChannelKind.SERVO, "position_servo")
+    (found,) = study.diagnose().channels
+    assert [entry.effect for entry in found.accepted] == ["coulomb_friction"]
+    force = found.accepted[0].parameters["force"]
+    assert force.unit == "rad"
+    assert force.value == pytest.approx(0.15 / STIFF, rel=0.05)
+    damping = found.final.parameters["viscous_friction.d"]
+    assert damping.value == pytest.approx((VISCOUS + KT**2 / OHM) / STIFF, rel=0.05)
+    inertia = found.final.parameters["inertia.m"]
+    assert (inertia.unit, inertia.value) == ("s^2", pytest.approx(INERTIA / STIFF, rel=0.2))
+
+
+def test_hidden_weight_is_found_in_goal_error(tmp_path):
+    study = Study(written(tmp_path, weight=0.9), keep=False)
+    study.add("weight")
+    (result,) = study.results()
+    parameters = result.stages[-1].parameters
+    assert parameters["weight.g1"].value == pytest.approx(0.9 / STIFF, rel=0.03)
+    assert parameters["weight.g1"].unit == "rad"
+
+
+def lerobot(folder, **arrays):
+    t, goal, q = np.concatenate([servo(seed, seconds=6.0) for seed in range(2)]).T
+    episode = np.repeat([0, 1], len(t) // 2)
+    columns = {"timestamp": t, "episode_index": episode}
+    columns |= {"action": np.degrees(goal)[:, None].tolist()}
+    columns |= {"observation.state": np.degrees(q)[:, None].tolist()} | arrays
+    pq.write_table(pa.table(columns), folder / "episode.parquet")
+    return folder / "episode.parquet", goal, q
+
+
+def test_a_lerobot_data_set_without_currents_has_its_goal_error_for_an_effort(tmp_path):
+    path, goal, q = lerobot(tmp_path)
+    imported = import_file(path, ImportOptions(units={"position": "deg", "goal": "deg"}))
+    (channel,) = imported.channels
+    assert channel.kind is ChannelKind.SERVO
+    assert channel.effort == pytest.approx(goal - q)
+    assert any("position_servo" in note for note in imported.notes)
+    with pytest.raises(InputError, match="--unit"):
+        import_file(path)
+
+
+def test_an_effort_that_was_measured_goes_before_the_goal(tmp_path):
+    path, _, q = lerobot(tmp_path, **{"observation.effort": (0.1 * np.ones((1000, 1))).tolist()})
+    imported = import_file(path, ImportOptions(units={"position": "deg", "torque": "Nm"}))
+    assert imported.channels[0].kind is ChannelKind.REVOLUTE
+    assert len(q) == 1000
+
+
+def test_the_model_is_of_servos_alone(tmp_path):
+    path = written(tmp_path)
+    with pytest.raises(InputError, match="position_servo"):
+        Study(path, "inertia_of_nothing", keep=False)
+    assert Study(path, "position_servo", keep=False).channels[0].model.name == "position_servo"
