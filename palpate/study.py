@@ -15,7 +15,7 @@ from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.design.next_experiment import NextProbe
 from palpate.estimation.diagnosis import ChannelDiagnosis
 from palpate.estimation.effect import Effect
-from palpate.estimation.study import Arm, ModelStudy, Revision
+from palpate.estimation.study import Arm, ModelStudy, Revision, StudyChannel
 from palpate.estimation.study.fitting import Progress
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import Export, FittedChannel, export_scenario
@@ -236,6 +236,7 @@ class Study(ModelStudy):
         place, target = _path(path, "output"), Target(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
         fitted, failures = self._fitted_joints(revisions, f"{target} is")
+        _refuse_goal_error(fitted)
         source = self.source.name
         return write_simulator(
             fitted, target, place, self.source.arm, patch=base, failures=failures, source=source
@@ -312,6 +313,7 @@ class Study(ModelStudy):
         fitted = [
             FittedChannel(revision, self.channel_of(revision).data.surface, joints) for revision in revisions
         ]
+        _refuse_goal_error([self.channel_of(revision) for revision in revisions])
         session = self.source.session
         base = (scenario_of(session) if session is not None else None) or Scenario()
         models = (
@@ -358,6 +360,15 @@ def _last_link(path: Path) -> str:
         return TIP_FRAME
     links = {link.get("name") for link in robot.findall("link")}
     return TIP_FRAME if TIP_FRAME in links else last_link(robot) or TIP_FRAME
+
+
+def _refuse_goal_error(joints: Sequence[FittedJoint | StudyChannel]) -> None:
+    for joint in joints:
+        if joint.kind is ChannelKind.SERVO:
+            raise InputError(
+                f"{joint.name}: is in rad of goal error, and a simulator needs N m; multiply goal minus "
+                "position by the servo's gain [N m/rad] and give that as a column torque_N_Nm"
+            )
 
 
 def _path(path: Any, what: str) -> Path:  # noqa: ANN401, whatever a user gives

@@ -21,21 +21,23 @@ VISCOUS = 0.03
 STEP_S, EVERY = 2e-4, 50
 
 
-def servo(seed, dry=0.0, weight=0.0, seconds=12.0):
+def servo(seed, dry=0.0, weight=0.0, gap=0.0, seconds=12.0):
     """Goal and position of a servo that follows three sines, with 0.3 mrad of noise; columns t, goal, q."""
     rng = np.random.default_rng(seed)
     size, phase = np.array([0.5, 0.25, 0.1]), rng.uniform(0.0, 6.0, 3)
     rate = rng.uniform([0.8, 2.0, 4.0], [1.6, 3.5, 6.0])
     q, v, rows = float(size @ np.sin(phase)), 0.0, []
+    link = q  # of a load that friction holds within the gap
     for step in range(int(seconds / STEP_S)):
         t = step * STEP_S
         goal = float(size @ np.sin(rate * t + phase))
         if step % EVERY == 0:
             rows.append((t, goal, q))
-        motor = KT / OHM * (GAIN_V_RAD * (goal - q) - KT * v) - VISCOUS * v - weight * np.sin(q)
+        motor = KT / OHM * (GAIN_V_RAD * (goal - q) - KT * v) - VISCOUS * v - weight * np.sin(link)
         pushed = v + STEP_S * motor / INERTIA
         v = np.sign(pushed) * max(abs(pushed) - STEP_S * dry / INERTIA, 0.0)
         q += STEP_S * v
+        link = min(max(link, q - 0.5 * gap), q + 0.5 * gap)
     table = np.array(rows)[100:]  # the start from rest is over
     table[:, 2] += rng.normal(0.0, 3e-4, len(table))
     return table
@@ -72,6 +74,14 @@ def test_hidden_weight_is_found_in_goal_error(tmp_path):
     assert parameters["weight.g1"].unit == "rad"
 
 
+def test_a_hidden_gap_is_found_beside_the_weight(tmp_path):
+    study = Study(written(tmp_path, weight=3.0, gap=0.08), keep=False)
+    (found,) = study.diagnose().channels
+    assert {"weight", "backlash"} <= {entry.effect for entry in found.accepted}
+    gap = found.final.parameters["backlash.gap"]
+    assert (gap.unit, gap.value) == ("rad", pytest.approx(0.08, rel=0.1))
+
+
 def lerobot(folder, **arrays):
     t, goal, q = np.concatenate([servo(seed, seconds=6.0) for seed in range(2)]).T
     episode = np.repeat([0, 1], len(t) // 2)
@@ -104,4 +114,8 @@ def test_the_model_is_of_servos_alone(tmp_path):
     path = written(tmp_path)
     with pytest.raises(InputError, match="position_servo"):
         Study(path, "inertia_of_nothing", keep=False)
-    assert Study(path, "position_servo", keep=False).channels[0].model.name == "position_servo"
+    study = Study(path, "position_servo", keep=False)
+    with pytest.raises(InputError, match="goal error"):
+        study.export_simulator(tmp_path / "actuators.py", "isaaclab")
+    assert not (tmp_path / "actuators.py").exists()
+    assert study.channels[0].model.name == "position_servo"
