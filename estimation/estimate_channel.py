@@ -249,7 +249,7 @@ def in_steps(data: ChannelData, rows: BoolArray) -> str:
         rows: samples, a mask of shape (n,).
     """
     steps, length = steps_spanned(data, rows), float(np.ptp(data.position[rows]))
-    span = f"{length:.2g} rad" if data.kind is ChannelKind.REVOLUTE else f"{1e3 * length:.2g} mm"
+    span = f"{length:.2g} rad" if data.kind.is_angle else f"{1e3 * length:.2g} mm"
     return f"the press spans {steps:.1f} steps of the encoder ({span})"
 
 
