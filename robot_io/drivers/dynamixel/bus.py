@@ -5,14 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.robot_io.driver import DriverContext
-from palpate.robot_io.drivers.dynamixel.examination import examine_servo
 from palpate.robot_io.drivers.dynamixel.feedback import DynamixelFeedback, feedback_problem
-from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine
+from palpate.robot_io.drivers.dynamixel.servos import DynamixelLine, examine_servo
 from palpate.robot_io.drivers.dynamixel.settings import DynamixelSettings, ServoSettings
 from palpate.robot_io.drivers.dynamixel.tables import POSITION_STEP_RAD, VELOCITY_STEP_RAD_S
 from palpate.robot_io.drivers.joint_bus import BusTorque
-from palpate.robot_io.drivers.servo.bus import ServoBus
-from palpate.robot_io.drivers.servo.devices import ServoEncoder
+from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.examination import Finding
 from palpate.robot_io.types import FloatArray

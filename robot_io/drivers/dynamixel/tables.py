@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Final
 
-from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.drivers.servo.access import Register
 from palpate.robot_io.drivers.servo.stream import bit_names
 
 # Kept without power; can be written while the torque is off.

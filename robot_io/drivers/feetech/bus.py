@@ -13,18 +13,16 @@ import numpy as np
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.feetech import tables
-from palpate.robot_io.drivers.feetech.examination import examine_servo
 from palpate.robot_io.drivers.feetech.feedback import (
     FeetechFeedback,
     Plausibility,
     feedback_problem,
     feedback_reader,
 )
-from palpate.robot_io.drivers.feetech.servos import FeetechLine
+from palpate.robot_io.drivers.feetech.servos import FeetechLine, examine_servo
 from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from palpate.robot_io.drivers.joint_bus import BusTorque
-from palpate.robot_io.drivers.servo.bus import ServoBus
-from palpate.robot_io.drivers.servo.devices import ServoEncoder
+from palpate.robot_io.drivers.servo.bus import ServoBus, ServoEncoder
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.errors import LifecycleError
 from palpate.robot_io.examination import Finding, ok

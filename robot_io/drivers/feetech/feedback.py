@@ -22,7 +22,7 @@ from palpate.robot_io.drivers.feetech.tables import (
     RESTARTED_LIMIT,
     TORQUE_ENABLE,
 )
-from palpate.robot_io.drivers.servo.dialect import Packet
+from palpate.robot_io.drivers.servo.access import Packet
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
 from palpate.robot_io.errors import DeviceError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort

@@ -6,12 +6,14 @@ from typing import ClassVar
 
 from palpate.robot_io.clock import Clock
 from palpate.robot_io.drivers.feetech import protocol, tables
+from palpate.robot_io.drivers.feetech.protocol import error_names
 from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
-from palpate.robot_io.drivers.feetech.tables import model_name
-from palpate.robot_io.drivers.servo.access import RegisterAccess
-from palpate.robot_io.drivers.servo.dialect import ServoDialect
+from palpate.robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS, model_name
+from palpate.robot_io.drivers.servo.access import RegisterAccess, ServoDialect
+from palpate.robot_io.drivers.servo.examination import TOO_HOT
 from palpate.robot_io.drivers.servo.line import ServoLine
 from palpate.robot_io.errors import DeviceError
+from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort
 
 _VOLTAGE_SHARE = 0.25  # of the model's voltage; 7.4 and 12 V are told apart
@@ -155,3 +157,39 @@ def identity_trouble(servo: FeetechServo, identity: ServoIdentity) -> str | None
     if not low_v <= voltage_v <= high_v:
         return f"is supplied with {voltage_v:.1f} V, a {servo.model} needs {nominal_v:g} V"
     return servo.homing_trouble(identity.homing_offset)
+
+
+def examine_servo(line: FeetechLine, servo: FeetechServo, label: str) -> Finding:
+    """Look at model, supply, temperature, errors and setup of one servo.
+
+    Args:
+        line: Its line.
+        servo: What the robot file says of it.
+        label: What to call it.
+
+    Raises:
+        DeviceError: It does not answer, is another model or set up otherwise, or the port failed.
+    """
+    identity, errors = line.identify_servo(servo), line.registers.read(servo.id, STATUS)
+    trouble = identity_trouble(servo, identity)
+    is_hot = identity.temperature_c > identity.temperature_limit_c
+    value = (
+        f"{identity.model}, firmware {identity.firmware}, {identity.voltage_v:.1f} V, "
+        f"{identity.temperature_c} °C (its limit {identity.temperature_limit_c} °C), "
+        f"homing offset {identity.homing_offset}"
+    )
+    if errors:
+        value += f"; error: {error_names(errors)}"
+    elif trouble:
+        value += f"; {trouble}"
+    elif not is_hot:
+        if line.torque_limits[servo.id] == LARGEST_LIMIT:
+            value += "; its torque limit is at stall, so that the guard alone holds it to 'limits'"
+        value += "; no watchdog: it holds its last goal when the program dies"
+    return graded(
+        label,
+        value,
+        (Level.FAIL, errors, "remove the cause, then restart it"),
+        (Level.FAIL, trouble, "correct the robot file, or the supply"),
+        (Level.WARN, is_hot, TOO_HOT),
+    )

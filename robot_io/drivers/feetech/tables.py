@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Final
 
-from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.drivers.servo.access import Register
 
 # Kept without power, where they are written while the lock is 0; with the lock at 1 they hold until then.
 FIRMWARE: Final = Register("firmware version", 0, 2)

@@ -1,10 +1,109 @@
-"""One servo at a time: ask, wait for the answer, check it; may take milliseconds."""
+"""Registers of one servo, and the protocol to read and write them; each answer is checked and may take ms."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.dialect import Packet, ServoDialect
-from palpate.robot_io.drivers.servo.register import Register
-from palpate.robot_io.errors import DeviceError, DeviceTimeoutError
+from palpate.robot_io.drivers.servo.stream import PacketStream
+from palpate.robot_io.errors import DeviceError, DeviceTimeoutError, ProtocolError
 from palpate.robot_io.serial_port import SerialPort
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of a servo."""
+
+    name: str  # as in the manual
+    address: int  # of its first byte
+    size: int  # bytes
+    signed: bool = False  # whether it can be negative, in two's complement
+    sign_bit: int | None = None  # the bit that says negative where the others are the magnitude
+
+    def encode(self, value: int) -> bytes:
+        """The bytes of a value. ProtocolError: it does not fit.
+
+        Args:
+            value: number to write.
+        """
+        number = value
+        if self.sign_bit is not None:
+            number = abs(value) | (value < 0) << self.sign_bit
+            if abs(value) >> self.sign_bit:
+                raise ProtocolError(
+                    f"{value} does not fit into {self.name} ({self.sign_bit} bits and a sign)"
+                )
+        try:
+            return number.to_bytes(self.size, "little", signed=self.signed)
+        except OverflowError as error:
+            raise ProtocolError(f"{value} does not fit into {self.name} ({self.size} bytes)") from error
+
+    def decode(self, data: bytes) -> int:
+        """The value of bytes. ProtocolError: not as many bytes as it has.
+
+        Args:
+            data: bytes as they were read.
+        """
+        if len(data) != self.size:
+            raise ProtocolError(f"{self.name} came with {len(data)} bytes instead of {self.size}")
+        return self.signed_value(int.from_bytes(data, "little", signed=self.signed))
+
+    def signed_value(self, number: int) -> int:
+        """The value of a number whose sign bit, if there is one, stands for minus.
+
+        Args:
+            number: as it was read, without a sign.
+        """
+        if self.sign_bit is None:
+            return number
+        magnitude = number & ((1 << self.sign_bit) - 1)
+        return -magnitude if number >> self.sign_bit & 1 else magnitude
+
+
+class Packet(Protocol):
+    """What a servo answers."""
+
+    @property
+    def servo_id(self) -> int:
+        """Who answers."""
+
+    @property
+    def data(self) -> bytes:
+        """What it was asked for."""
+
+    @property
+    def alert(self) -> bool:
+        """Whether the servo has an error of its own."""
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the instruction was refused, or None if it was not."""
+
+
+class ServoDialect(Protocol):
+    """Instructions as bytes, and what finds the answers to them."""
+
+    def ping(self, servo_id: int) -> bytes:
+        """Ask one servo who it is."""
+
+    def ping_all(self) -> bytes:
+        """Ask who is on the line; each servo answers after those with smaller ids."""
+
+    def read(self, servo_id: int, address: int, size: int) -> bytes:
+        """Read `size` bytes from `address` on."""
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        """Write bytes from `address` on."""
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
+        """Write at the same address of several servos, each its own bytes; nobody answers."""
+
+    def sync_write_block(self, address: int, size: int, block: bytes) -> bytes:
+        """Do the same with a block of servo ids, each followed by the `size` bytes for that servo."""
+
+    def packet_reader(self, request: bytes) -> PacketStream[Any]:
+        """Make what finds the answers to a request, and not its echo."""
+
 
 _PATIENCE_S = 0.02  # beyond the time on the wire: USB adapters may hold bytes back for 16 ms
 _SECOND_S = 3e-3  # after an answer: a second servo with the same id has answered too by then

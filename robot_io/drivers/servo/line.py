@@ -6,9 +6,7 @@ from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple
 
 from palpate.robot_io.clock import Clock
-from palpate.robot_io.drivers.servo.access import RegisterAccess
-from palpate.robot_io.drivers.servo.dialect import ServoDialect
-from palpate.robot_io.drivers.servo.register import Register
+from palpate.robot_io.drivers.servo.access import Register, RegisterAccess, ServoDialect
 from palpate.robot_io.drivers.servo.settings import ServoBusSettings
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.serial_port import SerialPort
