@@ -14,9 +14,8 @@ from palpate.robot_io.drivers.dynamixel.tables import (
     model_name,
 )
 from palpate.robot_io.drivers.servo.access import RegisterAccess, ServoDialect
-from palpate.robot_io.drivers.servo.examination import TOO_HOT
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.drivers.servo.line import ServoLine
+from palpate.robot_io.drivers.servo.line import TOO_HOT, ServoLine
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, fail, graded, ok
 from palpate.robot_io.serial_port import SerialPort

@@ -10,8 +10,7 @@ from palpate.robot_io.drivers.feetech.protocol import error_names
 from palpate.robot_io.drivers.feetech.settings import FeetechServo, FeetechSettings
 from palpate.robot_io.drivers.feetech.tables import LARGEST_LIMIT, STATUS, model_name
 from palpate.robot_io.drivers.servo.access import RegisterAccess, ServoDialect
-from palpate.robot_io.drivers.servo.examination import TOO_HOT
-from palpate.robot_io.drivers.servo.line import ServoLine
+from palpate.robot_io.drivers.servo.line import TOO_HOT, ServoLine
 from palpate.robot_io.errors import DeviceError
 from palpate.robot_io.examination import Finding, Level, graded
 from palpate.robot_io.serial_port import SerialPort

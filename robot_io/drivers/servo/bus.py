@@ -11,11 +11,9 @@ import numpy as np
 
 from palpate.robot_io.driver import DriverContext
 from palpate.robot_io.drivers.joint_bus import BusEncoder, JointBus, check_one_per_joint
-from palpate.robot_io.drivers.servo.examination import examine_line
 from palpate.robot_io.drivers.servo.feedback import FeedbackReader
-from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoSample
-from palpate.robot_io.drivers.servo.line import ServoLine
-from palpate.robot_io.drivers.servo.pairs import ServoPairs
+from palpate.robot_io.drivers.servo.joints import ServoJoints, ServoPairs, ServoSample
+from palpate.robot_io.drivers.servo.line import ServoLine, examine_line
 from palpate.robot_io.drivers.servo.settings import ServoBusSettings
 from palpate.robot_io.errors import DeviceError, InputError, LifecycleError
 from palpate.robot_io.examination import Examinable, Finding

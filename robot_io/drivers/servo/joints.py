@@ -1,13 +1,172 @@
-"""What servos count, as joint angles, speeds and torques."""
+"""Counts of servos as joint angles, speeds and torques, also of joints that two servos turn together.
+
+The two must stand alike and pull alike, and their torques add. Each servo of a pair is sent half of the
+joint's torque. Where they stand apart, a horn has slipped, a position sensor is wrong, or the robot file is;
+nobody knows then where the joint is. Where what they exert differs for as long as a deaf drive is borne, one
+of them has lost its torque or works against the other: their sum would not always tell.
+"""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from math import inf
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.robot_io.drivers.servo.pairs import ServoPairs
-from palpate.robot_io.drivers.servo.settings import ServoMounting
+from palpate.robot_io.drivers.servo.settings import ServoBusSettings, ServoMounting
+from palpate.robot_io.examination import Finding, fail, ok
+from palpate.robot_io.guard.limits import Limits
 from palpate.robot_io.types import FloatArray
+
+_DIFFERENT_SHARE = 0.5  # of the larger of the two torques, and
+_FLOOR_SHARE = 0.03  # of the joint's torque limit, may be between them
+_SAMPLES = 5  # in a row before it counts, however slowly they come
+
+
+class ServoPairs:
+    """Makes joints of servos, and servos of joints.
+
+    Servos are in the order of `ServoBusSettings.turning`: n joints have m servos, of which the last m - n are
+    the second ones.
+
+    Attributes:
+        joint_count: Number of joints n.
+        joints: Which joints two servos turn, m - n of them.
+    """
+
+    def __init__(self, settings: ServoBusSettings[Any], limits: Limits) -> None:
+        self.joint_count = len(settings.servos)
+        self.joints = list(settings.pairs)
+        self._labels = [
+            f"servos {settings.ids[joint]} and {settings.ids[self.joint_count + k]} (joint {joint + 1})"
+            for k, joint in enumerate(self.joints)
+        ]
+        self._tolerance_rad = settings.pair_tolerance_rad
+        self._second_zeros_rad = [servo.zero_rad for servo in settings.turning[self.joint_count :]]
+        in_pair = [0.5 if joint in self.joints else 1.0 for joint in range(self.joint_count)]
+        self._share = self.of_servos(in_pair)
+        self._floor_nm = [_FLOOR_SHARE * limits.torque_nm[joint] for joint in self.joints]
+        self._time_s = limits.deaf_drive_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget since when torques differ."""
+        self._alike_at_s, self._count = [inf] * len(self.joints), [0] * len(self.joints)
+
+    def of_servos(self, of_joints: Sequence[float]) -> list[float]:
+        """Repeat a value of each joint (n), such as a limit, for each servo (m).
+
+        Args:
+            of_joints: shape (n,).
+        """
+        return [*of_joints, *(of_joints[joint] for joint in self.joints)]
+
+    def shares(self, torque_nm: Sequence[float]) -> list[float]:
+        """Divide torques of joints (n) among servos (m) [N m].
+
+        Args:
+            torque_nm: of the joints, shape (n,) [N m].
+        """
+        if not self.joints:
+            return list(torque_nm)
+        return [torque * share for torque, share in zip(self.of_servos(torque_nm), self._share, strict=True)]
+
+    def weaker(self, largest_nm: Sequence[float]) -> list[float]:
+        """Limit both servos of a pair to what the weaker one can exert.
+
+        Args:
+            largest_nm: What each servo can exert (m) [N m].
+
+        Returns:
+            What each servo may exert (m) [N m].
+        """
+        weaker_nm = list(largest_nm[: self.joint_count])
+        for joint, second_nm in zip(self.joints, largest_nm[self.joint_count :], strict=True):
+            weaker_nm[joint] = min(weaker_nm[joint], second_nm)
+        return self.of_servos(weaker_nm)
+
+    def summed(self, of_servos: Sequence[float]) -> list[float]:
+        """Add the values of the two servos of a pair, such as torques: of servos (m) to joints (n).
+
+        Args:
+            of_servos: shape (m,).
+        """
+        of_joints = list(of_servos[: self.joint_count])
+        for joint, second in zip(self.joints, of_servos[self.joint_count :], strict=True):
+            of_joints[joint] += second
+        return of_joints
+
+    def joined(self, motion: FloatArray) -> FloatArray:
+        """Average the positions and velocities of pairs, and add their torques: (3, m) to (3, n).
+
+        Args:
+            motion: positions [rad], velocities [rad/s] and torques [N m] of the servos, shape (3, m).
+        """
+        joined: FloatArray = np.array([self.summed(row) for row in motion.tolist()])
+        joined[:2] *= self._share[: self.joint_count]
+        return joined
+
+    def _ahead_rad(self, position_rad: FloatArray) -> list[float]:
+        """By how much the second servo of each pair stands ahead of the first [rad]."""
+        ahead: list[float] = (position_rad[self.joint_count :] - position_rad[self.joints]).tolist()
+        return ahead
+
+    def examine(self, position_rad: FloatArray) -> list[Finding]:
+        """Compare the two servos of each pair.
+
+        Args:
+            position_rad: Positions of all servos (m) [rad].
+
+        Returns:
+            How far each pair stands apart, and which zero of the second servo would make the two agree.
+        """
+        findings = []
+        ahead_rad = self._ahead_rad(position_rad)
+        for label, ahead, zero_rad in zip(self._labels, ahead_rad, self._second_zeros_rad, strict=True):
+            value = f"stand {abs(ahead):.4f} rad apart, pair_tolerance_rad is {self._tolerance_rad:g}"
+            agreeing_rad = zero_rad - ahead
+            remedy = (
+                f"check horns and 'reversed'; if they are right, zero_rad of the second is {agreeing_rad:.4f}"
+            )
+            agree = abs(ahead) <= self._tolerance_rad
+            findings.append(ok(label, value) if agree else fail(label, value, remedy))
+        return findings
+
+    def disagreement(self, position_rad: FloatArray) -> str | None:
+        """Name a pair that does not stand alike, or None.
+
+        Args:
+            position_rad: Positions of all servos (m) [rad].
+        """
+        for label, ahead_rad in zip(self._labels, self._ahead_rad(position_rad), strict=True):
+            if not abs(ahead_rad) <= self._tolerance_rad:
+                return (
+                    f"{label} stand {abs(ahead_rad):.3f} rad apart, pair_tolerance_rad is "
+                    f"{self._tolerance_rad:g}: has a horn slipped, or is zero_rad or reversed wrong?"
+                )
+        return None
+
+    def torque_difference(self, torque_nm: FloatArray, time_s: float) -> str | None:
+        """Name a pair whose torques have differed for `deaf_drive_s`, or None.
+
+        Args:
+            torque_nm: Measured torques of all servos (m) [N m].
+            time_s: When they were measured [s].
+        """
+        for k, joint in enumerate(self.joints):
+            first_nm, second_nm = float(torque_nm[joint]), float(torque_nm[self.joint_count + k])
+            larger_nm = max(abs(first_nm), abs(second_nm))
+            if abs(first_nm - second_nm) <= _DIFFERENT_SHARE * larger_nm + self._floor_nm[k]:
+                self._alike_at_s[k], self._count[k] = time_s, 0
+                continue
+            self._alike_at_s[k] = min(self._alike_at_s[k], time_s)
+            self._count[k] += 1
+            if self._count[k] >= _SAMPLES and time_s - self._alike_at_s[k] >= self._time_s - 1e-9:
+                return (
+                    f"{self._labels[k]} exert {first_nm:.2f} and {second_nm:.2f} N m where each was sent the "
+                    "same: one has lost its torque, or works against the other"
+                )
+        return None
+
 
 _TURN_RAD = 2.0 * np.pi
 
