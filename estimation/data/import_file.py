@@ -17,7 +17,7 @@ from palpate.estimation.data.import_rows import UNKNOWN_PHASE, Rows, arrange_row
 from palpate.estimation.data.presses import press_phases
 from palpate.estimation.data.table import Table, read_table
 from palpate.estimation.data.units import SLOWEST_S, likely_time_unit
-from palpate.estimation.signals.blocks import block_index, blocks, number_pieces
+from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.signals.runwise import sample_time
 from palpate.estimation.statistics.correlation import correlation_coefficient
 from palpate.robot_io.errors import InputError
@@ -311,6 +311,7 @@ def _given(  # noqa: PLR0917
 _SAME_SHAPE = 0.7  # correlation, half of the variance: it is this position's velocity, whatever its scale
 _OTHER_SCALE = 1.5  # smoothing takes less than a third off a velocity; a mistaken unit is off by ten and more
 _WAYS = tuple(2**power for power in range(12))  # samples, that a way may take
+_PAUSE = 5.0  # times the usual step
 _LEAST_WAYS = 0.5  # of the samples, at which a way must begin
 _HALVES = (1, 2, 3, 4, 5, 8, 10, 16, 32)  # samples to either side of a central difference
 _REACHES = (*((half, half) for half in _HALVES), (1, 0), (0, 1))  # and the backward and forward ones
@@ -324,7 +325,8 @@ def mistaken_scale(
 
     Compared are ways, as two positions have them and as the velocity leads in between, over the time that
     makes them most alike: long enough for steps and noise of a position to count little, and short enough for
-    what integration adds up of a velocity's error. A joint at rest says nothing.
+    what integration adds up of a velocity's error. A joint at rest says nothing, and neither does a way over
+    a pause in which nothing was sampled.
 
     Args:
         time_s: shape (n,) [s].
@@ -332,7 +334,9 @@ def mistaken_scale(
         velocity: as it is given, shape (n,).
         run: of each sample, shape (n,).
     """
-    steps_s, piece = np.diff(time_s), block_index(run)[1]
+    steps_s = np.diff(time_s)
+    breaks = (np.diff(run) != 0) | (steps_s > _PAUSE * sample_time(time_s, run))
+    piece = np.concatenate([[0], np.cumsum(breaks)])
     mean = 0.5 * (velocity[1:] + velocity[:-1])
     led = np.concatenate([[0.0], np.cumsum(np.where(np.diff(piece) == 0, mean * steps_s, 0.0))])
     best, ratio = 0.0, 1.0
