@@ -132,13 +132,10 @@ def accept_forms(
 
 
 def _repeats_another(end: FitResult, name: str, taken: Mapping[str, float]) -> bool:
-    """Whether a more telling effect is of the same kind and signals: two curves draw almost any third."""
+    """Whether a more telling effect is of the same kind: two forms of a kind draw almost any third."""
     effects = {effect.name: effect for effect in end.solution.model.effects if effect.name in taken}
     own = effects[name]
-    return any(
-        other.kind is own.kind and set(other.signals) == set(own.signals) and taken[other.name] > taken[name]
-        for other in effects.values()
-    )
+    return any(other.kind is own.kind and taken[other.name] > taken[name] for other in effects.values())
 
 
 def _accounts_for_error(

@@ -95,6 +95,17 @@ def test_an_incomplete_model_keeps_the_effects_whose_form_is_known(searches, law
     assert {test.effect for test in tests} == kept
 
 
+def test_one_kind_bears_one_name_as_long_as_something_is_left():
+    """Two forms of a kind draw almost any third; effects of two kinds may each have a name."""
+    kinds = (RUB, "position_dependent_friction", SQUARE)
+    end = SimpleNamespace(
+        solution=SimpleNamespace(model=SimpleNamespace(effects=[EFFECTS[n]() for n in kinds]))
+    )
+    taken = dict(zip(kinds, (3.0, 2.0, 1.0), strict=True))
+    repeated = [name for name in kinds if module._repeats_another(end, name, taken)]
+    assert repeated == ["position_dependent_friction"]
+
+
 def test_an_effect_that_turns_a_base_gain_beyond_its_bounds_is_not_established(searches, monkeypatch):
     search, measurement = searches("a friction")
     end = reached(search, RUB)
