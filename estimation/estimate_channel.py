@@ -15,7 +15,7 @@ from palpate.estimation.estimate import Determined, Estimate, Identifiability, P
 from palpate.estimation.estimator import Estimator
 from palpate.estimation.fit.fit_problem import Solution
 from palpate.estimation.fit.samples import SampleFit, fit_samples, slopes_of
-from palpate.estimation.model import Model, Parameters, Regression
+from palpate.estimation.model import Model, Parameters
 from palpate.estimation.signals.blocks import blocks, number_pieces
 from palpate.estimation.statistics.least_squares import solve
 from palpate.estimation.statistics.uncertainty import Covariance, assemble, common_error_covariance
@@ -92,7 +92,14 @@ def estimate_channel(
         for p in estimate.parameters
     )
     estimate = replace(estimate, parameters=parameters)
-    return mark_coarse(_mark_unphysical(estimate, model, regression), data, used)
+    # Say so where a gain lies outside what is physical, and is no rounding error.
+    beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
+    if beyond:
+        note = f"{', '.join(beyond)}: outside what is physical; {UNPHYSICAL}"
+        if estimate.identifiability is not Identifiability.GOOD:
+            note = f"{estimate.note}; {note}"
+        estimate = replace(estimate, note=note, unphysical=tuple(beyond))
+    return mark_coarse(estimate, data, used)
 
 
 def _check_samples(data: ChannelData, model: Model, used: BoolArray) -> None:
@@ -187,17 +194,6 @@ def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given:
         return np.zeros((len(errors), 1))
     errors[~np.isfinite(searched.covariance.std_err)] = 0.0
     return errors
-
-
-def _mark_unphysical(estimate: Estimate, model: Model, regression: Regression) -> Estimate:
-    """Say so where a gain lies outside what is physical, and is no rounding error."""
-    beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
-    if not beyond:
-        return estimate
-    note = f"{', '.join(beyond)}: outside what is physical; {UNPHYSICAL}"
-    if estimate.identifiability is not Identifiability.GOOD:
-        note = f"{estimate.note}; {note}"
-    return replace(estimate, note=note, unphysical=tuple(beyond))
 
 
 def mark_coarse(estimate: Estimate, data: ChannelData, rows: BoolArray) -> Estimate:

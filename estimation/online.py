@@ -99,7 +99,9 @@ class OnlineContactEstimator:
         above_n = force_n - self._air.mean
         if self.in_contact:
             self._follow(time_s, along_m, above_n)
-        elif self._air.count >= _AIR_SAMPLES and above_n > (touch_n := self._touch_n()):
+        elif self._air.count >= _AIR_SAMPLES and above_n > (
+            touch_n := touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
+        ):
             # The first sample is left out: it was chosen for its force.
             self.in_contact = True
             self._release_n = release_force_n(touch_n, self._touch_gains)
@@ -109,9 +111,6 @@ class OnlineContactEstimator:
         else:
             self._air.add(force_n)
         return self.estimates
-
-    def _touch_n(self) -> float:
-        return touch_force_n(self._air.standard_deviation, self._touch_gains.touch_force_n)
 
     def _follow(self, time_s: float, along_m: float, above_n: float) -> None:
         if above_n < self._release_n:

@@ -49,7 +49,15 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     alone = [fit_model(channels[n], models[n], {}, usable(channels[n])) for n in of_arm]
     if len({fit.problem.blocked.folds for fit in alone}) > 1:
         return list(channels)
-    joints = [arranged(_products(fit), list(fit.solution.model.gains), names, _noise(fit)) for fit in alone]
+    joints = [
+        arranged(
+            fit.problem.normal_equations(fit.solution.columns, fit.solution.target).products,
+            list(fit.solution.model.gains),
+            names,
+            _noise(fit),
+        )
+        for fit in alone
+    ]
     said = [shared_information(joint) for joint in joints]
     pull = consistent_information(effect.arm, effect.urdf, reduce(add, said))
     others = information_of_others(joints, pull)
@@ -64,10 +72,6 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
 
 def _body_of(model: Model) -> RigidBodyFitted | None:
     return next((effect for effect in model.effects if isinstance(effect, RigidBodyFitted)), None)
-
-
-def _products(fitted: FitResult) -> np.ndarray:
-    return fitted.problem.normal_equations(fitted.solution.columns, fitted.solution.target).products
 
 
 def _noise(fitted: FitResult) -> float:

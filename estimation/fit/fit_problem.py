@@ -234,7 +234,12 @@ def solve_gains(
     """
     data = problem.blocked.data
     if is_linear_on_blocks(data, model):
-        return _sum(problem, model, parameters)
+        # A sum of effects that a sensor scales at most: all that is needed is on blocks.
+        inner = {name: parameters.get(name, 0.0) for name in model.inner}
+        columns, target = _on_blocks(problem, model, inner)
+        linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
+        fitted = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
+        return Solution(model, {**fitted, **inner}, columns, target, linear_fit)
     bent = not model.is_linear_in_gains or data.kind is ChannelKind.CONTACT
     now = {name: parameters.get(name, 0.0) for name in (*model.gains, *model.inner)}
     names = list(model.gains)
@@ -253,21 +258,14 @@ def solve_gains(
         if number and not np.abs(remaining).max() < _LOST * np.abs(data.effort).max():
             break  # the last step led nowhere near the data, and the next would overflow
         target, columns = remaining, by_gain
-        if number >= least and _energy(problem, target - columns @ gains) <= arrived * expected:
-            break
+        if number >= least:
+            left = problem.whiten(target - columns @ gains)
+            if float(left @ left) <= arrived * expected:
+                break
         linear_fit = problem.solve(columns, target, names, model.held, model.gain_bounds)
         expected = float(linear_fit.sse.sum())
         now.update(zip(names, linear_fit.gains.tolist(), strict=True))
     return Solution(model, now, columns, target, linear_fit)
-
-
-def _sum(problem: FitProblem, model: Model, parameters: Mapping[str, float]) -> Solution:
-    """The same for a sum of effects that a sensor scales at most: all that is needed is on blocks."""
-    inner = {name: parameters.get(name, 0.0) for name in model.inner}
-    columns, target = _on_blocks(problem, model, inner)
-    linear_fit = problem.solve(columns, target, list(model.gains), model.held, model.gain_bounds)
-    gains = dict(zip(model.gains, linear_fit.gains.tolist(), strict=True))
-    return Solution(model, {**gains, **inner}, columns, target, linear_fit)
 
 
 def _on_blocks(
@@ -333,11 +331,6 @@ def residual_slopes(problem: FitProblem, solution: Solution, ahead: Mapping[str,
     fit = solution.linear_fit
     unit = problem.whiten(solution.columns) * fit.scale
     return np.asarray(change - unit @ np.linalg.solve(fit.system, unit.T @ change))
-
-
-def _energy(problem: FitProblem, blocks: FloatArray) -> float:
-    left = problem.whiten(blocks)
-    return float(left @ left)
 
 
 LinearisedParts = Callable[[Inner], Parts | None]

@@ -197,17 +197,13 @@ def _described(solution: Solution, problem: FitProblem, loss: Loss) -> SampleFit
     )
     unbounded = sandwich(jacobian, score, slope, data.run[rows])
     if not np.isfinite(unbounded.matrix).all():
-        unbounded = _spread_out(sandwich(jacobian[:, free], score, slope, data.run[rows]), free)
+        determined = sandwich(jacobian[:, free], score, slope, data.run[rows])
+        matrix = np.full((len(free), len(free)), np.nan)
+        matrix[np.ix_(free, free)] = determined.matrix
+        unbounded = Covariance(matrix, determined.degrees_of_freedom)
     # The covariance with NaN for those that ended at a bound.
     fixed = ~free
     matrix = unbounded.matrix.copy()
     matrix[fixed, :] = matrix[:, fixed] = np.nan
     without = Covariance(matrix, unbounded.degrees_of_freedom)
     return SampleFit(model, parameters, without, unbounded, residuals, jacobian)
-
-
-def _spread_out(covariance: Covariance, free: BoolArray) -> Covariance:
-    """The covariance of all parameters, NaN for those that were not free."""
-    matrix = np.full((len(free), len(free)), np.nan)
-    matrix[np.ix_(free, free)] = covariance.matrix
-    return Covariance(matrix, covariance.degrees_of_freedom)

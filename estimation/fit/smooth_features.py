@@ -35,7 +35,8 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     coarse_x, coarse_e = hats(x, even=0), hats(effort, even=0)
     # A trend, and how velocity, effort and direction (m,) may grow or fade with time and with work done.
     work = np.cumsum(np.abs(effort * v))
-    clocks = [_unit(c) for c in (time_s, time_in_run(time_s, run), work, time_in_run(work, run))]
+    clocks = (time_s, time_in_run(time_s, run), work, time_in_run(work, run))
+    clocks = tuple((clock - clock[0]) / (float(np.ptp(clock)) or 1.0) for clock in clocks)
     fading = [clock * signal for clock in clocks for signal in (v, effort, turn)]
     ageing = np.column_stack([clocks[0], clocks[0] ** 2, clocks[1], *fading])
     features = {
@@ -52,8 +53,11 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
         columns = blocked.reduce(data.context[name]).reshape(len(x), -1)
         features[name.replace("_", " ")] = np.hstack([hats(column) for column in columns.T])
     for name in sorted(data.recorded):
-        features[f"recorded {name}" if name in features else name] = _beside(
-            blocked.reduce(data.context[name]), x, v, effort
+        # What a signal that no model knows may add, and how it may scale what is there.
+        signal = blocked.reduce(data.context[name])
+        unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
+        features[f"recorded {name}" if name in features else name] = np.column_stack(
+            [hats(unit), *(unit * factor for factor in (x, v, effort))]
         )
     if "load" in features:
         features["load"] = np.column_stack(
@@ -62,16 +66,16 @@ def smooth_features(blocked: BlockedData, efforts: Sequence[FloatArray]) -> dict
     return features
 
 
-def _unit(clock: FloatArray) -> FloatArray:
-    run_down: FloatArray = (clock - clock[0]) / (float(np.ptp(clock)) or 1.0)
-    return run_down
-
-
 def _position(blocked: BlockedData) -> FloatArray:
-    """Curves over the present position, over the furthest so far, and waves."""
+    """Curves over the present position, over the furthest so far, and a joint's waves over its range."""
     x = blocked.reduce(blocked.data.position)
     touching = blocked.reduce(blocked.data.engaged.astype(np.float64))
-    return np.hstack([curves(x), touching[:, None], hats(running_max(x, blocked.run)), *_waves(blocked, x)])
+    columns = [curves(x), touching[:, None], hats(running_max(x, blocked.run))]
+    if blocked.data.kind is not ChannelKind.CONTACT:
+        span = float(np.ptp(x)) or 1.0
+        angle = 2.0 * np.pi * (x / span)[:, None] * np.arange(1, _WAVES + 1)
+        columns += [np.sin(angle), np.cos(angle)]
+    return np.hstack(columns)
 
 
 def _past(blocked: BlockedData) -> FloatArray:
@@ -89,22 +93,13 @@ def _past(blocked: BlockedData) -> FloatArray:
     bent = [f * np.abs(f) for f in fading]
     bent_back = [np.abs(turn) * signal for turn in turns for signal in (pressed, a)]
     past = np.column_stack([*fading, *bent, *turns, *bent_back])
-    return np.hstack([past * touching[:, None], _after(blocked, x)])
-
-
-def _after(blocked: BlockedData, x: FloatArray) -> FloatArray:
-    """What is still there beyond the surface once it was touched, shape (m, k); none for a joint."""
+    past *= touching[:, None]
     if blocked.data.kind is not ChannelKind.CONTACT:
-        return np.empty((len(x), 0))
-    touched = running_max((x > 0.0).astype(np.float64), blocked.run) * (x <= 0.0)
+        return past
+    # What is still there beyond the surface once it was touched.
+    touched = running_max((x > 0.0).astype(np.float64), run) * (x <= 0.0)
     reaches = np.max(x, initial=1e-9) * np.array([0.02, 0.06, 0.2])
-    return np.asarray(touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches))
-
-
-def _beside(signal: FloatArray, *others: FloatArray) -> FloatArray:
-    """What a signal that no model knows may add, and how it may scale what is there."""
-    unit = (signal - signal.mean()) / (float(np.std(signal)) or 1.0)
-    return np.column_stack([hats(unit), *(unit * factor for factor in others)])
+    return np.hstack([past, touched[:, None] * np.exp(np.minimum(x, 0.0)[:, None] / reaches)])
 
 
 def _past_effort(effort: FloatArray, time_s: FloatArray, run: IntArray) -> FloatArray:
@@ -155,15 +150,6 @@ def hats(signal: FloatArray, even: int = _EVEN_KNOTS) -> FloatArray:
     place = np.interp(signal, knots, np.arange(len(knots)))
     hats = np.maximum(1.0 - np.abs(place[:, None] - np.arange(len(knots))), 0.0)
     return np.delete(hats, int(np.argmin(np.abs(knots))), axis=1)
-
-
-def _waves(blocked: BlockedData, position: FloatArray) -> list[FloatArray]:
-    """Waves over the range of a joint's position, shape (m, 2 waves); none for a contact."""
-    if blocked.data.kind is ChannelKind.CONTACT:
-        return []
-    span = float(np.ptp(position)) or 1.0
-    angle = 2.0 * np.pi * (position / span)[:, None] * np.arange(1, _WAVES + 1)
-    return [np.sin(angle), np.cos(angle)]
 
 
 def _rms(signal: FloatArray) -> float:

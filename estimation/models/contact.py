@@ -51,12 +51,9 @@ class SpringMassDamper(BaseModel):
 
     def prepare(self, data: ChannelData, context: ModelContext) -> ChannelData:
         """Of a contact, let the spring pull as well, where the force beyond the surface says that it does."""
-        if data.kind is ChannelKind.CONTACT and _pulls(data):
+        out = data.position < 0.0
+        x, force = data.position[out], data.effort[out]
+        is_contact = data.kind is ChannelKind.CONTACT
+        if is_contact and len(x) >= 3 and correlation_coefficient(x, force) > _SPRINGY:
             return replace(data, touching=np.ones(len(data), dtype=np.bool_))
         return data
-
-
-def _pulls(data: ChannelData) -> bool:
-    out = data.position < 0.0
-    x, force = data.position[out], data.effort[out]
-    return len(x) >= 3 and correlation_coefficient(x, force) > _SPRINGY

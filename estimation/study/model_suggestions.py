@@ -1,6 +1,5 @@
 """What would explain a measurement better: another base model, or runs that each met a fresh object."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 from palpate.estimation.channel import ChannelData, ChannelKind
@@ -29,8 +28,18 @@ def better_model(
         most: error that it may leave.
         parameters: that it may have; None for any number.
     """
-    others = _others(study, channel)
-    good = [(name, error) for name, error, count in others if error < most and count <= (parameters or count)]
+    good = []
+    for name in MODELS:
+        if name == channel.model.name or channel.kind not in MODELS[name].channels:
+            continue
+        try:
+            variant = study.with_model(channel.name, name)
+            error = study.fit(variant).rmse
+        except InputError:  # it lacks something, such as a URDF
+            continue
+        count = len(variant.model.gains) + len(variant.model.inner)
+        if error < most and count <= (parameters or count):
+            good.append((name, error))
     return min(good, key=lambda tried: tried[1], default=None)
 
 
@@ -54,19 +63,6 @@ def better_explanation(
         return better_model(study, channel, FAR_BETTER * final.rmse)
     most = min(FAR_BETTER * base.rmse, _NO_WORSE * final.rmse)
     return better_model(study, channel, most, len(final.parameters))
-
-
-def _others(study: ModelStudy, channel: StudyChannel) -> Iterator[tuple[str, float, int]]:
-    """Name, error in held-out runs, and number of parameters of all other models of such a channel."""
-    for name in MODELS:
-        if name == channel.model.name or channel.kind not in MODELS[name].channels:
-            continue
-        try:
-            variant = study.with_model(channel.name, name)
-            error = study.fit(variant).rmse
-        except InputError:  # it lacks something, such as a URDF
-            continue
-        yield name, error, len(variant.model.gains) + len(variant.model.inner)
 
 
 _BETTER = 0.95  # of the error in held-out runs, that another way to count must leave at most
