@@ -165,21 +165,21 @@ def _best(table: Table, role: Role, guesses: list[Guess]) -> Guess:
     return first
 
 
-def _same(table: Table, one: Guess, other: Guess) -> bool:
+def _same(table: Table, first: Guess, second: Guess) -> bool:
     """Whether two columns hold the same, be it in two units; not where a cell of them is no number."""
-    if not (one.unit and other.unit and dimension_of(one.unit) == dimension_of(other.unit)):
+    if not (first.unit and second.unit and dimension_of(first.unit) == dimension_of(second.unit)):
         return False
     try:
-        first, second = (
+        values, other_values = (
             factor_to_si(guess.unit, str(dimension_of(guess.unit)), guess.column)
             * table.numbers(guess.column)
-            for guess in (one, other)
+            for guess in (first, second)
         )
     except InputError:
         return False
-    if one.key == TIME:  # of which only the differences count
-        first, second = first - first[0], second - second[0]
-    return bool(np.allclose(first, second, rtol=1e-3, atol=1e-3 * float(np.ptp(first))))
+    if first.key == TIME:  # of which only the differences count
+        values, other_values = values - values[0], other_values - other_values[0]
+    return bool(np.allclose(values, other_values, rtol=1e-3, atol=1e-3 * float(np.ptp(values))))
 
 
 _LARGE = {  # the unit that is likely where the numbers span more

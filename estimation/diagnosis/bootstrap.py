@@ -95,8 +95,8 @@ def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
     data, kept, still = fit.data, fit.problem.used, np.zeros(len(fit.data))
     half = np.full(len(data), float(np.sqrt(3.0 * np.mean(measurement.error**2))))
     expected = (
-        fit.solution.model.predict(one, fit.solution.parameters)
-        for one in (shifted_motion(data, half, still, still), data)
+        fit.solution.model.predict(channel, fit.solution.parameters)
+        for channel in (shifted_motion(data, half, still, still), data)
     )
     off = fit.problem.blocked.reduce(np.subtract(*expected))[kept]
     return float(np.sqrt(np.mean(off**2)))
@@ -130,13 +130,16 @@ def improvement_test(
         if not effect:
             made = solve_gains(problem, model, parameters, rounds=2)
             return made, made.held_out
-        added = next(one for one in model.effects if one.name == effect)
+        added = next(effect_there for effect_there in model.effects if effect_there.name == effect)
         starts = added.starts(before.data)
-        found = {one.name: known[f"{effect}.{one.name}"] for one in added.inner}
-        tried = [found, *starts[:: max(len(starts) // _STARTS, 1)]]
+        start = {parameter.name: known[f"{effect}.{parameter.name}"] for parameter in added.inner}
+        tried = [start, *starts[:: max(len(starts) // _STARTS, 1)]]
         looked = min(
-            (search_inner(problem, one, form, parameters, tried) for one, form in _forms(model, added)),
-            key=lambda one: one.best.sse,
+            (
+                search_inner(problem, with_form, form, parameters, tried)
+                for with_form, form in _forms(model, added)
+            ),
+            key=lambda search: search.best.sse,
         )
         return looked.best, float(looked.held_out.sum())
 
@@ -146,14 +149,14 @@ def improvement_test(
 
     def polished_gain(problem: FitProblem, solution: Solution) -> float:
         left, had = (
-            optimize_inner(problem, one, _SETTLED).held_out
-            for one in (fitted(problem, solution)[0], solution)
+            optimize_inner(problem, drawn_from, _SETTLED).held_out
+            for drawn_from in (fitted(problem, solution)[0], solution)
         )
         return 1.0 - float(np.sqrt(left / max(had, 1e-300)))
 
     def placed(of_one: Callable[[FitProblem, Solution], float]) -> BootstrapTest:
         drawn = bootstrap_samples(before, measurement, rng)
-        return sequential_test(observed, (of_one(*one) for one in drawn))
+        return sequential_test(observed, (of_one(*sample) for sample in drawn))
 
     roughly = placed(gain)
     if not roughly.is_significant or observed > _FAR * np.max(roughly.simulated, initial=0.0):

@@ -71,22 +71,22 @@ def diagnose(
     known = effect_library() if effects is None else tuple(effects)
     channels = with_shared_gains(channels, models)
     seed = int(rng.integers(2**32))  # a channel is judged alike alone and among others
-    seeds = [np.random.default_rng([seed, crc32(one.name.encode())]) for one in channels]
+    seeds = [np.random.default_rng([seed, crc32(channel.name.encode())]) for channel in channels]
     jobs = list(zip(channels, models, seeds, strict=True))
     work = partial(_diagnose_job, known)
     if processes == 1 or len(jobs) == 1:
-        found = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
+        diagnoses = [diagnose_channel(*job[:2], known, job[2], progress) for job in jobs]
     else:
         with ProcessPoolExecutor(
             min(processes, len(jobs)), get_context("fork"), initializer=end_when_told
         ) as pool:
             try:
-                found = list(_counted(pool.map(work, jobs), channels, progress))
+                diagnoses = list(_counted(pool.map(work, jobs), channels, progress))
             except BaseException:  # a signal, above all: nobody waits for the fits that are going on
                 end_workers(pool)
                 raise
-    name = "+".join(dict.fromkeys(one.name for one in models))
-    return Diagnosis(file=file, model=name, channels=found)
+    name = "+".join(dict.fromkeys(model.name for model in models))
+    return Diagnosis(file=file, model=name, channels=diagnoses)
 
 
 def _diagnose_job(
@@ -97,14 +97,14 @@ def _diagnose_job(
 
 
 def _counted(
-    found: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
+    diagnoses: Iterable[ChannelDiagnosis], channels: Sequence[ChannelData], progress: Progress
 ) -> Iterator[ChannelDiagnosis]:
     """Results as they come, each channel told as begun and as done."""
     for channel in channels:
         progress(f"{channel.name}: judging", 0.0)
-    for one in found:
-        progress(f"{one.channel}: {one.verdict.value}", 1.0)
-        yield one
+    for diagnosis in diagnoses:
+        progress(f"{diagnosis.channel}: {diagnosis.verdict.value}", 1.0)
+        yield diagnosis
 
 
 def diagnose_channel(
@@ -121,8 +121,8 @@ def diagnose_channel(
     checks = _Completeness(search)
     kinds = cache(lambda: analyse_kinds(search))
     coarse_kinds = cache(lambda: analyse_kinds(search.coarse or search))
-    found = search.start
-    if not found.is_exact:
+    fit = search.start
+    if not fit.is_exact:
         part = partial(smallest_sufficient_model, search, measurement=checks.measurement)
 
         @cache
@@ -130,17 +130,17 @@ def diagnose_channel(
             progress(f"{data.name}: comparing forms within kinds", 0.0)
             return named_forms(coarse_kinds())
 
-        found = select_effects(search, checks.in_every_respect, part, forms)
-    varied = add_run_variation(search, found)
+        fit = select_effects(search, checks.in_every_respect, part, forms)
+    varied = add_run_variation(search, fit)
     if checks.objection(varied) is None:  # else what is left may be what made the runs differ
-        found = varied
-    end, tests = _accept(search, found, checks, kinds)
-    if not found.is_exact and not checks.in_every_respect(end):
+        fit = varied
+    end, tests = _accept(search, fit, checks, kinds)
+    if not fit.is_exact and not checks.in_every_respect(end):
         rough = forms()
         alone = search.fitted(rough.solution.model, rough.solution.parameters)
-        other, other_tests = accept_forms(search, kinds(), alone)
-        if search.is_better(other, end):
-            end, tests = other, other_tests
+        rival, other_tests = accept_forms(search, kinds(), alone)
+        if search.is_better(rival, end):
+            end, tests = rival, other_tests
     objection, complete = checks.objection(end), checks.in_every_respect(end)
     if not complete and end is search.start and (reason := _below_a_step(end)):
         return insufficient_diagnosis(data, reason)
@@ -149,17 +149,17 @@ def diagnose_channel(
 
 
 def _accept(
-    search: Search, found: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
+    search: Search, fit: FitResult, checks: "_Completeness", kinds: Callable[[], PartiallyLinear]
 ) -> tuple[FitResult, list[FormTest]]:
     """Reduce the model that was found to effects that may bear their names, with the test of each form."""
-    if checks.in_every_respect(found):
-        end = accept_effects(search, found, checks.measurement)
+    if checks.in_every_respect(fit):
+        end = accept_effects(search, fit, checks.measurement)
         if end is not search.start:
             end = most_parsimonious(search, end, checks.measurement, checks.in_every_respect)
             return end, form_tests(kinds(), end)
     if checks.in_every_respect(search.start):  # what improves on it is no more than noise or smoothing
         return search.start, []
-    return accept_forms(search, kinds(), found)
+    return accept_forms(search, kinds(), fit)
 
 
 class _Completeness:

@@ -67,14 +67,14 @@ class PackedFit:
         derived = {name: context[name] for name in (LOAD, LUMPED) if name in context}
         return cls(fit.solution, fit.problem.blocked.trusted, derived)
 
-    def unpack(self, data: ChannelData, other: FitResult) -> FitResult:
+    def unpack(self, data: ChannelData, fit: FitResult) -> FitResult:
         """Restore the fit.
 
         Args:
             data: the channel that it was fitted to.
-            other: another fit to the same channel, whose shared arrays it takes over.
+            fit: another fit to the same channel, whose shared arrays it takes over.
         """
         data = replace(data, context={**data.context, **self.derived})
-        blocked = replace(other.problem.blocked, data=data, trusted=self.trusted, load_cache=FitCache())
-        problem = FitProblem(blocked, other.problem.noise_model)
-        return FitResult(data, problem, self.solution, other.validation)
+        blocked = replace(fit.problem.blocked, data=data, trusted=self.trusted, load_cache=FitCache())
+        problem = FitProblem(blocked, fit.problem.noise_model)
+        return FitResult(data, problem, self.solution, fit.validation)

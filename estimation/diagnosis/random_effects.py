@@ -16,40 +16,38 @@ from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.run_heterogeneity import run_heterogeneity
 
 
-def add_run_variation(search: Search, found: FitResult) -> FitResult:
+def add_run_variation(search: Search, fit: FitResult) -> FitResult:
     """The model with a gain or a zero for each run where that is all that runs differ in; else as it is.
 
     Effects that the variation makes needless are left out.
 
     Args:
         search: of the channel.
-        found: the model that its search has led to.
+        fit: the model that its search has led to.
     """
-    if run_heterogeneity(found.problem.blocked, found.solution) is None:
-        return found
+    if run_heterogeneity(fit.problem.blocked, fit.solution) is None:
+        return fit
     varied = search.ordered(
         [
-            one
-            for one in _varied(search, found)
-            if run_heterogeneity(one.problem.blocked, one.solution) is None
+            varied
+            for varied in _varied(search, fit)
+            if run_heterogeneity(varied.problem.blocked, varied.solution) is None
         ]
     )
-    return _less(search, varied[0]) if varied and search.is_needed(found, varied[0]) else found
+    return _less(search, varied[0]) if varied and search.is_needed(fit, varied[0]) else fit
 
 
-def _varied(search: Search, found: FitResult) -> Iterator[FitResult]:
+def _varied(search: Search, fit: FitResult) -> Iterator[FitResult]:
     """The model with each of the effects that differ from run to run."""
     for effect in search.effects:
-        present = {part.name for part in found.solution.model.effects}
+        present = {part.name for part in fit.solution.model.effects}
         if (
             isinstance(effect, RunGain | RunOffset)
             and effect.name not in present
-            and effect.applies_to(found.data)
+            and effect.applies_to(fit.data)
         ):
-            start = {f"{effect.name}.share": effect.starts(found.data)[-1]["share"]}
-            made = search.fitted(
-                found.solution.model.with_effect(effect), {**found.solution.parameters, **start}
-            )
+            start = {f"{effect.name}.share": effect.starts(fit.data)[-1]["share"]}
+            made = search.fitted(fit.solution.model.with_effect(effect), {**fit.solution.parameters, **start})
             if search.is_sound(made, effect.name):
                 yield made
 
@@ -66,7 +64,7 @@ def _less(search: Search, varied: FitResult) -> FitResult:
 def run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
     """How far a value lies from run to run, as a standard deviation, with its own error."""
     model, known, data = end.solution.model, end.solution.parameters, end.data
-    inner = {one.name: known[f"{effect.name}.{one.name}"] for one in effect.inner}
+    inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
     value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])
     error = value / float(np.sqrt(2.0 * (len(data.runs) - 1)))
     unit = "1" if isinstance(effect, RunGain) else data.kind.effort_unit

@@ -100,8 +100,8 @@ def _left_by_own_waves(end: FitResult) -> float | None:
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
     """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
     blocked = end.problem.blocked
-    found = _swing(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
-    return None if found is None or found[1] < _PEAK or found[2] < _PROMINENT else found[:2]
+    swing = _swing(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
+    return None if swing is None or swing[1] < _PEAK or swing[2] < _PROMINENT else swing[:2]
 
 
 def _swing(blocked: BlockedData, residual: FloatArray) -> tuple[float, float, float] | None:
@@ -115,15 +115,15 @@ def _swings(end: FitResult) -> ResidualFinding | None:
 
     A hum that a sensor picks up in free air too, and that is no larger than its noise, is noise.
     """
-    found, unit = periodic_component(end), end.data.kind.effort_unit
-    if found is None:
+    swing, unit = periodic_component(end), end.data.kind.effort_unit
+    if swing is None:
         return None
-    size, floor = np.sqrt(found[1]) * end.rmse, np.sqrt(1.0 - found[1]) * end.rmse
+    size, floor = np.sqrt(swing[1]) * end.rmse, np.sqrt(1.0 - swing[1]) * end.rmse
     in_air = (1.0 + SMALL) * (free_air_noise(end.data) or 0.0)
     if end.rmse <= min(in_air, _ABOVE_AIR * floor):
         return None
     return ResidualFinding(
-        f"the error swings at {found[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        f"the error swings at {swing[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
         "time",
     )
 
@@ -133,8 +133,8 @@ def _is_no_chance(
 ) -> bool:
     """Whether runs that follow one law, read as these were, disagree by less."""
 
-    def ratio(found: RunHeterogeneity | None) -> float:
-        return found.predicted / found.alone if found else 0.0
+    def ratio(heterogeneity: RunHeterogeneity | None) -> float:
+        return heterogeneity.predicted / heterogeneity.alone if heterogeneity else 0.0
 
     drawn = bootstrap_samples(end, measurement, rng, end.problem.blocked.reduce(apart.own_residual))
     return sequential_test(
@@ -177,7 +177,7 @@ def exceeds_noise(
     noise = _about_run_means(residual, blocked.run, still)
     drawn = islice(bootstrap_samples(fit, measurement, rng, own=np.resize(noise, len(blocked))), _FEW_DRAWS)
     left = [
-        rmse(one.blocked.reduce(held_out_residual(one.blocked, solution))[acting]) for one, solution in drawn
+        rmse(fit.blocked.reduce(held_out_residual(fit.blocked, solution))[acting]) for fit, solution in drawn
     ]
     if slow < _ABOVE_AIR * max(left):
         return None
@@ -188,7 +188,7 @@ def exceeds_noise(
 
 def _about_run_means(residual: FloatArray, run: IntArray, chosen: BoolArray) -> FloatArray:
     """The chosen blocks (k,) in order of time, each about the mean of its run."""
-    parts = [residual[chosen & (run == one)] for one in np.unique(run[chosen])]
+    parts = [residual[chosen & (run == number)] for number in np.unique(run[chosen])]
     return np.concatenate([part - part.mean() for part in parts])
 
 

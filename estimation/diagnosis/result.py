@@ -38,10 +38,10 @@ class ParameterValue(_Entry):
     at_bound: bool = False
 
     @classmethod
-    def of(cls, found: ParameterEstimate) -> Self:
+    def of(cls, estimate: ParameterEstimate) -> Self:
         """An estimate as it is written down."""
-        std_err = found.std_err if isfinite(found.std_err) else None
-        return cls(value=found.value, std_err=std_err, unit=found.unit, at_bound=found.at_bound)
+        std_err = estimate.std_err if isfinite(estimate.std_err) else None
+        return cls(value=estimate.value, std_err=std_err, unit=estimate.unit, at_bound=estimate.at_bound)
 
 
 Parameters = dict[str, ParameterValue]

@@ -120,7 +120,7 @@ class Search:
             def places(effect: Effect) -> Sequence[Inner]:
                 known = [] if starts is None else starts[effect.name]
                 # a form that another model's signals call for may have other parameters
-                fitting = [one for one in known if one.keys() == {p.name for p in effect.inner}]
+                fitting = [start for start in known if start.keys() == {p.name for p in effect.inner}]
                 return fitting or effect.starts(fit.data)
 
             self._screened[key] = screen_effects(
@@ -155,22 +155,22 @@ class Search:
         if not effect.linear:
             return list(starts)
         fine_s = _FINE * fit.problem.blocked.rows.shape[1] * sample_time(self.data.time_s, self.data.run)
-        in_time = any(one.unit == "s" for one in effect.inner)
-        return [one for one in starts if in_time and max(map(abs, one.values())) < fine_s]
+        in_time = any(parameter.unit == "s" for parameter in effect.inner)
+        return [start for start in starts if in_time and max(map(abs, start.values())) < fine_s]
 
-    def refined(self, found: FitResult) -> FitResult:
+    def refined(self, fitted: FitResult) -> FitResult:
         """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too."""
-        for name in self.added_effects(found):
-            model, known = found.solution.model, found.solution.parameters
-            (effect,) = (one for one in model.effects if one.name == name)
+        for name in self.added_effects(fitted):
+            model, known = fitted.solution.model, fitted.solution.parameters
+            (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
             tried = [
-                solve_gains(found.problem, model, {**known, **{f"{name}.{n}": v for n, v in start.items()}})
-                for start in self.fine_starts(found, effect)
+                solve_gains(fitted.problem, model, {**known, **{f"{name}.{n}": v for n, v in start.items()}})
+                for start in self.fine_starts(fitted, effect)
             ]
-            best = min(tried, key=lambda one: one.sse, default=found.solution)
-            if best is not found.solution and best.sse < NEAR * found.solution.sse:
-                found = self.refitted(model, best.parameters)
-        return found
+            best = min(tried, key=lambda solution: solution.sse, default=fitted.solution)
+            if best is not fitted.solution and best.sse < NEAR * fitted.solution.sse:
+                fitted = self.refitted(model, best.parameters)
+        return fitted
 
     def quick_screen(self, beside: FitResult) -> list[Candidate]:
         """The possible candidates beside a model, tried in few places, the best first."""
@@ -189,15 +189,15 @@ class Search:
             tried = applicable_effects(fit.data, model, self.effects)
             if self.coarse is not None:
                 rough = self.coarse.alternatives(self.coarse.fitted(fit.solution.model, known), name)
-                likely = {one.effect.name for one in rough[:SHORTLIST]} | {name}
-                tried = tuple(one for one in tried if one.name in likely)
+                likely = {candidate.effect.name for candidate in rough[:SHORTLIST]} | {name}
+                tried = tuple(candidate for candidate in tried if candidate.name in likely)
             self._alternatives[key] = _quick_screen(less, tried)
         return self._alternatives[key]
 
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
         """A model with one effect looked for anew: beside the others its best place may be far away."""
         model, known = fit.solution.model, fit.solution.parameters
-        (effect,) = (one for one in model.effects if one.name == name)
+        (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
         if not effect.inner or self.coarse is not None:
             return fit
         less = FitResult(fit.data, fit.problem, solve_gains(fit.problem, model.without(name), known))
@@ -224,14 +224,14 @@ class Search:
     def extensions(self, fit: FitResult, count: int = FITTED) -> list[FitResult]:
         """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
         count = count if self.coarse is None else min(count, FITTED_IN_FULL)
-        made = (self.with_candidate(one) for one in self._promising(fit)[:count])
-        return self.ordered([one for one in made if self.is_sensible(one)])
+        made = (self.with_candidate(candidate) for candidate in self._promising(fit)[:count])
+        return self.ordered([extension for extension in made if self.is_sensible(extension)])
 
     def _promising(self, fit: FitResult) -> list[Candidate]:
         """Candidates that lower the error once the model's other parameters follow, the best first."""
-        possible = [one for one in self.screen(fit) if one.possible][:LOOKED_AT]
+        possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)
-        left = [one.followed(fit.problem) if follow else one.held_out for one in possible]
+        left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
         order = sorted(range(len(possible)), key=lambda number: left[number])
         return [possible[i] for i in order if left[i] < (1.0 - TIE) * fit.solution.held_out]
 
@@ -241,10 +241,12 @@ class Search:
 
     def is_sound(self, fit: FitResult, name: str) -> bool:
         """Whether one effect is what its name says."""
-        (effect,) = (one for one in fit.solution.model.effects if one.name == name)
+        (effect,) = (effect_there for effect_there in fit.solution.model.effects if effect_there.name == name)
         solution, problem = fit.solution, fit.problem
         if isinstance(effect, RunVariation):
-            inner = {one.name: solution.parameters[f"{name}.{one.name}"] for one in effect.inner}
+            inner = {
+                parameter.name: solution.parameters[f"{name}.{parameter.name}"] for parameter in effect.inner
+            }
             less = solve_gains(problem, solution.model.without(name), solution.parameters)
             if effect.is_common(less.model.predict(fit.data, less.parameters), fit.data, inner):
                 return False
@@ -253,18 +255,22 @@ class Search:
     def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:
         """Models with another effect in the place of one, of those that may do better, in order."""
         tried = self.alternatives(fit, name)
-        roughly = [one.held_out for one in tried if one.effect.name == name]  # in as few places as the others
+        roughly = [
+            candidate.held_out for candidate in tried if candidate.effect.name == name
+        ]  # in as few places as the others
         near = NEAR * max([fit.solution.held_out, *roughly])
-        others = [one for one in tried if _key(one.search.best.model) != _key(fit.solution.model)]
-        made = [self.with_candidate(one) for one in others[:2] if one.held_out < near]
+        others = [
+            candidate for candidate in tried if _key(candidate.search.best.model) != _key(fit.solution.model)
+        ]
+        made = [self.with_candidate(candidate) for candidate in others[:2] if candidate.held_out < near]
         made += self._in_parts(fit, name)
-        return self.ordered([one for one in made if self.is_sensible(one)])
+        return self.ordered([substitute for substitute in made if self.is_sensible(substitute)])
 
     def _in_parts(self, fit: FitResult, name: str) -> list[FitResult]:
         """The model with the parts of an effect in its place, if it has any."""
-        (effect,) = (one for one in fit.solution.model.effects if one.name == name)
-        present = {one.name for one in fit.solution.model.effects}
-        parts = [one for one in self.effects if one.name in effect.parts and one.name not in present]
+        (effect,) = (effect_there for effect_there in fit.solution.model.effects if effect_there.name == name)
+        present = {effect_there.name for effect_there in fit.solution.model.effects}
+        parts = [part for part in self.effects if part.name in effect.parts and part.name not in present]
         return [self.with_each(self.without(fit, name), parts)] if parts else []
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
@@ -275,22 +281,26 @@ class Search:
                 fit = self.with_candidate(tried)
         return fit
 
-    def is_better(self, one: FitResult, other: FitResult) -> bool:
+    def is_better(self, fit: FitResult, reference: FitResult) -> bool:
         """Whether a model leaves less than another; or about as much, with fewer parameters.
 
         More parameters must be worth it: by as much as an added effect.
+
+        Args:
+            fit: the model.
+            reference: the other model, fitted to the same data.
         """
-        more = np.sign(self.size(one) - self.size(other))
+        more = np.sign(self.size(fit) - self.size(reference))
         limit = (1.0 - SMALL) ** (2.0 * more) if more else 1.0 - TIE
-        return bool(one.solution.held_out < limit * other.solution.held_out)
+        return bool(fit.solution.held_out < limit * reference.solution.held_out)
 
     def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
         """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
-        limit = (1.0 + TIE) * min((one.solution.held_out for one in made), default=0.0)
+        limit = (1.0 + TIE) * min((fit.solution.held_out for fit in made), default=0.0)
 
-        def rank(one: FitResult) -> tuple[bool, int, float]:
-            tied = one.solution.held_out <= limit
-            return not tied, self.size(one) if tied else 0, one.solution.held_out
+        def rank(fit: FitResult) -> tuple[bool, int, float]:
+            tied = fit.solution.held_out <= limit
+            return not tied, self.size(fit) if tied else 0, fit.solution.held_out
 
         return sorted(made, key=rank)
 
@@ -373,9 +383,9 @@ def select_effects(
     coarse = whole.coarse or whole
     on_all = partial(_refined, whole)
 
-    def is_enough(found: FitResult) -> bool:
-        needs_nothing = not whole.added_effects(found) or found.rmse <= (1.0 + SMALL) * found.floor()
-        return (needs_nothing or found.explainable_share() < _LITTLE) and is_complete(found)
+    def is_enough(fit: FitResult) -> bool:
+        needs_nothing = not whole.added_effects(fit) or fit.rmse <= (1.0 + SMALL) * fit.floor()
+        return (needs_nothing or fit.explainable_share() < _LITTLE) and is_complete(fit)
 
     best = on_all(_forward_selection(coarse, coarse.start))
     if not is_enough(best):
@@ -410,25 +420,25 @@ def _pairs(coarse: Search) -> Iterator[FitResult]:
     ]
     beside.sort(key=lambda pair: pair[1].held_out)
     made = (coarse.with_candidate(second) for _, second in beside[:LOOKED_AT])
-    yield from islice((one for one in made if coarse.is_sensible(one)), PAIRS)
+    yield from islice((fit for fit in made if coarse.is_sensible(fit)), PAIRS)
 
 
 def _refined(whole: Search, rough: FitResult) -> FitResult:
     """What was found on a coarse copy, on the channel itself."""
-    found = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
-    if whole.added_effects(found) and found.explainable_share() > _LITTLE:
-        return found
-    return _forward_selection(whole, backward_step(whole, found))
+    refined = whole.refined(whole.fitted(rough.solution.model, rough.solution.parameters))
+    if whole.added_effects(refined) and refined.explainable_share() > _LITTLE:
+        return refined
+    return _forward_selection(whole, backward_step(whole, refined))
 
 
 def _forward_selection(search: Search, fit: FitResult) -> FitResult:
     """Add the best effect as long as one is needed, and look back at each step."""
     while len(search.added_effects(fit)) < MOST_EFFECTS:
-        further = (one for one in search.extensions(fit) if search.is_needed(fit, one))
-        found = next(further, None)
-        if found is None:
+        further = (extension for extension in search.extensions(fit) if search.is_needed(fit, extension))
+        extension = next(further, None)
+        if extension is None:
             break
-        settled = backward_step(search, found)
+        settled = backward_step(search, extension)
         if settled.solution.held_out >= fit.solution.held_out:
             break
         fit = settled
@@ -445,7 +455,9 @@ def backward_step(search: Search, fit: FitResult) -> FitResult:
             continue
         is_sound = search.is_sound(fit, name)
         better = (
-            one for one in search.substitutions(fit, name) if not is_sound or search.is_better(one, fit)
+            substitute
+            for substitute in search.substitutions(fit, name)
+            if not is_sound or search.is_better(substitute, fit)
         )
         fit = next(better, fit if is_sound else less)
     return fit
@@ -458,7 +470,11 @@ def _quick_screen(beside: FitResult, effects: Sequence[Effect]) -> list[Candidat
         starts = effect.starts(beside.data)
         return starts[:: max(len(starts) // FEW_STARTS, 1)]
 
-    return [one for one in screen_effects(beside, effects, starts=few, refined=0) if one.possible]
+    return [
+        candidate
+        for candidate in screen_effects(beside, effects, starts=few, refined=0)
+        if candidate.possible
+    ]
 
 
 def _key(model: Model) -> _Key:

@@ -114,31 +114,31 @@ def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
     )
 
 
-def decide_verdict(found: Evidence) -> ChannelDiagnosis:
+def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     """State the verdict on one channel, with numbers from the fits that every other command shows.
 
     Args:
-        found: where the search ended.
+        evidence: where the search ended.
 
     Returns:
         The diagnosis of the channel; `take_fits` hands over the fits that its numbers come from.
     """
-    search, end, noise = found.search, found.end, found.noise
+    search, end, noise = evidence.search, evidence.end, evidence.noise
     names = search.added_effects(end)
-    if found.complete:
-        others = {name: indistinguishable_models(search, end, name, found.measurement) for name in names}
+    if evidence.complete:
+        others = {name: indistinguishable_models(search, end, name, evidence.measurement) for name in names}
     else:
         others = {name: similar_forms(search, end, name) for name in names}
-    accepted = _accepted(found, others)
-    verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if found.complete else Verdict.UNEXPLAINED
-    budget, rest = _budget(found)
-    ranking = _ranking(found)
-    base, last = found.stages[0], found.stages[-1]
+    accepted = _accepted(evidence, others)
+    verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
+    budget, rest = _budget(evidence)
+    ranking = _ranking(evidence)
+    base, last = evidence.stages[0], evidence.stages[-1]
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
-        reason=_reason(found, verdict, accepted, ranking),
+        reason=_reason(evidence, verdict, accepted, ranking),
         effort_unit=search.data.kind.effort_unit,
         noise_floor=noise.value,
         floor=Floor(
@@ -154,42 +154,42 @@ def decide_verdict(found: Evidence) -> ChannelDiagnosis:
         accepted=accepted,
         ranking=ranking,
         final=Fitted.of(last),
-        complete=found.complete,
-        remaining=Remaining(rmse=last.rmse, times_floor=times, depends_on=found.signals),
-        depends_on=found.signals,
-        next_experiment=_next(found, accepted, others),
+        complete=evidence.complete,
+        remaining=Remaining(rmse=last.rmse, times_floor=times, depends_on=evidence.signals),
+        depends_on=evidence.signals,
+        next_experiment=_next(evidence, accepted, others),
     )
     added = [entry.effect for entry in accepted]
-    chains = {tuple(added[:count]): fit for count, fit in enumerate(found.stages)}
-    alone = {(name,): fit for name, fit in found.single_effects.items()}
+    chains = {tuple(added[:count]): fit for count, fit in enumerate(evidence.stages)}
+    alone = {(name,): fit for name, fit in evidence.single_effects.items()}
     return diagnosis.with_fits({chain: fit for chain, fit in (alone | chains).items() if chain})
 
 
-def _budget(found: Evidence) -> tuple[list[BudgetShare], Rest]:
+def _budget(evidence: Evidence) -> tuple[list[BudgetShare], Rest]:
     """Shares of the base model's squared error on blocks, which add up to one.
 
     Returns:
         Shares of the accepted effects' kinds if nothing else is left, else of all kinds that count; and
         what they leave. Beside a complete model that is noise.
     """
-    search, end = found.search, found.end
+    search, end = evidence.search, evidence.end
     named: dict[Kind, list[str]] = {}
     for effect in end.solution.model.effects:
         if effect.name in search.added_effects(end):
             named.setdefault(effect.kind, []).append(effect.name)
-    if found.partial is None:
+    if evidence.partial is None:
         if not named:
             return [], Rest(noise=float(search.start.rmse > 0.0), unexplained=0.0)
         budget = error_budget(NamedError(search, end), np.random.default_rng(0), frozenset(named))
     else:
-        kinds = found.partial.kinds | frozenset(named)
-        budget = error_budget(found.partial.error, np.random.default_rng(0), kinds)
+        kinds = evidence.partial.kinds | frozenset(named)
+        budget = error_budget(evidence.partial.error, np.random.default_rng(0), kinds)
     shares = []
     for entry in budget.entries:
         effects = named.get(entry.kind, [])
-        form = max(map(found.form, effects), key=list(Form).index, default=Form.UNKNOWN)
-        if not effects and found.coarse is not None:
-            effects = closest_forms(found.coarse, entry.kind, frozenset(budget.kinds))
+        form = max(map(evidence.form, effects), key=list(Form).index, default=Form.UNKNOWN)
+        if not effects and evidence.coarse is not None:
+            effects = closest_forms(evidence.coarse, entry.kind, frozenset(budget.kinds))
         replaceable = list(entry.replaceable_by)
         shares.append(
             BudgetShare(
@@ -205,24 +205,24 @@ def _budget(found: Evidence) -> tuple[list[BudgetShare], Rest]:
             )
         )
     noise = budget.left
-    if found.partial is not None:
-        noise = min((found.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
+    if evidence.partial is not None:
+        noise = min((evidence.noise.value / max(search.start.rmse, 1e-300)) ** 2, budget.left)
     return shares, Rest(noise=noise, unexplained=budget.left - noise)
 
 
-def _accepted(found: Evidence, others: _Rivals) -> list[Accepted]:
-    search, accepted = found.search, []
+def _accepted(evidence: Evidence, others: _Rivals) -> list[Accepted]:
+    search, accepted = evidence.search, []
     by_name = {effect.name: effect for effect in search.effects}
-    for before, after in pairwise(found.stages):
+    for before, after in pairwise(evidence.stages):
         (name,) = {part.name for part in after.model.effects} - {part.name for part in before.model.effects}
         effect = by_name[name]
-        spread = run_standard_deviation(found.end, effect) if isinstance(effect, RunVariation) else None
-        p_value = search.p_value(search.without(found.end, effect.name), found.end)
+        spread = run_standard_deviation(evidence.end, effect) if isinstance(effect, RunVariation) else None
+        p_value = search.p_value(search.without(evidence.end, effect.name), evidence.end)
         accepted.append(
             Accepted(
                 effect=effect.name,
-                form=found.form(effect.name),
-                **stage_numbers(effect.name, before, after, found.stages[-1], spread),
+                form=evidence.form(effect.name),
+                **stage_numbers(effect.name, before, after, evidence.stages[-1], spread),
                 p_value=p_value,
                 confused_with=list(others[effect.name]),
                 physics=effect.physics,
@@ -237,7 +237,7 @@ def _screened(search: Search) -> list[Ranked]:
     """Errors sample by sample, from what each candidate takes away on blocks, or on a coarse copy's."""
     tried, rmse, ranked = search.coarse or search, search.start.rmse, []
     start = tried.start
-    for candidate in (one for one in tried.screen(start) if one.possible):
+    for candidate in (option for option in tried.screen(start) if option.possible):
         share = (start.solution.held_out - candidate.held_out) / max(start.solution.held_out, 1e-300)
         error = float(np.sqrt(max(rmse**2 - share * search.start.held_out_mean_square, 0.0)))
         score = float(1.0 - error / rmse) if rmse > 0.0 else 0.0
@@ -245,12 +245,12 @@ def _screened(search: Search) -> list[Ranked]:
     return ranked
 
 
-def _ranking(found: Evidence) -> list[Ranked]:
+def _ranking(evidence: Evidence) -> list[Ranked]:
     """The most promising candidates, each fitted alone beside the base model, the best first."""
-    base = found.search.start.rmse
+    base = evidence.search.start.rmse
     ranked = (
         Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / base if base > 0.0 else 0.0)
-        for name, fit in found.single_effects.items()
+        for name, fit in evidence.single_effects.items()
     )
     return sorted(ranked, key=lambda entry: entry.rmse_held_out)
 
@@ -272,19 +272,20 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
 
 
 def _reason(
-    found: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
+    evidence: Evidence, verdict: Verdict, accepted: Sequence[Accepted], ranking: Sequence[Ranked]
 ) -> str:
-    end, unit, last = found.end, found.search.data.kind.effort_unit, found.stages[-1].rmse
+    end, unit, last = evidence.end, evidence.search.data.kind.effort_unit, evidence.stages[-1].rmse
     if verdict is Verdict.ADEQUATE:
+        beside = f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return (
             "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
-            f"law explains no more of it than of draws from the model{_steps(found)}{_hum(end)}{_peaks(end)}"
+            f"law explains no more of it than of draws from the model{beside}"
         )
-    left = _left(found)
+    left = _left(evidence)
     if verdict is Verdict.MISSING:
-        decrease = error_decrease(accepted, found.stages[0].rmse, last, unit)
-        nothing = f"no more than noise is left{_steps(found)}{_hum(end)}{_peaks(end)}"
-        return f"{decrease}, and {nothing}" if found.complete else f"{decrease}; {left}"
+        decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
+        nothing = f"no more than noise is left{_steps(evidence)}{_hum(end)}{_peaks(end)}"
+        return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
     reason = f"the error is {last:.3g} {unit}; {left}"
     if not ranking or ranking[0].score < SMALL:
         return reason
@@ -292,12 +293,12 @@ def _reason(
     return f"{reason}; the best single effect, {best}, and is not established"
 
 
-def _steps(found: Evidence) -> str:
+def _steps(evidence: Evidence) -> str:
     """What a smooth law takes away beside a complete model where the position's steps may make it."""
     end, unit, off = (
-        found.end,
-        found.search.data.kind.effort_unit,
-        encoder_step_error(found.end, found.measurement),
+        evidence.end,
+        evidence.search.data.kind.effort_unit,
+        encoder_step_error(evidence.end, evidence.measurement),
     )
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
     if end.explainable_share() <= SMALL or left > off:
@@ -307,11 +308,11 @@ def _steps(found: Evidence) -> str:
 
 def _hum(end: FitResult) -> str:
     """What of the noise swings, in words: mains, a fan or a drive that the sensor picks up."""
-    found = periodic_component(end) if free_air_noise(end.data) else None
-    if found is None:
+    swing = periodic_component(end) if free_air_noise(end.data) else None
+    if swing is None:
         return ""
-    size = f"{np.sqrt(found[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
-    return f"; {size} of the noise swings at {found[0]:.3g} Hz, in free air too"
+    size = f"{np.sqrt(swing[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
+    return f"; {size} of the noise swings at {swing[0]:.3g} Hz, in free air too"
 
 
 def _peaks(end: FitResult) -> str:
@@ -321,10 +322,14 @@ def _peaks(end: FitResult) -> str:
     return f"; {100 * share:.0f} % of its square is in a twentieth of the samples" if share > _PEAKED else ""
 
 
-def _left(found: Evidence) -> str:
-    if found.objection:
-        return found.objection.reason
-    signals, noise, rmse = ", ".join(found.signals) or "a mix of signals", found.noise, found.stages[-1].rmse
+def _left(evidence: Evidence) -> str:
+    if evidence.objection:
+        return evidence.objection.reason
+    signals, noise, rmse = (
+        ", ".join(evidence.signals) or "a mix of signals",
+        evidence.noise,
+        evidence.stages[-1].rmse,
+    )
     if rmse <= noise.value or not noise.value > 0.0:
         return f"what is left depends on {signals}"
     return f"what is left is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
@@ -335,10 +340,10 @@ def _or_rivals(entry: Accepted) -> str:
     return f"{entry.effect} (indistinguishable from {others})" if others else entry.effect
 
 
-def _next(found: Evidence, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:
-    search = found.search
+def _next(evidence: Evidence, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:
+    search = evidence.search
     for entry in accepted:
         if entry.confused_with:
-            effect = next(one for one in search.effects if one.name == entry.effect)
-            return separating(effect, {entry.effect: found.end, **others[entry.effect]}, search.data)
-    return None if found.complete else exploring(found.signals, search.data)
+            effect = next(known for known in search.effects if known.name == entry.effect)
+            return separating(effect, {entry.effect: evidence.end, **others[entry.effect]}, search.data)
+    return None if evidence.complete else exploring(evidence.signals, search.data)

@@ -103,11 +103,11 @@ def fit_flexible(
     alone = [_shrunken(equations, owner, (number,)) for number in range(len(blocks))]
     best = _best(equations, owner, alone, plainly.energy)
     by_signal = {
-        name: 1.0 - one.energy / plainly.energy if plainly.energy > 0.0 else 0.0
-        for name, one in zip(blocks, alone, strict=True)
+        name: 1.0 - shrunken.energy / plainly.energy if plainly.energy > 0.0 else 0.0
+        for name, shrunken in zip(blocks, alone, strict=True)
     }
     residual, before = (
-        _held_out_residual(columns, target, blocked, equations, one) for one in (best, plainly)
+        _held_out_residual(columns, target, blocked, equations, shrunken) for shrunken in (best, plainly)
     )
     return FlexibleRegression(plainly.held_out, best.held_out, residual, before, by_signal)
 
@@ -192,12 +192,12 @@ def _best(equations: NormalEquations, owner: IntArray, alone: list[_Tried], befo
             for n in range(len(alone))
             if n not in best.signals
         ]
-        found = min(more, key=lambda one: one.energy)
-        if found.energy > best.energy - _WORTH * before:
+        further = min(more, key=lambda shrunken: shrunken.energy)
+        if further.energy > best.energy - _WORTH * before:
             break
-        best = found
+        best = further
     every = _shrunken(equations, owner, tuple(range(len(alone))))
-    return min(best, every, key=lambda one: one.energy)
+    return min(best, every, key=lambda shrunken: shrunken.energy)
 
 
 def _held_out_residual(
