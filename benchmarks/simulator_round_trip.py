@@ -49,7 +49,7 @@ URDF = """<robot name="two_links">
 
 
 @dataclass(frozen=True)
-class Case:
+class ExportCase:
     """One hidden effect."""
 
     hide: Callable[[mujoco.MjSpec], None]
@@ -77,24 +77,28 @@ def _gain(spec: mujoco.MjSpec) -> None:
     next(each for each in spec.actuators if each.target == "shoulder").gear[0] = 0.8
 
 
-CASES: Mapping[str, Case] = {
-    "coulomb": Case(
+CASES: Mapping[str, ExportCase] = {
+    "coulomb": ExportCase(
         _on_joint("shoulder", frictionloss=0.5, solref_friction=AT_REST), {"joint_1": ("coulomb_friction",)}
     ),
-    "viscous": Case(_on_joint("elbow", damping=[0.3, 0, 0]), {"joint_2": ("viscous_friction",)}),
-    "coulomb_and_viscous": Case(
+    "viscous": ExportCase(_on_joint("elbow", damping=[0.3, 0, 0]), {"joint_2": ("viscous_friction",)}),
+    "coulomb_and_viscous": ExportCase(
         _on_joint("shoulder", frictionloss=0.4, solref_friction=AT_REST, damping=[0.25, 0, 0]),
         {"joint_1": ("coulomb_friction", "viscous_friction")},
     ),
-    "quadratic_friction": Case(
+    "quadratic_friction": ExportCase(
         _on_joint("shoulder", damping=[0, 0.08, 0]), {"joint_1": ("quadratic_friction",)}
     ),
-    "armature": Case(_on_joint("elbow", armature=0.02), {"joint_2": ("armature",)}),
-    "spring": Case(_on_joint("elbow", stiffness=[1.5, 0, 0], springref=0.4), {"joint_2": ("joint_spring",)}),
-    "hardening_spring": Case(_on_joint("elbow", stiffness=[0, 0, 2.0]), {"joint_2": ("cubic_stiffness",)}),
-    "gravity_tilt": Case(_tilt, {"joint_1": ("gravity_tilt",)}),
-    "payload": Case(_payload, {"joint_1": ("payload",)}),
-    "torque_gain": Case(_gain, {"joint_1": ("torque_gain",)}),
+    "armature": ExportCase(_on_joint("elbow", armature=0.02), {"joint_2": ("armature",)}),
+    "spring": ExportCase(
+        _on_joint("elbow", stiffness=[1.5, 0, 0], springref=0.4), {"joint_2": ("joint_spring",)}
+    ),
+    "hardening_spring": ExportCase(
+        _on_joint("elbow", stiffness=[0, 0, 2.0]), {"joint_2": ("cubic_stiffness",)}
+    ),
+    "gravity_tilt": ExportCase(_tilt, {"joint_1": ("gravity_tilt",)}),
+    "payload": ExportCase(_payload, {"joint_1": ("payload",)}),
+    "torque_gain": ExportCase(_gain, {"joint_1": ("torque_gain",)}),
 }
 
 
@@ -171,7 +175,7 @@ def replay(model: mujoco.MjModel, run: FloatArray) -> FloatArray:
     return np.array(errors)
 
 
-def round_trip(case: Case, folder: Path, *, diagnose: bool) -> RoundTrip:
+def round_trip(case: ExportCase, folder: Path, *, diagnose: bool) -> RoundTrip:
     """Hide, record, fit, export and replay.
 
     Args:

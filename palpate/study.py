@@ -20,7 +20,7 @@ from palpate.estimation.study.fitting import Progress
 from palpate.export.feedforward import Feedforward, FittedJoint, make_feedforward
 from palpate.export.scenario import Export, FittedChannel, export_scenario
 from palpate.export.simulator import Written, write_simulator
-from palpate.export.target_terms import Target
+from palpate.export.target_terms import SimulatorFormat
 from palpate.render.build import view_of
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
@@ -213,7 +213,7 @@ class Study(ModelStudy):
     def export_simulator(
         self,
         path: Path | str,
-        target: Target | str,
+        target: SimulatorFormat | str,
         patch: Path | str | None = None,
         revisions: int | Sequence[int] = (),
     ) -> Written:
@@ -231,9 +231,9 @@ class Study(ModelStudy):
             InputError: as `export_feedforward`, the target is unknown, or `patch` is missing, not readable or
                 lacks a joint.
         """
-        if target not in set(Target):
-            raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(Target)}")
-        place, target = _path(path, "output"), Target(target)
+        if target not in set(SimulatorFormat):
+            raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(SimulatorFormat)}")
+        place, target = _path(path, "output"), SimulatorFormat(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
         fitted, failures = self._fitted_joints(revisions, f"{target} is")
         _refuse_goal_error(fitted)

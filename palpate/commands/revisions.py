@@ -87,7 +87,7 @@ def add_command(
     grown = change.result.grown
     if grown is None or grown.lack_of_fit >= AT_NOISE:
         steps.append((f"palpate compare {kept} --revision {newest.number}", "where the model still fails"))
-    steps.append((f"palpate export {kept}", "the improved model as a simulated world"))
+    steps += console.export_steps(kept, [change.result.channel.measured.kind])
     console.present(content, show, steps, as_json=as_json)
 
 

@@ -21,6 +21,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from palpate.common.failures import JsonOutput
+from palpate.estimation.channel import ChannelKind
 
 _UNBOUNDED = 10_000  # columns: wider than any table
 # Columns when the output is no terminal and COLUMNS does not say how many: in 80, tables are squeezed.
@@ -145,6 +146,18 @@ def rerun_step(recording: Path) -> tuple[str, str]:
     """
     where = "" if has_display() else " (needs a display)"
     return f"rerun {typed(recording)}", f"see the model grow, revision by revision{where}"
+
+
+def export_steps(kept: str, kinds: Iterable[ChannelKind]) -> list[tuple[str, str]]:
+    """The command that exports a kept model; none of a servo's goal error, which no simulator has.
+
+    Args:
+        kept: the data and the folder of revisions, as typed.
+        kinds: of the channels.
+    """
+    if ChannelKind.SERVO in set(kinds):
+        return []
+    return [(f"palpate export {kept}", "the improved model as a simulated world")]
 
 
 def present(

@@ -11,7 +11,7 @@ from palpate.common.files import output_file, write_text
 from palpate.control.arm.rigid_body import RigidBody
 from palpate.estimation.study import Arm
 from palpate.export.feedforward import FittedJoint
-from palpate.export.target_terms import Target, TargetArm, TargetJoint, as_comment, express
+from palpate.export.target_terms import SimulatorFormat, TargetArm, TargetJoint, as_comment, express
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
 from palpate.robot_io.files.file_model import read_text
@@ -28,7 +28,7 @@ class Written:
 
 def write_simulator(
     joints: Sequence[FittedJoint],
-    target: Target,
+    target: SimulatorFormat,
     path: Path,
     mounted: Arm,
     *,
@@ -58,7 +58,7 @@ def write_simulator(
     arm = replace(arm, left_out=(*arm.left_out, *failures))
     used = [f"{joint.channel} '{joint.name}': {line}" for joint in arm.joints for line in joint.lines()]
     texts: dict[Path, str]
-    if target is Target.BAM:
+    if target is SimulatorFormat.BAM:
         motor = {} if patch is None else _read_bam(patch)
         if patch is None:
             line = 'BAM needs "actuator", "kt" and "R" of the motor: name a parameter file of it with --patch'
@@ -70,16 +70,16 @@ def write_simulator(
             )
             for joint in arm.joints
         }
-    elif target is Target.ISAACLAB:
+    elif target is SimulatorFormat.ISAACLAB:
         if patch is not None:
             raise InputError(f"--patch {patch}: Isaac Lab's actuators are written as a file of their own")
         texts = {path: _isaaclab_text(arm)}
     else:
         mounting = Mounting(mounted.tip_frame, *_tip_and_axis(body), np.array(mounted.gravity_m_s2))
-        if patch is None and (target is Target.MJCF or not mounted.urdf):
+        if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} patches a file of yours: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))
-        if target is Target.MJCF:
+        if target is SimulatorFormat.MJCF:
             patched = patch_mjcf(text, place, arm, mounting, by_name=body is not None)
         else:
             patched = patch_urdf(text, place, arm, mounting)
@@ -105,7 +105,7 @@ def _isaaclab_text(arm: TargetArm) -> str:
     """Write actuator configurations of Isaac Lab, a Python module with one dict `ACTUATORS`.
 
     Args:
-        arm: expressed for `Target.ISAACLAB`.
+        arm: expressed for `SimulatorFormat.ISAACLAB`.
     """
     lines = [
         f'"""Actuators of Isaac Lab, written by palpate export from {as_comment(arm.source)}.',
@@ -149,7 +149,7 @@ def _bam_text(arm: TargetArm, joint: TargetJoint, motor: Mapping[str, object]) -
     """Write a parameter file of BAM (better-actuator-models) for the servo of one joint.
 
     Args:
-        arm: expressed for `Target.BAM`.
+        arm: expressed for `SimulatorFormat.BAM`.
         joint: one of its joints.
         motor: parameters of the motor that friction says nothing of (actuator, kt, R ...), kept as they are.
     """

@@ -12,7 +12,7 @@ from palpate.estimation.kinds import Kind
 from palpate.export.feedforward import FittedJoint
 
 
-class Target(StrEnum):
+class SimulatorFormat(StrEnum):
     """Simulator whose file is written."""
 
     MJCF = "mjcf"
@@ -25,7 +25,7 @@ Fitted = Mapping[str, float]  # parameters of one effect, by their own names
 
 
 @dataclass(frozen=True)
-class Term:
+class TargetTerm:
     """How a target expresses an effect."""
 
     values: Callable[[Fitted], Mapping[str, float]]  # the target's values by name; those of effects add
@@ -33,18 +33,18 @@ class Term:
     units: Mapping[str, str] = field(default_factory=dict)  # of parameters, in which alone it is so
 
 
-def _named(lost: str = "", **names: str) -> Term:
+def _named(lost: str = "", **names: str) -> TargetTerm:
     """Values that are fitted parameters: target's name = fitted name."""
-    return Term(lambda p: {key: p[name] for key, name in names.items()}, lost)
+    return TargetTerm(lambda p: {key: p[name] for key, name in names.items()}, lost)
 
 
 def _mean(p: Fitted, name: str, ends: tuple[str, str]) -> float:
     return max(0.5 * (p[name + ends[0]] + p[name + ends[1]]), 0.0)
 
 
-def _asymmetric(dry: Sequence[str], viscous: str) -> Term:
+def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
     """Friction of two directions as the mean of both."""
-    return Term(
+    return TargetTerm(
         lambda p: {
             **dict.fromkeys(dry, _mean(p, "", ("forward", "backward"))),
             viscous: _mean(p, "viscous_", ("forward", "backward")),
@@ -74,8 +74,8 @@ REASONS: Mapping[str, str] = {
 SILENT = frozenset({"rigid_body"})  # what the arm's own file says
 _TILT = {"tilt": "rad"}
 
-TABLE: Mapping[Target, Mapping[str, Term | str]] = {
-    Target.MJCF: {
+TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
+    SimulatorFormat.MJCF: {
         "armature": _named(armature="inertia"),
         "asymmetric_friction": _asymmetric(("frictionloss",), "damping"),
         "backlash": _named(
@@ -85,7 +85,7 @@ TABLE: Mapping[Target, Mapping[str, Term | str]] = {
         "cubic_stiffness": _named(cubic="k3"),
         "damping": _named(damping="c"),
         "delay": _named(sensor_delay_s="time"),
-        "gravity_tilt": Term(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
+        "gravity_tilt": TargetTerm(lambda p: {"tilt_rad": p["tilt"]}, units=_TILT),
         "joint_elasticity": "needs a second body behind a spring",
         "joint_spring": _named(stiffness="k", preload="preload"),
         "load_dependent_friction": _NO_LOAD,
@@ -96,11 +96,11 @@ TABLE: Mapping[Target, Mapping[str, Term | str]] = {
         "quadratic_friction": _named(damping_quadratic="d2"),
         "stiffness": _named(stiffness="k"),
         "stribeck_friction": _named(_ONE_LEVEL, frictionloss="coulomb"),
-        "torque_gain": Term(lambda p: {"gear": 1.0 / p["gain"]}),
+        "torque_gain": TargetTerm(lambda p: {"gear": 1.0 / p["gain"]}),
         "torque_ripple": "only a <dcmotor> has cogging",
         "viscous_friction": _named(damping="d"),
     },
-    Target.URDF: {
+    SimulatorFormat.URDF: {
         "armature": "a URDF has no inertia of a rotor",
         "asymmetric_friction": _asymmetric(("friction",), "damping"),
         "coulomb_friction": _named(friction="force"),
@@ -115,7 +115,7 @@ TABLE: Mapping[Target, Mapping[str, Term | str]] = {
         "torque_gain": _GAIN,
         "viscous_friction": _named(damping="d"),
     },
-    Target.ISAACLAB: {
+    SimulatorFormat.ISAACLAB: {
         "armature": _named(armature="inertia"),
         "asymmetric_friction": _asymmetric(("friction", "dynamic_friction"), "viscous_friction"),
         "backlash": "needs a second joint in the USD",
@@ -128,7 +128,7 @@ TABLE: Mapping[Target, Mapping[str, Term | str]] = {
         "payload": "is a mass of the USD: add a rigid body at the tip, or randomize_rigid_body_mass",
         "position_dependent_friction": _named(_NO_PLACE, friction="level", dynamic_friction="level"),
         "presliding_friction": _named(_AT_ONCE, friction="force", dynamic_friction="force"),
-        "stribeck_friction": Term(
+        "stribeck_friction": TargetTerm(
             lambda p: {
                 "friction": max(p["coulomb"] + p["rise"], p["coulomb"]),
                 "dynamic_friction": p["coulomb"],
@@ -138,18 +138,18 @@ TABLE: Mapping[Target, Mapping[str, Term | str]] = {
         "torque_gain": _GAIN,
         "viscous_friction": _named(viscous_friction="d"),
     },
-    Target.BAM: {
+    SimulatorFormat.BAM: {
         "armature": _named(armature="inertia"),
         "asymmetric_friction": _asymmetric(("friction_base",), "friction_viscous"),
         "coulomb_friction": _named(friction_base="force"),
         "damping": _named(friction_viscous="c"),
         "delay": _LATE,
         # BAM's load is the difference of motor and external torque, twice the load of a joint in balance
-        "load_dependent_friction": Term(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
+        "load_dependent_friction": TargetTerm(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
         "payload": "is a mass of the arm, and not of the servo",
         "position_dependent_friction": _named(_NO_PLACE, friction_base="level"),
         "presliding_friction": _named(_AT_ONCE, friction_base="force"),
-        "stribeck_friction": Term(
+        "stribeck_friction": TargetTerm(
             lambda p: {
                 "friction_base": p["coulomb"],
                 "friction_stribeck": max(p["rise"], 0.0),
@@ -207,7 +207,7 @@ class TargetArm:
 
 def express(
     joints: Sequence[FittedJoint],
-    target: Target,
+    target: SimulatorFormat,
     source: str,
     names: Sequence[str] = (),
     rotors: Sequence[float] = (),
@@ -227,7 +227,7 @@ def express(
         own: dict[str, Value] = {}
         lost = list[str]()
         rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
-        if rotor and isinstance(TABLE[target].get("armature"), Term):
+        if rotor and isinstance(TABLE[target].get("armature"), TargetTerm):
             own["armature"] = Value(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
         for effect, parameters in _by_effect(joint).items():
             term = TABLE[target].get(effect, _reason(effect))

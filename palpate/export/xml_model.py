@@ -48,7 +48,7 @@ def patch_mjcf(text: str, place: str, arm: TargetArm, mounting: Mounting, *, by_
     Args:
         text: of the MJCF.
         place: where it comes from, for errors.
-        arm: expressed for `Target.MJCF`.
+        arm: expressed for `SimulatorFormat.MJCF`.
         mounting: of the arm.
         by_name: find joints by their names; otherwise the n-th hinge or slide joint is joint n.
 
@@ -77,7 +77,7 @@ def patch_urdf(text: str, place: str, arm: TargetArm, mounting: Mounting) -> Pat
     Args:
         text: of the URDF.
         place: where it comes from, for errors.
-        arm: expressed for `Target.URDF`.
+        arm: expressed for `SimulatorFormat.URDF`.
         mounting: of the arm.
 
     Raises:

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.simulator_round_trip import CASES, NOISE_NM, URDF, round_trip
 from palpate import Study
 from palpate.estimation.effects import EFFECTS
-from palpate.export.target_terms import TABLE, Target, TargetArm, TargetJoint, Value
+from palpate.export.target_terms import TABLE, SimulatorFormat, TargetArm, TargetJoint, Value
 from palpate.export.xml_model import Mounting, patch_mjcf, patch_urdf
 from palpate.robot_io.errors import InputError
 from tests.palpate.cli import as_json, assert_refused, run
@@ -173,7 +173,7 @@ def test_a_urdf_gets_dynamics_and_a_payload_that_mujoco_reads():
 
 def test_every_effect_of_the_table_is_in_the_library():
     assert {effect for terms in TABLE.values() for effect in terms} <= set(EFFECTS)
-    assert set(TABLE) == set(Target)
+    assert set(TABLE) == set(SimulatorFormat)
 
 
 @pytest.fixture(scope="module")
