@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.diagnosis.candidates import (
     applicable_effects,
     effect_library,
@@ -152,7 +153,7 @@ def test_misnamed_is_judged_by_the_motion_that_acts_and_by_what_the_model_leaves
 )  # fmt: skip
 def test_what_is_tried_fits_the_channel_and_what_the_model_has(data, base, tried, not_tried):
     kinds = {"joint": swings(1, runs=2), "press": session(1)}
-    made = kinds.get(data) or replace(kinds["joint"], kind="prismatic")
+    made = kinds.get(data) or replace(kinds["joint"], kind=ChannelKind.PRISMATIC)
     names = {effect.name for effect in applicable_effects(made, model(*base), effect_library())}
     assert tried <= names
     assert not names & not_tried
