@@ -367,7 +367,8 @@ class RigidBody:
         model, data = self._model, self._data
         if list(model.parents[1:]) != list(range(model.nv)):
             raise InputError("URDF: the joints branch, expected one chain from base to tip")
-        jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq))  # at the world's origin
+        # At the world's origin; pinocchio drops the second axis of an arm with one joint.
+        jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(6, model.nv)
         axes = []
         for index, name in enumerate(self.joint_names):
             revolute = bool(np.any(jacobian[3:, index]))

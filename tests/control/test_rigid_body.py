@@ -145,6 +145,13 @@ def test_joint_axes_are_where_the_urdf_puts_them():
     assert all(axis.axis_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-12) for axis in axes)
 
 
+def test_the_axis_of_an_arm_with_one_joint():
+    (axis,) = RigidBody.from_urdf(PENDULUM, "tip").joint_axes()
+    assert (axis.name, axis.revolute) == ("pivot", True)
+    assert axis.origin_world_m == pytest.approx(np.zeros(3), abs=1e-12)
+    assert axis.axis_world == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("urdf", "tip", "message"),
     [
