@@ -72,7 +72,10 @@ class Model:
         names = [effect.name for effect in self.effects]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
-            raise InputError(f"model '{self.name}' has {', '.join(sorted(twice))} more than once")
+            raise InputError(
+                f"model '{self.name}' would have {', '.join(sorted(twice))} more than once: "
+                "an effect of the base model or of an earlier revision is not added again"
+            )
 
     def with_effect(self, effect: Effect) -> "Model":
         """Return the model with one more effect, last.

@@ -96,10 +96,10 @@ def demo_command(
         return
     if hidden is not None:
         _print_hidden(hidden)
-    session_word = typed(demo.session)
     viewer = "" if demo.recording else "pip install 'palpate[view]' && "
+    inspect = console.as_typed(f"palpate inspect {typed(demo.session)}")
     steps = [
-        (f"{viewer}palpate inspect {session_word}", "see arm, forces and estimates in Rerun"),
+        (f"{viewer}{inspect}", "see arm, forces and estimates in Rerun"),
         (
             "palpate doctor --robot my_arm.yaml",
             "your own arm, before it gets power (docs/how-to/hardware.md)",

@@ -135,7 +135,8 @@ def _next(  # noqa: PLR0917, what was typed and found
         alone = len(study.source.channels) == 1 or item.channel == "contact"
         where = "" if alone else f" --channel {item.channel}"
         added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
-        yield added, "refit with it, and keep that as a revision"
+        it = "it" if len(item.accepted) == 1 else "them"
+        yield added, f"refit with {it}, and keep that as a revision"
     if asked["model"] is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)

@@ -17,6 +17,7 @@ from palpate.common.files import (
     output_file,
     write_text,
 )
+from palpate.estimation.channel import ChannelKind
 from palpate.estimation.study.revisions import own_effects
 from palpate.export.table import LAYOUT_ENDINGS, Program, check_ending, layout_of, recorded_table, write_table
 from palpate.render.build import REPORT, is_own_page
@@ -143,6 +144,7 @@ def export_command(
     if form is not Format.SCENARIO:
         output_file(path, force=force, keep=[data.file])
         written = study.export_simulator(path, form.value, patch, revision or [])
+        _warn_of_base_models(study, revision or ())
         paths = [str(file) for file in written.files]
 
         def show_files() -> None:
@@ -188,6 +190,7 @@ def _export_feedforward(
     for file in files.values():
         output_file(file, force=force, keep=[data.file])
     made = study.export_feedforward(table, list(revisions))
+    _warn_of_base_models(study, revisions)
 
     def show() -> None:
         print_files(console.stdout(), files)
@@ -196,6 +199,19 @@ def _export_feedforward(
     paths = {name: str(file) for name, file in files.items()}
     content = {"file": str(data.file), **paths, "used": made.used, "left_out": made.left_out}
     console.present(content, show, as_json=as_json)
+
+
+def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
+    """Name the joints without a revision, of which the base model was written."""
+    chosen = {study.revision(number).channel for number in revisions}
+    plain = [
+        item.name
+        for item in study.channels
+        if item.kind is not ChannelKind.CONTACT and item.name not in chosen and study.newest(item) is None
+    ]
+    if plain:
+        remark = f"no effect was added to {', '.join(plain)}: the base model is written as it is"
+        console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
 
 
 def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bool, as_json: bool) -> None:

@@ -122,7 +122,7 @@ def remove_command(
 def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: FolderOption = None) -> None:
     """List the revisions of a measurement's models, each with what was added and its held-out error.
 
-    Options for reading a data file are taken as well, so that a command can be edited into another one.
+    Accepts the options of the other commands for reading a data file; they change nothing here.
     """
     existing_data(data.file)
     revisions = Revisions(folder_to_read(data.file, folder)).all()

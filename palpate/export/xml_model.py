@@ -324,7 +324,8 @@ def _parsed(text: str, place: str, tag: str) -> Element:
 def _named(place: str, joints: Mapping[str, Element], joint: TargetJoint) -> Element:
     if joint.name not in joints:
         raise InputError(
-            f"{place}: no joint is called '{joint.name}' ({joint.channel} of the URDF). "
+            f"{place}: no joint is called '{joint.name}', the name of {joint.channel} "
+            f"in the URDF of --urdf (without --urdf: the channel's own). "
             f"Valid: {', '.join(name for name in joints if name) or 'none'}"
         )
     return joints[joint.name]

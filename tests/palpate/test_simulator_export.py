@@ -255,6 +255,17 @@ def test_a_mjcf_without_urdf_takes_joints_in_their_order(swinging, tmp_path):
     assert any("rise at low speed" in line for line in said["left_out"])
 
 
+@pytest.mark.parametrize("form", ["isaaclab", "bam", "feedforward"])
+def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging, tmp_path, form):
+    data, folder = swinging
+    out = tmp_path / ("out.yaml" if form == "feedforward" else "out")
+    base = ("export", data, "--format", form, "-o", out, "--force")
+    (tmp_path / "empty").mkdir()
+    plain = run(*base, "--folder", tmp_path / "empty")
+    assert "no effect was added to joint_1: the base model is written" in " ".join(plain.stderr.split())
+    assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
+
+
 def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
     data, folder = swinging
     mine = tmp_path / "mine.xml"
