@@ -22,7 +22,7 @@ test-all: $(READY)
 
 # The page of the workbench in a real Chromium, which must be there.
 test-page: $(READY)
-	@$(PIP) -e '.[bench]' && $(BIN)/pytest tests/palpate/workbench/test_page.py
+	@$(PIP) -e '.[bench]' && $(BIN)/pytest -m '' tests/palpate/workbench/test_page.py
 
 # What another Python or machine could break: engines, drivers on emulated wires, and fits.
 quick: $(READY)
