@@ -204,7 +204,7 @@ class Study(ModelStudy):
                 joint, or a file cannot be written.
         """
         place = _path(path, "feedforward")
-        fitted, failures = self._fitted_joints(revisions, "a feedforward is")
+        fitted, failures = self._fitted_joints(revisions, "a feedforward")
         made = make_feedforward(fitted)
         made = replace(made, left_out=(*made.left_out, *failures))
         made.write(place, self.source.name)
@@ -235,7 +235,7 @@ class Study(ModelStudy):
             raise InputError(f"target {target!r}: no such simulator. Valid: {', '.join(SimulatorFormat)}")
         place, target = _path(path, "output"), SimulatorFormat(target)
         base = None if patch is None else existing_file(_path(patch, "patch"), "patch")
-        fitted, failures = self._fitted_joints(revisions, f"{target} is")
+        fitted, failures = self._fitted_joints(revisions, target.value)
         _refuse_goal_error(fitted)
         source = self.source.name
         return write_simulator(
@@ -252,7 +252,7 @@ class Study(ModelStudy):
         joints = {item.name: item for item in self.channels if item.kind is not ChannelKind.CONTACT}
         if not joints:
             raise InputError(
-                f"{self._file}: no channel is a joint, and {what} of joints. Channels: "
+                f"{self._file}: no channel is a joint, and {what} exports joints only. Channels: "
                 + ", ".join(item.name for item in self.channels)
             )
         chosen = {name: kept for name, item in joints.items() if (kept := self.newest(item)) is not None}

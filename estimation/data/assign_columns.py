@@ -278,12 +278,15 @@ def _with_sides(
         )
     if sides.two_sided and way.column not in options.columns.values():
         quoted, contact = shlex.quote(way.column), "--column displacement={} makes a contact of it"
-        notes.append(f"'{way.column}' and '{force.column}' go to both sides and")
+        notes.append(f"'{way.column}' and '{force.column}' take both signs,")
         if sides.springy or POSITION in assigned:
-            notes[-1] += " together: an element that pulls as well as pushes, without a surface; "
+            notes[-1] += " with the same sign at the same time: an element that pulls as well as pushes, "
+            notes[-1] += "without a surface; "
             notes[-1] += f"{contact.format(quoted)}, --column position={quoted} a linear axis"
             return result, True, "; ".join(notes)
-        notes[-1] += f" not together, as of a damper: taken for a linear axis; {contact.format(quoted)}"
+        notes[-1] += (
+            f" but not at the same time, as with a damper: taken for a linear axis; {contact.format(quoted)}"
+        )
         result = {POSITION if key == DISPLACEMENT else key: source for key, source in result.items()}
     return result, False, "; ".join(notes)
 

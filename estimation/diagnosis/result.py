@@ -116,7 +116,7 @@ class Floor(_Entry):
     """The noise and what it rests on; in the unit of the effort."""
 
     value: float  # the error that a complete model would leave in held-out runs
-    source: NoiseSource = NoiseSource.SMOOTH_LAW  # what it is known from
+    source: NoiseSource = NoiseSource.FLEXIBLE  # what it is known from
     at_most: bool = True  # whether the noise may be less
     free_air: float | None  # noise before the first touch of each run; None if there is no free air
     share_left: float  # share of the error, on means over a few samples, that a smooth law still explains

@@ -36,7 +36,7 @@ class NoiseSource(StrEnum):
     NEIGHBORS = "neighboring readings"  # differences, in which only what is faster than the motion is left
     REPEATS = "repeated runs"  # an upper bound: runs may differ by more than noise
     EACH_RUN = "runs fitted by themselves"  # an upper bound: the base model may lack something in each
-    SMOOTH_LAW = "smooth law of all signals"  # an upper bound: it may not follow everything
+    FLEXIBLE = "a flexible regression"  # an upper bound: it may not follow everything
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,13 @@ class MeasurementNoise:
         return self.effort is None
 
     def describe(self, unit: str) -> str:
-        """Return the noise in words, such as "at most 0.031 N, by repeated runs".
+        """Return the noise in words, such as "0.031 N: upper bound, from repeated runs".
 
         Args:
             unit: of the effort.
         """
         size = f"{self.value:.3g} {unit}"
-        return (
-            f"at most {size}, by {self.source.value}"
-            if self.is_bound
-            else f"{size}, from {self.source.value}"
-        )
+        return f"{size}{': upper bound' if self.is_bound else ''}, from {self.source.value}"
 
 
 def measurement_noise(base: FitResult) -> MeasurementNoise:
@@ -74,7 +70,7 @@ def measurement_noise(base: FitResult) -> MeasurementNoise:
         base: the base model fitted to the channel, without added effects.
     """
     data = base.data.select(np.isin(base.data.run, base.data.run[base.judged]))  # the runs that judge
-    bound, source = base.smooth_law_error, NoiseSource.SMOOTH_LAW
+    bound, source = base.smooth_law_error, NoiseSource.FLEXIBLE
     differences = list(_differences(base))
     repeated = rmse(np.concatenate(differences)) / np.sqrt(2.0) if differences else np.inf
     if repeated < bound:

@@ -811,7 +811,9 @@ class ModelStudy(TableDisplay):
         if not fitting_channels:
             there = ", ".join(f"{base.name} ({base.kind})" for base in begun)
             known = suited_names(effects[0].name, self.effects, [base.data for base in begun])
-            raise InputError(f"{names} can be in none of the channels: {there}. {known}")
+            raise InputError(
+                f"{names} {'do' if len(effects) > 1 else 'does'} not apply to any channel: {there}. {known}"
+            )
         contacts = [base for base in fitting_channels if base.kind is ChannelKind.CONTACT]
         if len(fitting_channels) > 1 and len(contacts) != 1:
             there = ", ".join(base.name for base in fitting_channels)

@@ -49,8 +49,8 @@ def add_command(
 ) -> None:
     """Refit with more effects, show how the held-out error falls, and keep each step as a revision.
 
-    Goes on from the newest revision; --from goes back to another one. Report and recording are renewed where
-    revisions are kept.
+    Continues from the newest revision; --from goes back to another one. Updates report and recording in the
+    revisions folder.
     """
     folder = folder_to_fill(data.file, out, NAMES, force=force)
     study = data.study(model, folder)
@@ -141,6 +141,6 @@ def revisions_command(data: DataArguments, as_json: JsonOption = False, folder: 
     compared = data.typed(**last, effect=own_effects(list(newest.values())))
     console.next_steps(
         (f"palpate add {added} EFFECT --from {first.number}", "go back to a revision, and continue there"),
-        (f"palpate compare {compared}", "where the newest still fail"),
+        (f"palpate compare {compared}", "where the newest model fails"),
         (f"palpate export {data.typed(**last)}", "as a simulated world"),
     )

@@ -56,7 +56,7 @@ def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
 _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is not in it"
 _AT_ONCE = "dry friction turns round at once: the path over which it builds up is not in it"
 _NO_PLACE = "dry friction has one level everywhere: its waves over the position are not in it"
-_OF_BODIES = "is of the whole joint with what it carries: set masses and inertias of the bodies by hand"
+_OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot tell"
 _NO_LOAD = "has no friction that grows with the load"
 _LATE = "is of the reading: an action delay would delay the command instead"

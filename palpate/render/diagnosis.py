@@ -82,11 +82,7 @@ def _error(diagnosis: ChannelDiagnosis) -> str:
     noise = ""
     if diagnosis.noise_floor is not None and diagnosis.floor is not None:
         size, source = f"{diagnosis.noise_floor:.3g} {unit}", diagnosis.floor.source.value
-        noise = (
-            f" (noise at most {size}, by {source})"
-            if diagnosis.floor.at_most
-            else f" (noise {size}, from {source})"
-        )
+        noise = f" (noise {size}{': upper bound' if diagnosis.floor.at_most else ''}, from {source})"
     if not diagnosis.accepted:
         return f"The error in held-out runs is {after.rmse:.3g} {unit}{noise}."
     added = "it" if len(diagnosis.accepted) == 1 else "them"

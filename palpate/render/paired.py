@@ -95,9 +95,9 @@ def _words(sides: Sides) -> Iterator[str]:
         if side.compared is None:
             yield f"{letter} has no model: {side.reason}."
     if sides.apart < _ONLY_NOISE:
-        yield "B repeats A, run by run: the two differ by no more than the noise of both."
+        yield "B repeats A: the two differ by no more than the noise of both."
     elif np.isfinite(sides.followed):
-        yield f"B follows A to {sides.followed:.1f} % over time, run by run."
+        yield f"B repeats A with a fit of {sides.followed:.1f} %."
     pair = tuple(zip(LETTERS, (sides.first, sides.second), strict=True))
     if sides.is_same_data:
         texts = [f"{letter}'s model {_described(side, side)}" for letter, side in pair]
@@ -117,12 +117,12 @@ def _words(sides: Sides) -> Iterator[str]:
     yield from _compare_parameters(sides)
     for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
         for what, correlation in (
-            ("is not white: of its autocorrelation,", side.autocorrelation),
-            ("goes with the velocity: of their cross-correlation,", side.cross_correlation),
+            ("autocorrelated", side.autocorrelation),
+            ("correlated with the velocity", side.cross_correlation),
         ):
             if correlation.outside > _CHANCE:
                 share = f"{_PERCENT * correlation.outside:.0f} % of the lags are outside the 99 % band"
-                yield f"What {letter}'s model leaves {what} {share}."
+                yield f"{letter}'s residuals are {what}: {share}."
 
 
 def _is_only_noise(model: Side, measured: Side) -> bool:

@@ -288,7 +288,7 @@ def _parameter_table(parameters: Sequence[ParameterView], *, narrow: bool) -> Ta
         else:
             made.add_row(effect + name, *with_interval(parameter), unit)
     if any(parameter.effect == ContactOffset.name for parameter in parameters):
-        made.caption = f"{ContactOffset.name}: how much deeper the surface lies than it was first taken to be"
+        made.caption = f"{ContactOffset.name}: depth of the surface below its first estimate"
         made.caption_justify = "left"
     return made
 

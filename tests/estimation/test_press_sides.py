@@ -46,7 +46,10 @@ def test_a_spring_that_pulls_is_held_at_both_ends():
     (channel,) = found.channels
     assert channel.kind is ChannelKind.CONTACT
     assert channel.engaged.all()
-    assert "'displacement_m' and 'force_N' go to both sides and together" in found.notes[0]
+    assert (
+        "'displacement_m' and 'force_N' take both signs, with the same sign at the same time"
+        in found.notes[0]
+    )
     assert "--column displacement=displacement_m makes a contact of it" in found.notes[0]
     assert reject_reason(channel) is None
     assert quality_warnings(channel) == []

@@ -110,7 +110,7 @@ def test_a_difference_that_no_effort_shows_is_none_and_no_noise_is_given_in_perc
     said = " ".join(run("compare", first, second).stdout.split())
     assert "differ by no more than the noise of both" in said
     assert "No parameter differs" in said
-    assert "B follows A" not in said
+    assert "B repeats A with a fit" not in said
 
 
 def test_the_model_of_another_object_fits_worse(soft, stiff):

@@ -218,7 +218,7 @@ def test_isaac_lab_gets_static_and_dynamic_friction(swinging, monkeypatch):
     assert joint.dynamic_friction == pytest.approx(0.4, rel=0.05)
     assert joint.viscous_friction == pytest.approx(0.1, rel=0.1)
     assert "95 %" in text
-    assert any("'inertia' is of the whole joint" in line for line in said["left_out"])
+    assert any("'inertia' includes everything the joint carries" in line for line in said["left_out"])
     assert any("Stribeck speed" in line for line in said["left_out"])
 
 

@@ -107,7 +107,7 @@ def study(tmp_path_factory):
         (lambda s: s.add(), r"add\(\): give names of effects"),
         (lambda s: s.add(["bias"]), r"add\(\['bias'\]\): give names"),
         (lambda s: s.add("coulomb"), r"no effect is called 'coulomb'\. Did you mean .*dry_friction"),
-        (lambda s: s.add("coulomb_friction"), r"in none of the channels: .* Did you mean .*dry_friction"),
+        (lambda s: s.add("coulomb_friction"), r"not apply to any channel: .* Did you mean .*dry_friction"),
         (lambda s: s.add("gremlin"), r"no effect is called 'gremlin'\. In a contact there are: adhesion, "),
         (lambda s: s.compare()["nope"], "no channel 'nope' is compared. There are: contact"),
         (lambda s: s.remove("cubic_stiffness"), "'cubic_stiffness': was not added .* Nothing was added yet"),

@@ -74,7 +74,7 @@ def test_slow_noise_is_bounded_by_runs_that_repeat_a_motion():
     found = noise_of(data, SWING)
     assert found.is_bound
     assert found.value == pytest.approx(5 * NOISE_NM, rel=0.3)
-    assert found.describe("N m").startswith("at most ")
+    assert "N m: upper bound, from " in found.describe("N m")
 
 
 def test_no_effect_that_is_added_moves_it():

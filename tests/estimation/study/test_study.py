@@ -140,7 +140,7 @@ def test_adding_goes_on_from_the_newest_and_removing_goes_back():
     ("effects", "how", "words"),
     [
         (["magic"], {}, "magic"),
-        (["coulomb_friction"], {}, "can be in none of the channels: contact"),
+        (["coulomb_friction"], {}, "does not apply to any channel: contact"),
         (["stiffness"], {}, "more than once"),
         (["bias", "bias"], {}, "more than once"),
         (["bias"], {"start": 3}, "no revision 3"),
