@@ -3,15 +3,20 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from palpate.batches.run import batch
     from palpate.study import Study
 
-__all__ = ["Study"]
+__all__ = ["Study", "batch"]
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """`palpate.Study`, imported when it is asked for: commands that need no study start at once."""
-    if name in __all__:
+    """`palpate.Study` and `batch`, imported when asked for: commands that need neither start at once."""
+    if name == "Study":
         from palpate.study import Study  # noqa: PLC0415
 
         return Study
+    if name == "batch":
+        from palpate.batches.run import batch  # noqa: PLC0415
+
+        return batch
     raise AttributeError(f"module 'palpate' has no attribute '{name}'")

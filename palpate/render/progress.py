@@ -200,17 +200,23 @@ def sweep_progress() -> Iterator[Callable[[int, int], None]]:
         TimeElapsedColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=console.stderr(), transient=True) as progress:
-        task = progress.add_task("getting ready", total=None)
-        begun_s, before = time.monotonic(), None
+    progress = Progress(*columns, console=console.stderr(), transient=True)
+    task = progress.add_task("getting ready", total=None)
+    begun_s, before = time.monotonic(), None
 
-        def show(done: int, total: int) -> None:
-            nonlocal before
-            before = done if before is None else before
-            words = "getting ready"
-            if done > before:
-                each_s = (time.monotonic() - begun_s) / (done - before)
-                words = f"about {duration(each_s * (total - done))} left"
-            progress.update(task, completed=done, total=total, description=words)
+    def show(done: int, total: int) -> None:
+        nonlocal before
+        if before is None:  # what is refused before leaves nothing but its error on stderr
+            before = done
+            progress.start()
+        words = "getting ready"
+        if done > before:
+            each_s = (time.monotonic() - begun_s) / (done - before)
+            words = f"about {duration(each_s * (total - done))} left"
+        progress.update(task, completed=done, total=total, description=words)
 
+    try:
         yield show
+    finally:
+        if before is not None:
+            progress.stop()

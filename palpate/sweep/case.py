@@ -22,6 +22,7 @@ from uuid import uuid4
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from palpate.common.failures import make_folder
@@ -51,6 +52,14 @@ class Case:
         """64 hexadecimal digits."""
         parts = [self.work, self.parameters, self.seed, code_version(self.work.partition(":")[0])]
         return sha256(json.dumps(parts, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+    @property
+    def label(self) -> str:
+        """What errors call it."""
+        return f"case {dict(self.parameters)}"
+
+    def check(self) -> None:
+        """PalpateError: what the case needs beside its parameters is not there; it then has no result."""
 
     def run(self) -> list[Row]:
         """Work it out. Exception: whatever the work raises."""
@@ -158,6 +167,38 @@ class ResultStore:
                 if address in kept:
                     kept[address] = rows
         return [row for rows in kept.values() for row in rows]
+
+    def table(self, addresses: Iterable[str]) -> pa.Table:
+        """Rows of these cases as one Arrow table, each with its `ADDRESS`; unfinished cases are left out.
+
+        Args:
+            addresses: of the cases.
+
+        Raises:
+            InputError: a file is damaged.
+        """
+        missing, parts = set(addresses), [pa.table({ADDRESS: pa.array([], pa.string())})]
+        for path in (*self._packs(), *self._landed()):
+            part = _read(path)
+            new = missing.intersection(part[ADDRESS].unique().to_pylist())
+            parts.append(part.filter(pc.is_in(part[ADDRESS], pa.array(new, pa.string()))))
+            missing -= new
+        return pa.concat_tables(parts, promote_options="permissive")
+
+    def drop(self, addresses: Iterable[str]) -> None:
+        """Delete the results of these cases; InputError if a file is damaged.
+
+        Args:
+            addresses: of the cases.
+        """
+        dropped = pa.array(list(addresses), pa.string())
+        for path in (*self._packs(), *self._landed()):
+            part = _read(path)
+            left = part.filter(pc.invert(pc.is_in(part[ADDRESS], dropped)))
+            if not len(left):
+                path.unlink()
+            elif len(left) < len(part):
+                _write(path, left)
 
     def pack(self) -> None:
         """Join all single files into one more pack."""

@@ -66,7 +66,7 @@ def run_in_processes(run: Run, todo: Mapping[str, Case], folder: Path, workers: 
                         problem = None
                 idle.append(worker)
                 if problem is not None:
-                    yield f"case {dict(todo[address].parameters)}: {problem}" if problem else ""
+                    yield f"{todo[address].label}: {problem}" if problem else ""
     finally:
         for worker in pool:
             worker.process.terminate()
@@ -200,10 +200,12 @@ def run_one(case: Case, address: str, folder: Path) -> None:
         folder: of the results.
 
     Raises:
-        PalpateError: this worker's code is not the client's, as of one that joined later.
+        PalpateError: this worker's code is not the client's, as of one that joined later; or the case lacks
+            something.
     """
     if case.address != address:
         raise PalpateError("a worker runs another version of palpate or of its libraries")
+    case.check()
     begun_s = time.process_time()
     try:
         rows, error = case.run(), ""
@@ -261,7 +263,7 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
                 "finished is kept, and the same command goes on from there"
             )
         address = future.key.split("-")[1]
-        yield f"case {dict(todo[address].parameters)}: {problem}" if problem else ""
+        yield f"{todo[address].label}: {problem}" if problem else ""
         for arguments in islice(waiting, 1):
             pending.add(submit(*arguments))
 

@@ -1,0 +1,270 @@
+"""What a batch measures: which files belong together, what is known of them, and the case of each."""
+
+import csv
+import glob
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from hashlib import file_digest, sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.batches.works.measuring import measure
+from palpate.common.files import existing_file
+from palpate.estimation.data.file_columns import counted, is_bag
+from palpate.estimation.data.table import ENDINGS, read_table
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.robot_io.files.file_model import read_text
+from palpate.sweep import Case
+from palpate.sweep.case import Row
+
+FILE = "file"  # column of a list or metadata table that names a file
+_FIELD = re.compile(r"\{(\w*)\}")
+_MOST_LINES = 1_000_000  # of a list
+_TEXTS = (".csv", ".tsv")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Files that are one measurement."""
+
+    name: str  # what the table calls it
+    files: tuple[Path, ...]  # sessions, data files, or folders of them; at least one
+    fields: Mapping[str, str] = field(default_factory=dict)  # such as specimen, day, arm, treatment
+    where: Mapping[str, str] = field(default_factory=dict)  # rows of the file, by column
+
+
+@dataclass(frozen=True)
+class MeasurementCase(Case):
+    """The case of a measurement; its address depends on the content of the files, not on their place."""
+
+    files: tuple[Path, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """The first file; see `Case.label`."""
+        return str(self.files[0])
+
+    def check(self) -> None:
+        """Refuse files that are no longer what the address says; see `Case.check`."""
+        try:
+            same = self.parameters["content"] == [content_hash(file) for file in self.files]
+        except OSError as error:
+            raise PalpateError(f"{error.filename}: {error.strerror}") from error
+        if not same:
+            raise PalpateError(f"{self.files[0]}: changed while the batch was running; run the batch again")
+
+    def run(self) -> list[Row]:
+        """Read, estimate, compare and diagnose; see `Case.run`."""
+        return measure(self.files, self.parameters)
+
+
+def find_measurements(
+    places: Sequence[Path | str],
+    *,
+    pattern: str | None = None,
+    metadata: Path | str | None = None,
+    join: str | None = None,
+    split: str | None = None,
+) -> list[Measurement]:
+    """List the measurements of a batch, in the order in which people count.
+
+    Args:
+        places: files, folders, patterns such as "data/*.csv", or one list: a CSV file with a column `file`.
+        pattern: of file names, whose names in braces are fields, such as "{specimen}_{day}.csv".
+        metadata: CSV file with further fields of each file, found by a column `file` or by shared fields.
+        join: field; files that have the same text in it are one measurement.
+        split: column of the data files; each text in it is a measurement.
+
+    Raises:
+        InputError: there is nothing to measure, or an argument does not fit the files.
+    """
+    listed: dict[Path, dict[str, str]] = {}
+    for place in map(str, places):
+        path = Path(place)
+        if path.suffix.lower() in _TEXTS and path.is_file() and (lines := _lines(path, FILE)):
+            listed |= {path.parent / line.pop(FILE): line for line in lines}
+        else:
+            listed |= {file: {} for file in _files(place)}
+    if pattern is not None:
+        matcher = _matcher(pattern)
+        for file in listed:
+            text = "/".join(file.parts[-1 - pattern.count("/") :])
+            if (match := matcher.fullmatch(text)) is None:
+                raise InputError(f"--pattern '{pattern}': does not fit the file name {text}")
+            listed[file] |= match.groupdict()
+    if metadata is not None:
+        _add_metadata(listed, existing_file(Path(metadata), "metadata table"))
+    if join is not None and split is not None:
+        raise InputError(f"--join {join} and --split {split}: give one of them")
+    if join is not None:
+        return _joined(listed, join)
+    if split is not None:
+        return [part for file, fields in listed.items() for part in _parts(file, fields, split)]
+    names = _short_names(listed)
+    return [Measurement(name, (file,), listed[file]) for file, name in zip(listed, names, strict=True)]
+
+
+def case_of(measurement: Measurement, options: Mapping[str, Any]) -> MeasurementCase:
+    """The case of a measurement. OSError: a file cannot be read.
+
+    Args:
+        measurement: its files.
+        options: how to read and judge it; what JSON can hold.
+    """
+    content = [content_hash(file) for file in measurement.files]
+    parameters = {"content": content, "where": dict(measurement.where), "options": options}
+    return MeasurementCase(WORK, parameters, files=tuple(file.absolute() for file in measurement.files))
+
+
+WORK = "palpate.batches.works.measuring:measure"
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file with the ending of its name, or of the files in a folder. OSError: not readable.
+
+    Args:
+        path: of the file or folder.
+    """
+    if path.is_dir():
+        parts = sorted(file for file in path.rglob("*") if file.is_file())
+        return sha256("".join(f"{part.name}\0{content_hash(part)}" for part in parts).encode()).hexdigest()
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest() + "".join(path.suffixes[-2:]).lower()
+
+
+def _files(place: str) -> list[Path]:
+    """The measurements of a folder, of a pattern, or one file."""
+    path = Path(place)
+    if path.is_dir() and not is_bag(path):
+        lerobot = (path / "meta" / "info.json").is_file()
+        there = path.glob("data/**/*.parquet") if lerobot else path.iterdir()
+        files = [file for file in there if file.is_file() and _is_data(file)]
+        if not files:
+            raise InputError(
+                f"{place}: no session or data file in it ({', '.join(ENDINGS)}); name those of subfolders by "
+                f"a pattern in quotes, such as '{place}/*/*.csv'"
+            )
+    elif path.exists() or not glob.has_magic(place):
+        files = [path if path.is_dir() else existing_file(path, "session or data file")]
+    else:
+        files = [Path(file) for file in glob.glob(place, recursive=True)]
+        if not files:
+            raise InputError(f"{place}: no file has such a name")
+    return sorted(files, key=counted)
+
+
+def _is_data(path: Path) -> bool:
+    return path.name.lower().removesuffix(".gz").endswith(ENDINGS) and not path.name.startswith(".")
+
+
+def _lines(path: Path, needed: str | None = None) -> list[dict[str, str]]:
+    """Lines of a CSV file by the names in its header; none if it lacks the column that is needed."""
+    try:
+        text = read_text(path).lstrip("\ufeff")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from error
+    header = text.partition("\n")[0]
+    mark = max(",;\t", key=header.count)
+    names = [name.strip() for name in header.split(mark)]
+    if needed is not None and needed not in names:
+        return []
+    reader = csv.DictReader(text.splitlines()[1:], names, restval="", delimiter=mark)
+    lines = []
+    for number, line in enumerate(reader, 2):
+        if None in line or number > _MOST_LINES:
+            raise InputError(
+                f"{path}: line {number}: more cells than the header, or more than a million lines"
+            )
+        lines.append({name: cell.strip() for name, cell in line.items()})
+    if needed is not None and (empty := next((n for n, line in enumerate(lines, 2) if not line[needed]), 0)):
+        raise InputError(f"{path}: line {empty}: its column '{needed}' is empty")
+    return lines
+
+
+def _matcher(pattern: str) -> re.Pattern[str]:
+    names = _FIELD.findall(pattern)
+    if not names or len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
+        raise InputError(f"--pattern '{pattern}': name each field once, as in '{{specimen}}_{{day}}.csv'")
+    texts = map(re.escape, _FIELD.split(pattern)[::2])
+    fields = [f"(?P<{name}>[^/]+?)" for name in names]
+    return re.compile("".join(text + field for text, field in zip(texts, [*fields, ""], strict=True)))
+
+
+def _add_metadata(listed: Mapping[Path, dict[str, str]], table: Path) -> None:
+    lines = _lines(table)
+    known = {name for fields in listed.values() for name in fields}
+    keys = [FILE] if lines and FILE in lines[0] else sorted(known.intersection(lines[0] if lines else ()))
+    if not keys:
+        there = ", ".join(lines[0] if lines else ())
+        raise InputError(
+            f"{table}: has columns {there}; one must be '{FILE}', or a field ({', '.join(known)})"
+        )
+    by_key: dict[tuple[str, ...], dict[str, str]] = {}
+    for number, line in enumerate(lines, 2):
+        key = tuple(line[name] for name in keys)
+        if key in by_key:
+            raise InputError(f"{table}: line {number}: {', '.join(key)} is there twice")
+        by_key[key] = line
+    for file, fields in listed.items():
+        own = [(name,) for name in (str(file), file.name, file.stem)]
+        places = own if keys == [FILE] else [tuple(fields.get(name, "") for name in keys)]
+        described = [by_key[place] for place in places if place in by_key]
+        if not described:
+            raise InputError(f"{table}: says nothing of {file}")
+        fields |= {name: cell for name, cell in described[0].items() if name != FILE}
+
+
+def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[Measurement]:
+    """One measurement for each text in a field, with the fields that all its files share."""
+    groups: dict[str, list[Path]] = {}
+    for file, fields in listed.items():
+        if not fields.get(join):
+            there = ", ".join(fields) or "none; give --pattern or --metadata"
+            raise InputError(f"--join {join}: {file} has no such field. There are: {there}")
+        groups.setdefault(fields[join], []).append(file)
+    return [
+        Measurement(
+            name,
+            tuple(files),
+            {
+                key: text
+                for key, text in listed[files[0]].items()
+                if all(listed[f].get(key) == text for f in files)
+            },
+        )
+        for name, files in groups.items()
+    ]
+
+
+def _parts(file: Path, fields: Mapping[str, str], split: str) -> list[Measurement]:
+    """One measurement for each text in a column of a file; the file alone where it cannot be read."""
+    try:
+        table = read_table(file)
+        texts = _texts(table.columns[split]) if split in table.names else None
+    except InputError:  # its row in the table says why
+        return [Measurement(file.name, (file,), fields)]
+    if texts is None:
+        raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
+    return [
+        Measurement(f"{file.name} {split}={text}", (file,), {**fields, split: text}, {split: text})
+        for text in texts
+    ]
+
+
+def _texts(column: Any) -> list[str]:  # noqa: ANN401, Arrow's
+    texts: Iterable[Any] = column.unique().to_pylist()
+    kept = [text for text in texts if text is not None and str(text).strip()]
+    return [f"{text:g}" if isinstance(text, float | np.floating) else str(text).strip() for text in kept]
+
+
+def _short_names(files: Iterable[Path]) -> list[str]:
+    """File names, with as many folders as tell all of them apart."""
+    paths = list(files)
+    for depth in range(1, max((len(path.parts) for path in paths), default=1) + 1):
+        names = ["/".join(path.parts[-depth:]) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [str(path) for path in paths]

@@ -1,0 +1,312 @@
+"""The page of a batch: what is missing where, distributions, the pooled model, differences and outliers."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from palpate.batches.pooling import BatchResult
+from palpate.batches.table import BUDGET, floats, parameter_columns, texts
+from palpate.common.console import as_shell_word, count, duration, significant
+from palpate.common.files import write_text
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.kinds import Kind
+from palpate.render import palette
+from palpate.render.report import as_html, rendered, styled
+
+_TEMPLATE = Path(__file__).parent / "page.html"
+_MOST_ROWS = 300  # of the table that the page shows, outliers and errors aside
+_MOST_POINTS = 400  # of one parameter in one group
+_MOST_FIGURES = 12
+_MOST_EFFECTS = 4
+_SIGNIFICANT = 0.05
+_COLORS = {kind.word: palette.KINDS[kind] for kind in Kind} | {
+    "noise": palette.NOISE,
+    "unexplained": palette.UNEXPLAINED,
+}
+_ALREADY = ("measurement", "files", "group", "channel", "model", "verdict", "effects", "times_noise", "error")
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """A part of the page."""
+
+    title: str  # heading
+    columns: tuple[str, ...] = ()  # heads of its table
+    rows: Sequence[Sequence[Any]] = ()  # cells
+    figure: Markup | None = None  # above the table
+    words: tuple[str, ...] = ()  # below it
+    anchors: Sequence[int] = field(default_factory=tuple)  # row of the batch's table that each row shows
+
+
+def write_page(batch: BatchResult) -> None:
+    """Write the page; InputError if that is not possible.
+
+    Args:
+        batch: its table, pooled parameters, differences and outliers.
+    """
+    seconds = np.nansum(floats(batch.table, "seconds")) if batch.finished else 0.0
+    facts = {
+        "measurements": f"{batch.finished:,} of {batch.measurements:,} done",
+        "not readable": f"{len(batch.errors):,}",
+        "processor time": f"{duration(float(seconds))}",
+    }
+    sections = [
+        _overview(batch),
+        _distributions(batch),
+        _pooled(batch),
+        _differences(batch),
+        _outliers(batch),
+        _errors(batch),
+        _rows(batch),
+    ]
+    page = rendered(
+        _TEMPLATE,
+        {},
+        title=f"Batch {batch.folder.name}",
+        facts=facts,
+        sections=[section for section in sections if section.rows or section.figure],
+        plotly=Markup(get_plotlyjs()),  # noqa: S704, plotly's own
+    )
+    write_text(batch.page, page)
+
+
+def _overview(batch: BatchResult) -> PageSection:
+    """What is missing where: verdicts, effects and mean budget of each group and channel."""
+    table = batch.table
+    group, channel, verdict, effects = (
+        texts(table, name) for name in ("group", "channel", "verdict", "effects")
+    )
+    places: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(group, channel, strict=True)):
+        if key[1]:
+            places.setdefault(key, []).append(row)
+    budget = [name for name in table.column_names if name.startswith(BUDGET)]
+    shares = {name: np.nan_to_num(floats(table, name)) for name in budget}
+    times = floats(table, "times_noise")
+    lines, bars = [], []
+    for key, rows in places.items():
+        said = Counter(verdict[row] for row in rows if verdict[row])
+        named = Counter(name for row in rows for name in effects[row].split(", ") if name)
+        means = {name.removeprefix(BUDGET): float(shares[name][rows].mean()) for name in budget}
+        bars.append(means)
+        largest = sorted(means.items(), key=lambda item: -item[1])[:3]
+        known = times[rows][np.isfinite(times[rows])]
+        lines.append(
+            (
+                *key,
+                len(rows),
+                ", ".join(f"{name} {number}" for name, number in said.most_common()),
+                f"{np.median(known):.2g}" if len(known) else "–",
+                ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest if share > 0.005),
+                ", ".join(f"{name} {number}" for name, number in named.most_common(_MOST_EFFECTS)),
+            )
+        )
+    names = [" ".join(filter(None, key)) for key in places]
+    figure = go.Figure()
+    for word, color in _COLORS.items():
+        values = [100 * means.get(word, 0.0) for means in bars]
+        if any(values):
+            figure.add_bar(y=names, x=values, name=word, orientation="h", marker_color=color)
+    figure.update_layout(barmode="stack", xaxis_title="mean share of the squared error [%]")
+    styled(figure, 130 + 34 * len(names)).update_yaxes(autorange="reversed")
+    columns = (
+        "group",
+        "channel",
+        "measurements",
+        "verdicts",
+        "error / noise (median)",
+        "mean budget",
+        "effects named",
+    )
+    words = ("A measurement whose error passes for noise has no budget and counts with zero shares.",)
+    return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
+
+
+def _distributions(batch: BatchResult) -> PageSection:
+    """Each parameter with its 95 % intervals, by group."""
+    columns = list(parameter_columns(batch.table))
+    shown = sorted(columns, key=lambda column: -len(column.rows))[:_MOST_FIGURES]
+    shown = [column for column in columns if any(column is item for item in shown)]
+    if not shown:
+        return PageSection("Parameters")
+    groups, names = texts(batch.table, "group"), texts(batch.table, "measurement")
+    order = list(dict.fromkeys(groups))
+    titles = [f"{column.channel} {column.head}" for column in shown]
+    height = (len(shown) + 1) // 2
+    figure = make_subplots(height, 2, subplot_titles=titles, vertical_spacing=0.3 / max(height, 2))
+    means = {
+        (entry.channel, entry.parameter, entry.unit, entry.group): entry.effects for entry in batch.pooled
+    }
+    for number, column in enumerate(shown):
+        for index, group in enumerate(order):
+            own = np.flatnonzero([groups[row] == group for row in column.rows])
+            effects = means.get((column.channel, column.name, column.unit, group))
+            if not len(own) or effects is None:
+                continue
+            look = {
+                "mode": "markers",
+                "name": group,
+                "legendgroup": group,
+                "row": number // 2 + 1,
+                "col": number % 2 + 1,
+            }
+            color = palette.JOINTS[index % len(palette.JOINTS)]
+            some = own[np.unique(np.linspace(0, len(own) - 1, _MOST_POINTS).astype(int))]
+            figure.add_scatter(
+                x=index + np.linspace(-0.35, 0.25, len(some)) * min(1.0, len(some) / 8),
+                y=column.values[some],
+                error_y={"array": SIGMAS_95 * column.std_errs[some], "width": 0, "thickness": 1},
+                text=[names[column.rows[item]] for item in some],
+                marker={"size": 5, "color": color},
+                showlegend=number == 0,
+                **look,
+            )
+            half = effects.interval[1] - effects.mean
+            figure.add_scatter(
+                x=[index + 0.38],
+                y=[effects.mean],
+                error_y={"array": [half if np.isfinite(half) else 0.0], "width": 6},
+                hovertext=f"mean of {count(effects.count, 'measurement')}",
+                marker={"size": 10, "symbol": "diamond", "color": color},
+                showlegend=False,
+                **look,
+            )
+        place = {"row": number // 2 + 1, "col": number % 2 + 1}
+        figure.update_xaxes(
+            tickvals=list(range(len(order))), ticktext=order, range=[-0.6, len(order) - 0.4], **place
+        )
+    words = [
+        "Dots: measurements with 95 % intervals (1.96 standard errors). Diamonds: mean of the group with its "
+        "95 % interval."
+    ]
+    if len(columns) > len(shown):
+        words.append(f"{len(columns) - len(shown)} further parameters are in the tables only.")
+    made = styled(figure, 60 + 300 * height)
+    return PageSection("Parameters", figure=as_html(made), words=tuple(words))
+
+
+def _pooled(batch: BatchResult) -> PageSection:
+    first = ("channel", "parameter", "group", "measurements", "mean", "95 % interval")
+    columns = (*first, "spread", "95 % of measurements", "I²", "unit")
+    lines = [
+        (
+            entry.channel,
+            entry.parameter,
+            entry.group,
+            entry.effects.count,
+            significant(entry.effects.mean, entry.effects.std_err),
+            range_text(entry.effects.interval, entry.effects.std_err),
+            significant(entry.effects.spread, entry.effects.std_err),
+            range_text(entry.effects.prediction, entry.effects.std_err),
+            f"{100 * entry.effects.inconsistency:.0f} %",
+            entry.unit,
+        )
+        for entry in batch.pooled
+    ]
+    words = (
+        "Random effects: each measurement has a true value of its own around the mean. Spread: standard "
+        "deviation of the true values. I²: share of the variance between the values that is not due to their "
+        "standard errors. The columns “shrunk” of the table are each measurement's value, drawn towards the "
+        "mean as far as its standard error exceeds the spread.",
+    )
+    return PageSection("Pooled model, and how much measurements differ", columns, lines, words=words)
+
+
+def _differences(batch: BatchResult) -> PageSection:
+    columns = (
+        "channel",
+        "parameter",
+        "groups",
+        "difference",
+        "95 % interval",
+        "p",
+        "p corrected",
+        "unit",
+        "",
+    )
+    lines = [
+        (
+            entry.channel,
+            entry.parameter,
+            f"{entry.groups[1]} − {entry.groups[0]}",
+            significant(entry.difference, (entry.interval[1] - entry.interval[0]) / 4.0),
+            range_text(entry.interval, (entry.interval[1] - entry.interval[0]) / 4.0),
+            f"{entry.p_value:.2g}",
+            f"{entry.p_corrected:.2g}",
+            entry.unit,
+            "differs" if entry.p_corrected < _SIGNIFICANT else "",
+        )
+        for entry in sorted(batch.differences, key=lambda entry: entry.p_corrected)
+    ]
+    words = (
+        "Welch's test of the groups' means; corrected by Holm over all parameters and pairs of groups. It "
+        "takes the measurements as independent: several files of one specimen belong into one measurement "
+        "(--join specimen).",
+    )
+    return PageSection("Do groups differ?", columns, lines, words=words)
+
+
+def _outliers(batch: BatchResult) -> PageSection:
+    names, files = texts(batch.table, "measurement"), texts(batch.table, "files")
+    lines = [
+        (
+            Markup('<a href="#row-{}">{}</a>').format(entry.row, names[entry.row]),
+            entry.parameter,
+            f"{significant(entry.value)} {entry.unit}",
+            f"{entry.z:+.1f}",
+            f"palpate report {' '.join(map(as_shell_word, files[entry.row].split('; ')))}",
+        )
+        for entry in sorted(batch.outliers, key=lambda entry: -abs(entry.z))[:_MOST_ROWS]
+    ]
+    columns = ("measurement", "parameter", "value", "z", "its own report")
+    words = (
+        "Values more than 3.5 from the median of their group, over the median absolute deviation (times 1.48)"
+        " and the value's standard error.",
+    )
+    return PageSection("Outliers", columns, lines, words=words)
+
+
+def _errors(batch: BatchResult) -> PageSection:
+    lines = list(batch.errors.items())
+    return PageSection("Measurements that could not be judged", ("measurement", "reason"), lines[:_MOST_ROWS])
+
+
+def _rows(batch: BatchResult) -> PageSection:
+    """The first rows of the table, and those of outliers, in few columns."""
+    outlying = {entry.row for entry in batch.outliers}
+    places = sorted({*range(min(len(batch.table), _MOST_ROWS)), *sorted(outlying)[:_MOST_ROWS]})
+    shown = batch.table.take(places)
+    heads = [column.head for column in parameter_columns(batch.table)]
+    columns = [
+        name for name in (*_ALREADY, *dict.fromkeys(heads)) if name in shown.column_names and name != "files"
+    ]
+    lines = zip(*(shown[name].to_pylist() for name in columns), strict=True)
+    cells = [tuple(_cell(value) for value in line) for line in lines]
+    words = (f"{len(places):,} of {len(batch.table):,} rows.",) if len(places) < len(batch.table) else ()
+    return PageSection("Measurements", tuple(columns), cells, words=words, anchors=places)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}" if np.isfinite(value) else "–"
+    return "" if value is None else str(value)
+
+
+def range_text(interval: tuple[float, float], std_err: float) -> str:
+    """Both ends of an interval; a dash where there is none.
+
+    Args:
+        interval: lower and upper end.
+        std_err: of the value that it is about, for the number of digits.
+    """
+    if not np.isfinite(interval).all():
+        return "–"
+    return " to ".join(significant(end, std_err) for end in interval)

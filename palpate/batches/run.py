@@ -1,0 +1,207 @@
+"""Many recordings at once: each is estimated, compared and diagnosed; all give one table and one page."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from palpate.batches.measurements import (
+    Measurement,
+    MeasurementCase,
+    case_of,
+    content_hash,
+    find_measurements,
+)
+from palpate.batches.page import write_page
+from palpate.batches.pooling import BatchResult, Outlier, PooledParameter, group_differences, outliers, pool
+from palpate.batches.table import head, make_table, parameter_columns, texts, write_table
+from palpate.common.console import plain
+from palpate.common.files import existing_file, output_folder, write_text
+from palpate.common.user_effects import load_user_effects
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.effects import EFFECTS
+from palpate.estimation.models import MODELS
+from palpate.estimation.study.source import NO_OPTIONS
+from palpate.robot_io.errors import InputError, PalpateError
+from palpate.sweep import Cluster, ResultStore, run_cases
+from palpate.sweep.case import ADDRESS
+from palpate.sweep.runner import Progress
+
+RESULTS, SUMMARY = "results", "summary.json"
+SUGGEST = "suggest"  # in place of a base model
+_SAMPLE = 7  # measurements that suggest a base model
+
+
+def batch(
+    data: Path | str | Sequence[Path | str],
+    *,
+    out: Path | str,
+    model: str | None = None,
+    diagnose: bool = False,
+    add: Sequence[str] = (),
+    pattern: str | None = None,
+    metadata: Path | str | None = None,
+    join: str | None = None,
+    split: str | None = None,
+    group: str | None = None,
+    read: ImportOptions = NO_OPTIONS,
+    urdf: Path | str | None = None,
+    tip_frame: str | None = None,
+    effects: Sequence[str] = (),
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry: bool = False,
+    progress: Progress = lambda _done, _total: None,
+) -> BatchResult:
+    """Judge many measurements; what is finished in the output folder is not repeated.
+
+    Args:
+        data: file, folder, pattern such as "data/*.csv", CSV list with a column `file`, or several of these.
+        out: output folder.
+        model: base model; "suggest" for the one that fits a sample best; None for the usual one by channel.
+        diagnose: also find out which effects are missing.
+        add: effects that are fitted to every measurement beside the base model.
+        pattern: of file names, with fields in braces, such as "{specimen}_{day}.csv".
+        metadata: CSV file with further fields.
+        join: field; files with the same text in it are one measurement.
+        split: column of the data files; each text in it is a measurement.
+        group: field by which measurements are compared.
+        read: how to read a data file.
+        urdf: of the arm, for models that need it.
+        tip_frame: the tip's frame in that.
+        effects: of your own, such as "my_effects.py:MyEffect".
+        workers: processes on this machine; None for one a core.
+        scheduler: address of a dask scheduler; None for this machine.
+        retry: judge measurements again that could not be judged.
+        progress: called with the measurements that are done, and all of them.
+
+    Raises:
+        InputError: there is nothing to measure, or an argument is not valid.
+        PalpateError: the scheduler was lost; the same call goes on from there.
+    """
+    places = [data] if isinstance(data, str | Path) else list(data)
+    known = {
+        **dict.fromkeys(EFFECTS),
+        **{effect.name: None for effect in load_user_effects(effects).values()},
+    }
+    for name in add:
+        if name not in known:
+            EFFECTS[name]  # which says what there is
+    if model not in {None, SUGGEST}:
+        MODELS[str(model)]
+    folder = Path(out)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / RESULTS).is_dir():
+        raise InputError(f"output folder {folder}: holds other files; choose another")
+    measurements = find_measurements(places, pattern=pattern, metadata=metadata, join=join, split=split)
+    sources = [existing_file(Path(path), "URDF") for path in ([urdf] if urdf else [])]
+    sources += [Path(text.rpartition(":")[0]) for text in effects]
+    options = {
+        "model": model,
+        "diagnose": diagnose,
+        "add": list(add),
+        "read": asdict(read),
+        "urdf": str(Path(urdf).absolute()) if urdf else None,
+        "tip_frame": tip_frame,
+        "effects": [
+            str(Path(text.rpartition(":")[0]).absolute()) + f":{text.rpartition(':')[2]}" for text in effects
+        ],
+        "sources": [content_hash(path) for path in sources],
+    }
+    output_folder(folder)
+    store, cluster = ResultStore(folder / RESULTS), Cluster(scheduler, workers)
+    if model == SUGGEST:
+        options["model"] = _suggested_model(measurements, options, store, cluster)
+    failures: dict[str, str] = {}
+    cases = _cases(measurements, options, failures)
+    addresses = [cases[each.name].address if each.name in cases else None for each in measurements]
+    if retry:
+        results = store.table(filter(None, addresses))
+        failed = set(results.filter(pc.not_equal(results["error"], ""))[ADDRESS].to_pylist())
+        store.drop(failed)
+
+    def result() -> BatchResult:
+        results = store.table(filter(None, addresses))
+        done = set(results[ADDRESS].to_pylist())
+        finished = sum(a in done or m.name in failures for a, m in zip(addresses, measurements, strict=True))
+        return _write(
+            folder, make_table(measurements, addresses, results, failures, group), len(measurements), finished
+        )
+
+    # In the order of their addresses files come by chance, so that the pace so far tells the time to go.
+    order = sorted({case.address: case for case in cases.values()}.items())
+    try:
+        report = run_cases([case for _, case in order], store, cluster, progress)
+    except (KeyboardInterrupt, PalpateError):
+        result()
+        raise
+    for text in report.failures:
+        failures |= {
+            name: text.removeprefix(f"{case.label}: ")
+            for name, case in cases.items()
+            if text.startswith(f"{case.label}: ")
+        }
+    return result()
+
+
+def _cases(
+    measurements: Sequence[Measurement], options: Mapping[str, Any], failures: dict[str, str]
+) -> dict[str, MeasurementCase]:
+    """Cases by the measurement's name; those whose files cannot be read go to the failures."""
+    cases = {}
+    for measurement in measurements:
+        try:
+            cases[measurement.name] = case_of(measurement, options)
+        except OSError as error:
+            failures[measurement.name] = f"{error.filename}: {error.strerror}"
+    return cases
+
+
+def _suggested_model(
+    measurements: Sequence[Measurement], options: Mapping[str, Any], store: ResultStore, cluster: Cluster
+) -> str | None:
+    """The base model that most of a sample of measurements suggest; None where they do not agree."""
+    places = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))
+    asked = {**options, "model": None, "suggest": True}
+    cases = list(_cases([measurements[place] for place in places], asked, {}).values())
+    run_cases(cases, store, cluster)
+    models = Counter(texts(store.table([case.address for case in cases]), "suggested"))
+    best, votes = models.most_common(1)[0] if models else ("", 0)
+    return (best or None) if votes > models.total() / 2 else None
+
+
+def _write(folder: Path, table: pa.Table, measurements: int, finished: int) -> BatchResult:
+    """Pool all parameters, and write table, page and summary."""
+    groups = texts(table, "group")
+    pooled: list[PooledParameter] = []
+    outlying: list[Outlier] = []
+    columns = list(parameter_columns(table))
+    drawn: dict[str, np.ndarray[Any, Any]] = {}
+    for column in columns:
+        entries, values = pool(column, groups)
+        pooled += entries
+        outlying += outliers(column, groups)
+        drawn.setdefault(column.head, np.full(len(table), np.nan))[column.rows] = values
+    for column in columns:
+        if column.head in drawn:
+            after = table.column_names.index(head(column.name, column.unit, "std_err")) + 1
+            cells = pa.array(drawn.pop(column.head), from_pandas=True)
+            table = table.add_column(after, head(column.name, column.unit, "shrunk"), cells)
+    write_table(folder, table)
+    made = BatchResult(
+        folder,
+        table,
+        measurements,
+        finished,
+        tuple(pooled),
+        tuple(group_differences(pooled)),
+        tuple(outlying),
+    )
+    write_text(folder / SUMMARY, json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False) + "\n")
+    write_page(made)
+    return made

@@ -1,0 +1,198 @@
+"""The one table of a batch: a row for each channel of each measurement."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from palpate.batches.measurements import Measurement
+from palpate.common.files import whole_file
+from palpate.estimation.kinds import Kind
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.files.file_model import one_line
+from palpate.robot_io.types import FloatArray
+from palpate.sweep.case import ADDRESS
+
+TABLE = "table"  # name of its files, without the ending
+FIRST = ("measurement", "files", "group", "channel", "model", "verdict", "reason", "effects", "forms")
+NUMBERS = ("unit", "samples", "runs", "rmse", "noise", "times_noise", "rmse_final", "excluded_share")
+LAST = ("seconds", "warnings", "error", ADDRESS)
+BUDGET = "budget "
+EVERYTHING = "all"  # the group of measurements that no field tells apart
+_KINDS = [*(kind.word for kind in Kind), "noise", "unexplained"]
+_ENDS = (" low", " high", " std_err", " shrunk")
+
+
+@dataclass(frozen=True)
+class ParameterColumn:
+    """A parameter of one channel in all measurements that have it with a standard error."""
+
+    channel: str  # its name
+    name: str  # "effect.parameter"
+    unit: str  # of the values
+    rows: np.ndarray[Any, np.dtype[np.int64]]  # of the table, shape (n,)
+    values: FloatArray  # shape (n,), in the unit
+    std_errs: FloatArray  # shape (n,), in the unit
+
+    @property
+    def head(self) -> str:
+        """The column of the values."""
+        return head(self.name, self.unit)
+
+
+def head(name: str, unit: str, end: str = "") -> str:
+    """The name of a parameter's column.
+
+    Args:
+        name: "effect.parameter".
+        unit: of the values.
+        end: empty, or "low", "high", "std_err" or "shrunk".
+    """
+    return f"{name} {end} [{unit}]" if end else f"{name} [{unit}]"
+
+
+def make_table(
+    measurements: Sequence[Measurement],
+    addresses: Sequence[str | None],
+    results: pa.Table,
+    failures: Mapping[str, str],
+    group: str | None,
+) -> pa.Table:
+    """Put names, fields and results together; measurements without a result or a failure are left out.
+
+    Args:
+        measurements: of the batch, m of them.
+        addresses: of their cases, m; None where a file cannot be read.
+        results: rows of the cases, by address.
+        failures: why a measurement has no result, by its name.
+        group: field that tells groups apart; None for one group.
+
+    Raises:
+        InputError: a field is called as a column of the table, or no measurement has the group's field.
+    """
+    fields = list(dict.fromkeys(name for each in measurements for name in each.fields))
+    if taken := set(fields).intersection((*FIRST, *NUMBERS, *LAST)):
+        raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
+    if group is not None and group not in fields:
+        raise InputError(f"--group {group}: no such field. There are: {', '.join(fields) or 'none'}")
+    known = {
+        "measurement": [each.name for each in measurements],
+        "files": ["; ".join(map(str, each.files)) for each in measurements],
+        "group": [each.fields.get(group, "") if group else EVERYTHING for each in measurements],
+        ADDRESS: list(addresses),
+        **{name: [each.fields.get(name) for each in measurements] for name in fields},
+        "failure": [failures.get(each.name) for each in measurements],
+        "number": list(range(len(measurements))),
+    }
+    types = {"number": pa.int64()}
+    names = pa.table({name: pa.array(cells, types.get(name, pa.string())) for name, cells in known.items()})
+    empty = [name for name in results.column_names if pa.types.is_null(results.schema.field(name).type)]
+    results = results.drop_columns(empty).append_column("line", pa.array(range(len(results)), pa.int64()))
+    table = names.join(results, ADDRESS).sort_by([("number", "ascending"), ("line", "ascending")])
+    if "error" not in table.column_names:
+        table = table.append_column("error", pa.nulls(len(table), pa.string()))
+    table = table.set_column(
+        table.column_names.index("error"), "error", pc.coalesce(table["error"], table["failure"])
+    )
+    table = table.filter(pc.is_valid(table["error"]))
+    there = set(table.column_names) - {"seed", "first", "failure", "number", "line", "suggested"}
+    budget = [BUDGET + kind for kind in _KINDS]
+    parameters = sorted(there.difference(FIRST, fields, NUMBERS, budget, LAST), key=_order)
+    order = [*FIRST[:3], *fields, *FIRST[3:], *NUMBERS, *budget, *parameters, *LAST]
+    return table.select([name for name in order if name in there])
+
+
+def write_table(folder: Path, table: pa.Table) -> None:
+    """Write the table as Parquet and CSV; InputError if that is not possible.
+
+    Args:
+        folder: where to.
+        table: all rows.
+    """
+    with whole_file(folder / f"{TABLE}.parquet") as path:
+        pq.write_table(table, path)
+    with whole_file(folder / f"{TABLE}.csv") as path:
+        pyarrow.csv.write_csv(table, path)
+
+
+def read_table(path: Path) -> pa.Table:
+    """Read a table that a batch wrote, as Parquet or CSV.
+
+    Args:
+        path: of the table, or of the batch's folder.
+
+    Raises:
+        InputError: it is not there, or is no such table.
+    """
+    file = path / f"{TABLE}.parquet" if path.is_dir() else path
+    try:
+        table = pq.read_table(file) if file.suffix == ".parquet" else pyarrow.csv.read_csv(file)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"table {file}: cannot be read ({one_line(error)})") from error
+    if not {"measurement", "channel"} <= set(table.column_names):
+        raise InputError(f"table {file}: lacks the columns measurement and channel; make it by palpate batch")
+    return table
+
+
+def parameter_columns(table: pa.Table) -> Iterator[ParameterColumn]:
+    """Every parameter of every channel that at least one measurement knows with its standard error.
+
+    Args:
+        table: of a batch.
+
+    Yields:
+        Channel by channel, in the order of the columns.
+    """
+    if "channel" not in table.column_names:
+        return
+    channel = table["channel"].to_numpy(zero_copy_only=False)
+    for column in table.column_names:
+        name, _, unit = column.removesuffix("]").rpartition(" [")
+        if (
+            not column.endswith("]")
+            or name.endswith(_ENDS)
+            or head(name, unit, "std_err") not in table.column_names
+        ):
+            continue
+        values, std_errs = (floats(table, wanted) for wanted in (column, head(name, unit, "std_err")))
+        known = np.isfinite(values) & np.isfinite(std_errs) & (std_errs >= 0.0)
+        for item in dict.fromkeys(channel[known]):
+            rows = np.flatnonzero(known & (channel == item))
+            yield ParameterColumn(item, name, unit, rows, values[rows], std_errs[rows])
+
+
+def floats(table: pa.Table, name: str) -> FloatArray:
+    """A column of numbers, shape (n,); NaN where there is none.
+
+    Args:
+        table: of a batch.
+        name: of the column.
+    """
+    if name not in table.column_names:
+        return np.full(len(table), np.nan)
+    return np.asarray(pc.cast(table[name], pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def texts(table: pa.Table, name: str) -> list[str]:
+    """A column as text; empty where there is none.
+
+    Args:
+        table: of a batch.
+        name: of the column.
+    """
+    if name not in table.column_names:
+        return [""] * len(table)
+    return ["" if cell is None else str(cell) for cell in table[name].to_pylist()]
+
+
+def _order(column: str) -> tuple[str, int]:
+    """Value, ends of the interval and standard error of one parameter beside each other."""
+    name, _, unit = column.rpartition(" [")
+    end = next((end for end in _ENDS if name.endswith(end)), "")
+    return f"{name.removesuffix(end)} [{unit}", (("", *_ENDS)).index(end)

@@ -1,0 +1,153 @@
+"""The work of a batch: everything that the table says of one measurement."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.result import ParameterValue
+from palpate.estimation.estimate import ParameterEstimate
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.estimation.study import Comparison, StudyChannel
+from palpate.estimation.study.estimates import BEST, USUAL, ChannelEstimates
+from palpate.estimation.study.model_suggestions import FAR_BETTER, better_model
+from palpate.render.view import FAR
+from palpate.robot_io.errors import InputError
+from palpate.study import Study, arm_from_urdf
+from palpate.sweep.case import Row
+
+ESTIMATORS = tuple(
+    name for name in USUAL if name in BEST
+)  # of the usual ones, those whose result may be shown
+
+
+def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
+    """Read one measurement, and judge it: one row for each channel.
+
+    Args:
+        files: of the measurement.
+        parameters: `where`, and as `options` those of `palpate.batches.run.batch`.
+
+    Raises:
+        InputError: the files cannot be read, or the model does not describe them.
+    """
+    options = parameters["options"]
+    study = Study(
+        files[0] if len(files) == 1 else list(files),
+        options["model"],
+        arm=arm_from_urdf(Path(options["urdf"]), options["tip_frame"]) if options["urdf"] else None,
+        effects=options["effects"],
+        keep=False,
+        **options["read"] | {"where": options["read"]["where"] | parameters["where"]},
+    )
+    if options.get("suggest"):
+        return [
+            {"channel": channel.name, "suggested": _suggested(study, channel)} for channel in study.channels
+        ]
+    try:
+        estimates = {each.channel.name: each for each in study.estimate(list(ESTIMATORS))}
+    except InputError:  # such as too few samples; the comparison says the same
+        estimates = {}
+    diagnosed: dict[str, ChannelDiagnosis] = {}
+    if options["diagnose"]:
+        diagnosed = {entry.channel: entry for entry in study.diagnose(plan=False).channels}
+    return [
+        _row(study, channel, estimates.get(channel.name), diagnosed.get(channel.name), options["add"])
+        for channel in study.channels
+    ]
+
+
+def _row(
+    study: Study,
+    channel: StudyChannel,
+    estimates: ChannelEstimates | None,
+    diagnosis: ChannelDiagnosis | None,
+    add: Sequence[str],
+) -> Row:
+    warnings = [*study.source.notes, *study.warnings.get(channel.name, ())]
+    row: Row = {
+        "channel": channel.name,
+        "model": channel.model.name,
+        "unit": channel.effort_unit,
+        "samples": len(channel.measured),
+        "runs": len(channel.measured.runs),
+    }
+    comparison = None
+    try:
+        comparison = study.comparison(channel)
+        if add:
+            comparison = study.comparison(channel, add)
+    except InputError as error:
+        if comparison is None:  # the data cannot be judged
+            row |= {"verdict": Verdict.INSUFFICIENT.value, "reason": str(error)}
+        else:  # such as an effect of joints on a contact
+            warnings.append(f"without {', '.join(add)}: {error}")
+    if comparison is not None:
+        row |= _compared(comparison)
+    if comparison is not None and (estimates is None or comparison.model != channel.model.name):
+        row |= _all_columns(comparison.parameters)
+    elif estimates is not None:
+        row |= _all_columns({parameter.name: parameter for parameter in estimates.best.parameters})
+    if diagnosis is not None:
+        row |= _diagnosed(diagnosis)
+    return row | {"warnings": "; ".join(warnings)}
+
+
+def _compared(comparison: Comparison) -> Row:
+    """Error, noise, share of samples that are not judged, and budget by kind."""
+    row: Row = {
+        "model": comparison.model,
+        "rmse": comparison.rmse,
+        "noise": comparison.noise.value,
+        "times_noise": comparison.lack_of_fit,
+        "excluded_share": float(1.0 - np.mean(comparison.judged)),
+    }
+    return row | {f"budget {entry.kind.word}": entry.share for entry in comparison.kinds}
+
+
+def _diagnosed(diagnosis: ChannelDiagnosis) -> Row:
+    row: Row = {
+        "verdict": diagnosis.verdict.value,
+        "reason": diagnosis.reason,
+        "effects": ", ".join(entry.effect for entry in diagnosis.accepted),
+        "forms": ", ".join(entry.form.value for entry in diagnosis.accepted),
+    }
+    if diagnosis.final is not None:
+        row["rmse_final"] = diagnosis.final.rmse
+    if diagnosis.budget:
+        row |= {f"budget {entry.kind.word}": entry.share for entry in diagnosis.budget}
+    if diagnosis.rest is not None:
+        row |= {"budget noise": diagnosis.rest.noise, "budget unexplained": diagnosis.rest.unexplained}
+    for entry in diagnosis.accepted:
+        row |= _all_columns({f"{entry.effect}.{name}": value for name, value in entry.parameters.items()})
+    return row
+
+
+def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -> Row:
+    """Value of each, and where determined also the ends of the 95 % interval and the standard error."""
+    row: Row = {}
+    for name, found in parameters.items():
+        row[f"{name} [{found.unit}]"] = float(found.value)
+        std_err = float("nan") if found.std_err is None or found.at_bound else float(found.std_err)
+        if not np.isfinite(std_err):
+            continue
+        if isinstance(found, ParameterEstimate):
+            low, high = found.interval
+        else:
+            low, high = found.value - SIGMAS_95 * std_err, found.value + SIGMAS_95 * std_err
+        row |= {f"{name} low [{found.unit}]": float(low), f"{name} high [{found.unit}]": float(high)}
+        row[f"{name} std_err [{found.unit}]"] = std_err
+    return row
+
+
+def _suggested(study: Study, channel: StudyChannel) -> str:
+    """The base model that fits far better than the usual one; empty where none does."""
+    try:
+        usual = study.comparison(channel)
+        far_off = usual.lack_of_fit >= FAR
+        better = better_model(study, channel, FAR_BETTER * usual.rmse) if far_off else None
+    except InputError:
+        better = None
+    return better[0] if better else ""

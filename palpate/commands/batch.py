@@ -1,0 +1,176 @@
+"""`palpate batch`: many recordings at once, one table and one page."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.common import console
+from palpate.common.console import count, safe, shown, significant
+from palpate.common.options import effect_names, model_names, takes
+from palpate.render.progress import sweep_progress
+from palpate.workflows.data_options import JsonOption, ReadOptions
+
+if TYPE_CHECKING:
+    from palpate.batches.pooling import BatchResult
+
+_MOST_SHOWN = 8  # errors, outliers and parameters in the terminal; the page has all
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchArguments(ReadOptions):
+    """What is measured, and what belongs to all measurements, as the user typed that."""
+
+    data: Annotated[
+        list[str],
+        typer.Argument(
+            help="Folder, files, pattern in quotes, or a CSV list with a column 'file' and further fields.",
+            metavar="FOLDER|FILES|LIST.csv",
+        ),
+    ]
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Effect of your own that may be used; its file is run.", metavar="FILE.py:CLASS"),
+    ] = None
+    urdf: Annotated[
+        Path | None, typer.Option(help="The arm's URDF, for models that need it.", metavar="FILE")
+    ] = None
+    tip_frame: Annotated[
+        str | None, typer.Option(help="The tip's frame in that URDF.", show_default="tip, or its last link")
+    ] = None
+
+
+@takes(BatchArguments, "data")
+def batch_command(
+    data: BatchArguments,
+    *,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Output folder; an interrupted batch in it is continued.")
+    ],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="Base model, or 'suggest' for the one that fits a sample best; default: by channel.",
+            autocompletion=model_names,
+        ),
+    ] = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose", help="Also find out which effects are missing (takes longer).")
+    ] = False,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Effect that is fitted to every measurement; may be repeated.",
+            metavar="EFFECT",
+            autocompletion=effect_names,
+        ),
+    ] = None,
+    pattern: Annotated[
+        str | None, typer.Option(help="Fields in the file names, such as '{specimen}_{day}.csv'.")
+    ] = None,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file with further fields, by a column 'file' or by shared fields.", metavar="FILE"
+        ),
+    ] = None,
+    join: Annotated[
+        str | None,
+        typer.Option(help="Files with the same text in this field are one measurement.", metavar="FIELD"),
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(help="Each text in this column of the files is a measurement.", metavar="COLUMN"),
+    ] = None,
+    group: Annotated[
+        str | None, typer.Option(help="Field by which measurements are compared.", metavar="FIELD")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine; by default one a core.", min=1, max=1000)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try measurements again that could not be judged.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate and compare many measurements, with --diagnose also say what is missing; one table, one page.
+
+    Each file is a measurement; --join makes one of several files, --split several of one. A file that cannot
+    be read is a row with its reason. After an interruption, the same command continues.
+
+    palpate batch recordings --out result
+
+    palpate batch 'data/*.csv' --pattern '{specimen}_{day}.csv' --group day --diagnose --out result
+
+    palpate batch spots.csv --split run --out result
+    """
+    from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
+
+    counted = [0, 0]
+    try:
+        with sweep_progress() as progress:
+
+            def show(done: int, total: int) -> None:
+                counted[:] = done, total
+                progress(done, total)
+
+            result = batch(
+                data.data,
+                out=out,
+                model=model,
+                diagnose=diagnose,
+                add=add or (),
+                pattern=pattern,
+                metadata=metadata,
+                join=join,
+                split=split,
+                group=group,
+                read=data.options,
+                urdf=data.urdf,
+                tip_frame=data.tip_frame,
+                effects=data.effect or (),
+                workers=workers,
+                scheduler=scheduler,
+                retry=retry,
+                progress=show,
+            )
+    except KeyboardInterrupt:
+        console.stderr().print(
+            f"{counted[0]} of {counted[1]} measurements are done and in {shown(out)}; "
+            "the same command goes on from there"
+        )
+        raise
+    console.present(result.as_data(), lambda: _print(result), as_json=as_json)
+
+
+def _print(result: "BatchResult") -> None:
+    from palpate.batches.table import texts  # noqa: PLC0415, as above
+
+    out, table = console.stdout(), result.table
+    out.print(f"[bold]{count(result.measurements, 'measurement')}[/bold], {len(result.errors)} not readable")
+    for verdict, number in Counter(filter(None, texts(table, "verdict"))).most_common():
+        out.print(f"  {verdict}: {number}")
+    effects = Counter(name for text in texts(table, "effects") for name in text.split(", ") if name)
+    if effects:
+        named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
+        out.print(f"  effects named: {named}")
+    for entry in result.pooled[:_MOST_SHOWN]:
+        found = entry.effects
+        value = f"{significant(found.mean, found.std_err)} ± {found.std_err:.2g} {entry.unit}"
+        between = f"spread between measurements {found.spread:.2g} {entry.unit}"
+        out.print(f"  {safe(f'{entry.group} {entry.channel} {entry.parameter}')}: {value}, {between}")
+    for difference in result.differences:
+        if difference.p_corrected < 0.05:
+            first, second = difference.groups
+            words = f"{difference.parameter} differs between {first} and {second}"
+            out.print(f"  [yellow]{safe(words)}[/yellow] (corrected p {difference.p_corrected:.2g})")
+    for name, error in list(result.errors.items())[:_MOST_SHOWN]:
+        out.print(f"  [yellow]{safe(f'{name}: {error}')}[/yellow]")
+    if result.outliers:
+        out.print(f"  {count(len(result.outliers), 'outlier')}: see the page")
+    out.print(f"page  [bold]{shown(result.page)}[/bold]")

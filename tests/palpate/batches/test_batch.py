@@ -1,0 +1,236 @@
+"""`palpate batch`: many files to one table and one page; grouped, resumed, interrupted, refused."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import palpate
+from palpate.batches.measurements import find_measurements
+from palpate.robot_io.errors import InputError
+from palpate.study import Study
+from palpate.sweep import ResultStore
+from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
+from tests.palpate.presses import write_presses
+
+SPEEDS = (0.04, 0.08, 0.06)
+
+
+def write_specimens(folder, number=3, groups=(("soft", 400.0), ("hard", 800.0))):
+    """Presses of specimens whose stiffness differs by group, and a little by specimen."""
+    folder.mkdir(exist_ok=True)
+    for treatment, stiffness in groups:
+        for specimen in range(number):
+            k = stiffness * (1 + 0.02 * specimen)
+            write_presses(
+                folder / f"s{specimen}_{treatment}.csv",
+                speeds_m_s=SPEEDS,
+                force_of=lambda x, v, k=k: k * x + 6.0 * v,
+                seed=specimen,
+            )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def specimens(tmp_path_factory):
+    folder = write_specimens(tmp_path_factory.mktemp("batch") / "recordings")
+    (folder / "broken.csv").write_text("this is\nno measurement\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def out(specimens):
+    """The folder of a batch of them, without the broken one's group."""
+    folder = specimens.parent / "out"
+    pattern = ("--pattern", "{specimen}_{treatment}.csv", "--group", "treatment")
+    assert_refused(run("batch", specimens, *pattern, "--out", folder), "broken.csv", "--pattern")
+    done("batch", f"{specimens}/s*.csv", *pattern, "--out", folder, "--workers", 2)
+    return folder
+
+
+def rows(folder):
+    with (folder / "table.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_numbers_are_those_of_the_single_commands(specimens, out):
+    row = next(row for row in rows(out) if row["measurement"] == "s1_soft.csv")
+    study = Study(specimens / "s1_soft.csv", keep=False)
+    stiffness = study.estimate()[0].best["stiffness.k"]
+    comparison = study.compare()["contact"]
+    assert float(row["stiffness.k [N/m]"]) == stiffness.value
+    assert float(row["stiffness.k low [N/m]"]) == stiffness.interval[0]
+    assert float(row["rmse"]) == comparison.rmse
+    assert float(row["noise"]) == comparison.noise.value
+    assert 0.0 < float(row["excluded_share"]) < 0.2
+    assert (row["group"], row["specimen"], row["treatment"]) == ("soft", "s1", "soft")
+    table = pq.read_table(out / "table.parquet")
+    assert table.column_names == list(row)
+    assert len(table) == 6
+
+
+def test_groups_are_told_apart_and_specimens_differ_as_much_as_they_do(out, specimens):
+    said = as_json("batch", f"{specimens}/s*.csv", "--pattern", "{specimen}_{treatment}.csv",
+                   "--group", "treatment", "--out", out)  # fmt: skip
+    (soft,) = (
+        entry for entry in said["pooled"] if (entry["parameter"], entry["group"]) == ("stiffness.k", "soft")
+    )
+    true = 400.0 * (1 + 0.02 * np.arange(3))
+    assert soft["effects"]["mean"] == pytest.approx(true.mean(), rel=0.01)
+    assert soft["effects"]["spread"] == pytest.approx(true.std(ddof=1), rel=0.3)
+    by_name = {entry["parameter"]: entry for entry in said["differences"]}
+    assert by_name["stiffness.k"]["p_corrected"] < 0.001
+    assert by_name["damping.c"]["p_corrected"] > 0.05
+    page = (out / "index.html").read_text()
+    assert "differs" in page
+    assert "s1_soft.csv" in page
+
+
+def test_the_same_batch_repeats_nothing_wherever_the_files_lie_and_a_changed_file_alone_is_new(
+    specimens, tmp_path
+):
+    copy, out = tmp_path / "copy", tmp_path / "out"
+    copy.mkdir()
+    for name in ("s0_soft.csv", "s0_hard.csv"):
+        (copy / name).write_bytes((specimens / name).read_bytes())
+    done("batch", specimens / "s0_soft.csv", specimens / "s0_hard.csv", "--out", out, "--workers", 1)
+    before = ResultStore(out / "results").finished()
+    palpate.batch(copy, out=out, workers=1)
+    assert ResultStore(out / "results").finished() == before
+    write_presses(copy / "s0_soft.csv", speeds_m_s=SPEEDS, seed=77)
+    result = palpate.batch(copy, out=out, workers=1)
+    assert len(ResultStore(out / "results").finished() - before) == 1
+    assert (result.measurements, result.finished, len(result.table)) == (2, 2, 2)
+
+
+def test_a_file_that_cannot_be_read_is_a_row_with_its_reason_and_may_be_tried_again(specimens, tmp_path):
+    out = tmp_path / "out"
+    files = (specimens / "broken.csv", specimens / "s0_soft.csv")
+    said = as_json("batch", *files, "--out", out, "--workers", 1)
+    assert (said["measurements"], said["finished"]) == (2, 2)
+    assert "broken.csv" in said["errors"]["broken.csv"]
+    good, broken = sorted(rows(out), key=lambda row: row["error"])
+    assert (good["measurement"], broken["measurement"]) == ("s0_soft.csv", "broken.csv")
+    assert broken["channel"] == ""
+    store = ResultStore(out / "results")
+    addresses = store.finished()
+    done("batch", *files, "--out", out, "--workers", 1, "--retry")
+    assert store.finished() == addresses
+    assert len(rows(out)) == 2
+
+
+def test_a_diagnosis_names_what_is_missing_and_an_added_effect_has_a_size_in_every_row(hardening, tmp_path):
+    plain = write_presses(tmp_path / "plain.csv", cubic=0.0)
+    said = palpate.batch([hardening, plain], out=tmp_path / "out", diagnose=True, workers=2)
+    by_name = {row["measurement"]: row for row in said.table.to_pylist()}
+    assert by_name["plain.csv"]["verdict"] == "adequate"
+    assert by_name["hardening.csv"]["verdict"] == "missing"
+    assert by_name["hardening.csv"]["effects"] == "cubic_stiffness"
+    assert by_name["hardening.csv"]["budget elastic shape"] > 0.8
+    added = palpate.batch([hardening, plain], out=tmp_path / "out", add=["cubic_stiffness"], workers=2)
+    sizes = {row["measurement"]: row["cubic_stiffness.k3 [N/m^3]"] for row in added.table.to_pylist()}
+    assert sizes["hardening.csv"] == pytest.approx(2e6, rel=0.1)
+    assert abs(sizes["plain.csv"]) < 2e5
+
+
+def test_a_suggested_model_is_the_one_that_fits_far_better(tmp_path):
+    for number in range(3):
+        law = lambda x, v: 3e4 * x**1.5 * (1 + 2.0 * v)  # noqa: E731
+        write_presses(tmp_path / f"r{number}.csv", speeds_m_s=SPEEDS, force_of=law, seed=number)
+    result = palpate.batch(tmp_path, out=tmp_path / "out", model="suggest", workers=2)
+    assert set(result.table["model"].to_pylist()) == {"hunt_crossley"}
+
+
+def test_files_are_joined_split_listed_and_described(tmp_path, specimens):
+    names = lambda found: [measurement.name for measurement in found]  # noqa: E731
+    files = [f"{specimens}/s*.csv"]
+    joined = find_measurements(files, pattern="{specimen}_{treatment}.csv", join="specimen")
+    assert names(joined) == ["s0", "s1", "s2"]
+    assert [len(each.files) for each in joined] == [2, 2, 2]
+    assert joined[0].fields == {"specimen": "s0"}
+    split = find_measurements([specimens / "s0_soft.csv"], split="run")
+    assert [dict(each.where) for each in split] == [{"run": "0"}, {"run": "1"}, {"run": "2"}]
+    sheet = specimens.parent / "list.csv"
+    sheet.write_text(
+        "file;arm;day\nrecordings/s0_soft.csv;left;2026-01-02\nrecordings/none.csv;right;2026-01-03\n"
+    )
+    listed = find_measurements([sheet])
+    assert [each.fields["arm"] for each in listed] == ["left", "right"]
+    sheet = tmp_path / "about.csv"
+    sheet.write_text("specimen,animal\ns0,pig\ns1,cow\ns2,cow\n")
+    described = find_measurements(files, pattern="{specimen}_{treatment}.csv", metadata=sheet)
+    assert {each.fields["animal"] for each in described if each.fields["specimen"] == "s1"} == {"cow"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"places": ["nowhere"]}, "nowhere: no such file"),
+        ({"places": ["x/*.csv"]}, "no file has such a name"),
+        ({"pattern": "{a}_{a}.csv"}, "name each field once"),
+        ({"pattern": "{a}-{b}.csv"}, "does not fit the file name s0"),
+        ({"join": "animal"}, "no such field. There are: none"),
+        ({"split": "animal"}, "no such column. There are: time_s"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(specimens, options, words):
+    with pytest.raises(InputError, match=r"^[^\n]*$") as refused:
+        find_measurements(options.pop("places", [f"{specimens}/s*.csv"]), **options)
+    assert words in str(refused.value)
+
+
+def test_bad_options_are_refused(specimens, tmp_path):
+    one = specimens / "s0_soft.csv"
+    assert_refused(run("batch", one, "--out", tmp_path, "--model", "kelvin"), "kelvin_voigt")
+    assert_refused(run("batch", one, "--out", tmp_path / "a", "--add", "cubic"), "cubic_stiffness")
+    assert_refused(run("batch", one, "--out", specimens), "holds other files")
+
+
+def process(specimens, out):
+    command = [sys.executable, "-m", "palpate.main", "batch", f"{specimens}/s*.csv", "--out", str(out)]
+    return subprocess.Popen(
+        [*command, "--workers", "2"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def wait_for_results(out, number):
+    until_s = time.monotonic() + 120.0
+    while not (out / "results").is_dir() or len(list((out / "results").glob("[!.]*.parquet"))) < number:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+def numbers(folder):
+    return [{name: cell for name, cell in row.items() if name != "seconds"} for row in rows(folder)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_table(tmp_path, number):
+    folder = write_specimens(tmp_path / "recordings", 8)
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    _, errors = process(folder, whole).communicate(timeout=300)
+    running = process(folder, out)
+    wait_for_results(out, 4)
+    os.kill(running.pid, number)
+    _, errors = running.communicate(timeout=60)
+    finished = ResultStore(out / "results").finished()
+    assert 4 <= len(finished) < 16
+    if number == signal.SIGINT:
+        assert running.returncode == 130
+        assert "the same command goes on from there" in " ".join(errors.split())
+        assert len(rows(out)) == len(finished)
+        assert f"{len(finished)} of 16 done" in (out / "index.html").read_text()
+    written = {path: path.stat().st_mtime_ns for path in Path(out / "results").glob("*.parquet")}
+    _, errors = process(folder, out).communicate(timeout=300)
+    assert numbers(out) == numbers(whole), errors
+    assert ResultStore(out / "results").finished() >= finished
+    assert len(ResultStore(out / "results").finished()) == 16
+    assert written

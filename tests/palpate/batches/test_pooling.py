@@ -1,0 +1,93 @@
+"""Random effects, corrected tests and outliers, against independent references and known truths."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_ind
+from statsmodels.stats.meta_analysis import combine_effects
+from statsmodels.stats.multitest import multipletests
+
+from palpate.batches.pooling import PooledParameter, group_differences, holm, outliers, random_effects, shrunk
+from palpate.batches.table import ParameterColumn
+
+
+def column(values, std_errs):
+    rows = np.arange(len(values))
+    return ParameterColumn("contact", "stiffness.k", "N/m", rows, np.array(values), np.array(std_errs))
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.5, 3.0, 40.0])
+def test_mean_and_spread_are_those_of_statsmodels(spread):
+    rng = np.random.default_rng(3)
+    std_errs = rng.uniform(0.5, 4.0, 25)
+    values = 100.0 + spread * rng.standard_normal(25) + std_errs * rng.standard_normal(25)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        reference = combine_effects(values, std_errs**2, method_re="iterated", atol=1e-12)
+    found = random_effects(values, std_errs)
+    assert found.spread**2 == pytest.approx(max(reference.tau2, 0.0), rel=1e-6, abs=1e-9)
+    assert found.mean == pytest.approx(reference.mean_effect_re, rel=1e-9)
+    assert found.std_err == pytest.approx(reference.sd_eff_w_re, rel=1e-6)
+
+
+@pytest.mark.parametrize("number", [8, 30])
+def test_the_interval_of_the_mean_holds_the_truth_as_often_as_it_says(number):
+    rng = np.random.default_rng(5)
+    held = predicted = 0
+    for _ in range(600):
+        std_errs = rng.uniform(0.5, 3.0, number)
+        values = 50.0 + 2.0 * rng.standard_normal(number) + std_errs * rng.standard_normal(number)
+        found = random_effects(values, std_errs)
+        held += found.interval[0] <= 50.0 <= found.interval[1]
+        predicted += found.prediction[0] <= 50.0 + 2.0 * rng.standard_normal() <= found.prediction[1]
+    assert 0.92 <= held / 600 <= 0.98
+    assert number < 30 or 0.92 <= predicted / 600 <= 0.98  # of few it is somewhat too short
+
+
+def test_partial_pooling_is_nearer_to_the_truth_than_each_value_alone():
+    rng = np.random.default_rng(7)
+    truth = 100.0 + 3.0 * rng.standard_normal(40)
+    std_errs = rng.uniform(1.0, 12.0, 40)
+    values = truth + std_errs * rng.standard_normal(40)
+    drawn = shrunk(values, std_errs, random_effects(values, std_errs))
+    assert np.sqrt(np.mean((drawn - truth) ** 2)) < 0.7 * np.sqrt(np.mean((values - truth) ** 2))
+    exact = random_effects(values, np.zeros(40))
+    assert shrunk(values, np.zeros(40), exact) == pytest.approx(values)
+
+
+@pytest.mark.parametrize("values", [[5.0], [5.0, 5.0, 5.0], [0.0, 0.0]])
+def test_equal_values_and_a_single_one_have_no_spread(values):
+    found = random_effects(np.array(values), np.zeros(len(values)))
+    assert found.mean == values[0]
+    assert found.spread == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_test_of_two_groups_is_that_of_welch_where_values_are_exact():
+    rng = np.random.default_rng(1)
+    first, second = rng.normal(10, 1, 9), rng.normal(12, 3, 14)
+    pooled = [
+        PooledParameter(
+            "contact", "stiffness.k", "N/m", name, random_effects(values, np.full(len(values), 1e-6))
+        )
+        for name, values in (("a", first), ("b", second))
+    ]
+    (difference,) = group_differences(pooled)
+    reference = ttest_ind(second, first, equal_var=False)
+    assert difference.difference == pytest.approx(second.mean() - first.mean())
+    assert difference.p_value == pytest.approx(reference.pvalue, rel=1e-6)
+    assert difference.interval == pytest.approx(tuple(reference.confidence_interval()), rel=1e-6)
+
+
+def test_corrected_p_values_are_those_of_statsmodels():
+    p_values = [0.04, 0.001, 0.5, 0.012, 0.012, 0.9]
+    assert holm(p_values) == pytest.approx(multipletests(p_values, method="holm")[1])
+    assert holm([]) == []
+
+
+def test_an_outlier_is_named_but_not_a_value_that_is_only_uncertain():
+    values = np.array([99.0, 101.0, 100.0, 98.0, 102.0, 100.5, 160.0, 160.0])
+    std_errs = np.array([0.5] * 7 + [50.0])
+    (outlier,) = outliers(column(values, std_errs), ["all"] * 8)
+    assert (outlier.row, outlier.value) == (6, 160.0)
+    assert outliers(column(values[5:], std_errs[5:]), ["all"] * 3) == []
