@@ -103,7 +103,7 @@ def show(one: Judged, unit: str) -> None:
         errors = f"{entry['rmse_before']:.4g} -> {entry['rmse_after']:.4g}"
         say(f"  {mark} {entry['effect']} ({values}): {errors}{also}")
     if one.depends_on:
-        say(f"  what is left depends on: {', '.join(one.depends_on)}")
+        say(f"  the residual depends on: {', '.join(one.depends_on)}")
     for what, some in (("not found", one.missed), ("not in the README", one.unasked)):
         if some:
             say(f"  {what}: {', '.join(some)}")

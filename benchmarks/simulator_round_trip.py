@@ -29,7 +29,7 @@ SECONDS = 6.0
 NOISE_NM = 0.02
 RUNS = 5  # the last is only replayed
 JOINTS = ("shoulder", "elbow")
-# MuJoCo's friction turns round 1/100 s ahead of the motion by default; that of a joint does so at rest.
+# MuJoCo's friction changes sign 1/100 s ahead of the motion by default; that of a joint does so at rest.
 AT_REST = (2.0 * STEP_S, 1.0)
 
 URDF = """<robot name="two_links">

@@ -95,7 +95,7 @@ def estimate_channel(
     # Say so where a gain lies outside what is physical, and is no rounding error.
     beyond = unphysical(model.gains, estimate.parameters, regression.columns, regression.effort)
     if beyond:
-        note = f"{', '.join(beyond)}: outside what is physical; {UNPHYSICAL}"
+        note = f"{', '.join(beyond)}: outside the physical bounds; {UNPHYSICAL}"
         if estimate.identifiability is not Identifiability.GOOD:
             note = f"{estimate.note}; {note}"
         estimate = replace(estimate, note=note, unphysical=tuple(beyond))
@@ -318,6 +318,6 @@ def unphysical(
         if (below := estimate.interval[1] < limits.lower) or estimate.interval[0] > limits.upper:
             side = "below" if below else "above"
             beyond[estimate.name] = (
-                f"{estimate.name} = {estimate.value:.4g} {estimate.unit} is {side} what is physical"
+                f"{estimate.name} = {estimate.value:.4g} {estimate.unit} is {side} the physical bound"
             )
     return beyond

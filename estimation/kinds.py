@@ -69,7 +69,7 @@ _DESCRIPTIONS = {
 # Experiments that separate two kinds, where one of them can stand in for the other.
 _SEPARATING = {
     frozenset({Kind.RATE_DEPENDENCE, Kind.SENSOR_DYNAMICS}): "move at two speeds that differ by a factor of "
-    "five: the force of a damper grows with the speed, the lateness of a reading does not change",
+    "five: the force of a damper grows with the speed, the delay of a reading does not change",
     frozenset({Kind.RATE_DEPENDENCE, Kind.TIME_MEMORY}): "hold the position for several times the longest "
     "move: what relaxes goes on falling, a damper's force ends with the motion",
     frozenset({Kind.RATE_DEPENDENCE, Kind.FRICTION}): "move at a tenth of the speed: dry friction stays, "

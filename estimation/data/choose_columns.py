@@ -224,7 +224,7 @@ def assign_unit(table: Table, options: ImportOptions, role: Role, column: str) -
     note = ""
     if not unit and role.quantity == "time" and (unknown := unknown_unit(column)):
         raise InputError(
-            f"{table.path}: column '{column}': '{unknown}' is no unit of time that is known; say --unit "
+            f"{table.path}: column '{column}': '{unknown}' is no unit of time that is known; use --unit "
             "time=s, or ms, us, min, h"
         )
     if not unit and role.quantity == "time":

@@ -200,8 +200,8 @@ def _motion_once(data: ChannelData) -> str | None:
     if travelled >= _TRAVELLED * np.ptp(data.position):
         return None
     return (
-        f"{SINGLE_RUN} that goes through its motion once: what changes with time and what changes with the "
-        "position look alike in it; record at least three runs"
+        f"{SINGLE_RUN} that goes through its motion once: changes with time and with position cannot be "
+        "separated; record at least three runs"
     )
 
 
@@ -220,9 +220,9 @@ def _blocks(data: ChannelData) -> str | None:
         return f"fewer than two runs have {least} samples or more; record longer runs{unit}"
     blocked = block_average(data)
     if len(np.unique(blocked.fold[blocked.trusted])) < 2:
-        return "in one run at most something moves, so nothing can be held out to judge by; record more runs"
+        return "at most one run has motion, so no run can be held out; record more runs"
     if len(np.unique(blocked.fold[ArNoise(np.zeros(ORDER)).used(blocked.run, blocked.trusted)])) < 2:
-        return f"fewer than two runs go on for {(ORDER + 1) * least} samples or more; record longer runs"
+        return f"fewer than two runs last {(ORDER + 1) * least} samples or more; record longer runs"
     return None
 
 

@@ -48,19 +48,19 @@ def mistaken_units(data: ChannelData) -> str | None:
         if deepest > _LONGEST_CONTACT_M:
             return (
                 f"the deepest indentation is {deepest:.3g} m, more than {_LONGEST_CONTACT_M:g} m; if the "
-                "displacement is in millimetres, say --unit displacement=mm"
+                "displacement is in millimetres, use --unit displacement=mm"
             )
         slope = float(np.ptp(data.effort)) / max(deepest, 1e-12)
         if slope > 0.0 and not _SOFTEST_N_M < slope < _STIFFEST_N_M:
             return (
                 f"force over depth is {slope:.3g} N/m, outside {_SOFTEST_N_M:g} to {_STIFFEST_N_M:g} N/m; if "
-                "a unit is another one, say it, such as --unit force=mN or --unit displacement=mm"
+                "a unit is different, give it, such as --unit force=mN or --unit displacement=mm"
             )
     fast = float(np.quantile(np.abs(data.velocity), 0.9))
     if data.kind.is_angle and fast > _FASTEST_RAD_S:
         return (
             f"the joint turns faster than {_FASTEST_RAD_S:g} rad/s, {fast:.3g} rad/s in a tenth of the "
-            "samples; if the angle is in degrees or the time in milliseconds, say --unit position=deg or "
+            "samples; if the angle is in degrees or the time in milliseconds, use --unit position=deg or "
             "--unit time=ms"
         )
     return None
@@ -155,8 +155,9 @@ def late_touch(data: ChannelData) -> str | None:
     if silent < _LATE * deepest or noise > _STANDS_OUT * expected:
         return None
     return (
-        f"the force is that of free air down to about {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if the "
-        "surface is there, subtract that from the displacement, or `palpate add FILE contact_offset`"
+        f"the force stays at its level in free air down to {1e3 * silent:.3g} of {1e3 * deepest:.3g} mm; if "
+        "the surface is there, subtract that depth from the displacement, or `palpate add FILE "
+        "contact_offset`"
     )
 
 
@@ -178,7 +179,7 @@ def unrelated(data: ChannelData) -> str | None:
     share = _share_explained(data)
     if share < _LEAST_EXPLAINED:
         return (
-            f"depth and velocity explain {100.0 * share:.0f} % of the force; do they belong together? "
+            f"depth and velocity explain {100.0 * share:.0f} % of the force; is it the right column? "
             "--column force=COLUMN takes another one"
         )
     return None
@@ -219,9 +220,8 @@ def angle_in_degrees(data: ChannelData, model: Model | None) -> str | None:
     if not any(effect.name in HEAVY for effect in model.effects) and not _bends_in_degrees(data):
         return None
     return (
-        f"the joint turns {turns:.0f} times, and its effort does not come back with each turn as weight "
-        "does; if the angle is in degrees, say --unit position=deg; that of a motor ahead of its gear has to "
-        "be divided by the ratio"
+        f"the joint turns {turns:.0f} times, and its effort does not repeat with each turn as gravity does; "
+        "if the angle is in degrees, use --unit position=deg; divide the angle of a motor by the gear ratio"
     )
 
 

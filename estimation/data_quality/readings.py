@@ -76,8 +76,8 @@ def saturated(data: ChannelData) -> str | None:
         if share > _STUCK_SHARE and moves:  # in data without noise, a hold shows one reading too
             unit = data.kind.effort_unit
             return (
-                f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is at its "
-                "end, and what lies beyond is unknown; repeat with less load or a larger range"
+                f"{100 * share:.0f} % of the loaded samples show {extreme:.6g} {unit}: the sensor is "
+                "saturated, and the true peak is unknown; repeat with less load or a larger range"
             )
     return None
 
@@ -119,8 +119,8 @@ def stuck_in_air(data: ChannelData) -> str | None:
         return None
     return (
         f"{100 * np.mean(stuck[~data.engaged]):.0f} % of free air shows exactly {data.effort.min():.6g} "
-        f"{data.kind.effort_unit}, and nothing shows less: the sensor is at its lower end, and such samples "
-        "are left out; shift its range, or preload it"
+        f"{data.kind.effort_unit}, and no sample less: the sensor is at the lower end of its range, and such "
+        "samples are left out; shift the range, or preload the sensor"
     )
 
 
@@ -169,7 +169,7 @@ def copied(copies: Mapping[int, tuple[int, float]]) -> str:
     others = f" (and {more} more)" if more else ""
     return (
         f"run {run} is a copy of run {first}{others}: {100.0 * likeness:.0f} % of its noise is the same, so "
-        "that it says nothing of its own and is left out; record it again"
+        "it adds no information and is left out; record it again"
     )
 
 
@@ -206,7 +206,7 @@ _OFTEN, _FEWEST_VALUES = 0.3, 50
 _WITHOUT_CONSTANT = 1.5
 _CLEAR = 4.0  # times the noise, above which no reading is a folded one
 _FOLDED = (
-    "no reading is below zero, though {count} lie within their noise of it, {noise:.2g} {unit}: "
+    "no reading is below zero, though {count} lie within the noise of zero, {noise:.2g} {unit}: "
     "the signal was rectified"
 )
 _TO_SIGMA = 1.4826 / np.sqrt(6.0)  # of the median bend: normal quantile, and variance of a second difference

@@ -71,8 +71,8 @@ def time_offset(data: ChannelData, model: Model | None) -> str | None:
         return None
     unit, side = data.kind.effort_unit, "late" if best_s > 0.0 else "early"
     return (
-        f"the effort is {1e3 * abs(best_s):.2g} ms {side} against the motion: {model.name} leaves "
-        f"{error:.3g} {unit}, which is noise, if it is shifted, and {recorded:.3g} {unit} as recorded; align "
+        f"the effort is {1e3 * abs(best_s):.2g} ms {side} against the motion: the error of {model.name} is "
+        f"{error:.3g} {unit} if shifted, the noise level, and {recorded:.3g} {unit} as recorded; align "
         "their times in the file"
     )
 
@@ -121,8 +121,8 @@ def lost_rows(data: ChannelData) -> str | None:
     lost = float(np.sum(ratio[jumps] - 1.0)) / len(ratio)
     return (
         f"the motion jumps by {np.median(ratio[jumps]):.2g} of its steps at {np.sum(jumps)} places between "
-        f"samples that are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, and what "
-        "goes with the velocity comes out wrong; record them, or restore the times"
+        f"samples that are evenly spaced: about {100.0 * lost:.1f} % of the rows seem to be lost, and "
+        "effects of the velocity are estimated wrongly; record them, or restore the times"
     )
 
 

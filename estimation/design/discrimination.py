@@ -232,10 +232,10 @@ def choose(offered: Sequence[Experiment]) -> Choice | None:
     good = [number for number in useful if offered[number].tells >= NEARLY * most]
     index = max(good, key=lambda number: (offered[number].evidence, -offered[number].duration_s))
     chosen, first = offered[index], "with most evidence" if offered[index].evidence else "shortest"
-    which = "tells most" if len(good) == 1 else f"{first} of {len(good)} that tell most"
+    which = "most informative" if len(good) == 1 else f"{first} of {len(good)} nearly as informative"
     reason = (
-        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to set apart "
-        f"{100 * chosen.tells:.0f} % of what is not told apart"
+        f"{chosen.words} ({chosen.duration_s:.0f} s): {which}; expected to separate {100 * chosen.tells:.0f} "
+        "% of the remaining explanations"
     )
     return Choice(index, chosen, reason)
 

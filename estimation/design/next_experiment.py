@@ -25,8 +25,8 @@ _OF_THE_ARM = {"joint_position": 0, "joint_velocity": 1, "joint_acceleration": 2
 _CHANGES = (  # how fast, how far, and words
     (3.0, 1.0, "repeat the motion three times as fast"),
     (1.0 / 3.0, 1.0, "repeat the motion at a third of its speed"),
-    (1.0, 1.5, "go half as far again"),
-    (1.0, 0.5, "go half as far"),
+    (1.0, 1.5, "move over one and a half times the range"),
+    (1.0, 0.5, "move over half the range"),
 )
 
 
@@ -83,14 +83,14 @@ _RUNS = (
     "column `run` numbers them"
 )
 _COARSE = "use a finer sensor, or a motion that takes more effort: harder, faster, or wider"
-_FREE = "begin and end each run free of any effort"
+_FREE = "begin and end each run without load"
 _WIDER = "move over a wider range, slowly and fast, in both directions"
 _BY_SIGNAL: Mapping[str, str] = {
     "velocity": "move slower and faster",
     "past motion": "hold still for longer, then repeat the motion at once",
     "time": _FREE,
     "offset": _FREE,
-    "run": "repeat one and the same motion, and see whether a run differs again",
+    "run": "repeat the same motion, and see whether runs differ again",
     **dict.fromkeys(("position", "effort", "load"), "go further, slowly"),
     **dict.fromkeys(("direction", "acceleration", "joint position", "joint velocity"), _WIDER),
 }

@@ -208,6 +208,6 @@ def _below_a_step(start: FitResult) -> str | None:
         return None
     return (
         f"only {len(levels)} {FEW_READINGS}, {step:.3g} {unit} apart, and the model is off by "
-        f"{start.rmse:.3g} {unit}, less than one such step: what is left may be the reader's rounding; "
+        f"{start.rmse:.3g} {unit}, less than one such step: the residual may be rounding; "
         "use a finer sensor, or a motion that takes more effort"
     )

@@ -59,8 +59,8 @@ def check_residuals(
         return None
     if complete and (left := _left_by_own_waves(end)) is not None:
         return ResidualFinding(
-            "the error ripples over the position, with a phase of its own in each run: waves of each run "
-            f"would leave {left:.3g} {unit}; begin each run at one reference position",
+            "the error ripples over the position, with a different phase in each run: a wave fitted to each "
+            f"run would leave {left:.3g} {unit}; begin each run at the same reference position",
             "run",
         )
     if apart and _is_no_chance(apart, end, measurement, rng):
@@ -73,12 +73,13 @@ def check_residuals(
     excess = exceeds_noise(end, measurement, rng)
     if not excess:
         return _swings(end)
-    swings = f" and swings at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
+    swings = f" and oscillates at {excess.frequency_hz:.3g} Hz" if excess.frequency_hz else ""
     is_contact = end.data.kind is ChannelKind.CONTACT
     where, elsewhere = ("in contact", "in free air") if is_contact else ("in motion", "at rest")
     return ResidualFinding(
-        f"what is left {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
-        f"times the noise {elsewhere}, does not look like noise{swings}; no signal of the data explains it",
+        f"the residual {where}, {excess.acting:.3g} {unit}, is {excess.acting / excess.expected:.0f} "
+        f"times the noise {elsewhere} and does not look like noise{swings}; no signal of the data explains "
+        "it",
         "time",
     )
 
@@ -123,7 +124,7 @@ def _swings(end: FitResult) -> ResidualFinding | None:
     if end.rmse <= min(in_air, _ABOVE_AIR * floor):
         return None
     return ResidualFinding(
-        f"the error swings at {swing[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
+        f"the error oscillates at {swing[0]:.3g} Hz with {size:.3g} {unit}, and no signal of the data does",
         "time",
     )
 

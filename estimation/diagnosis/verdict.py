@@ -278,19 +278,19 @@ def _reason(
     if verdict is Verdict.ADEQUATE:
         beside = f"{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return (
-            "no effect of the library lowers the error in held-out runs by more than chance, and a smooth "
-            f"law explains no more of it than of draws from the model{beside}"
+            "no effect of the library lowers the error in held-out runs by more than chance, and a flexible "
+            f"regression explains no more of it than of data simulated from the model{beside}"
         )
     left = _left(evidence)
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
-        nothing = f"no more than noise is left{_steps(evidence)}{_hum(end)}{_peaks(end)}"
+        nothing = f"only noise is left{_steps(evidence)}{_hum(end)}{_peaks(end)}"
         return f"{decrease}, and {nothing}" if evidence.complete else f"{decrease}; {left}"
     reason = f"the error is {last:.3g} {unit}; {left}"
     if not ranking or ranking[0].score < SMALL:
         return reason
-    best = f"{ranking[0].effect}, takes away {100 * ranking[0].score:.0f} % of the error"
-    return f"{reason}; the best single effect, {best}, and is not established"
+    best = f"{ranking[0].effect}, removes {100 * ranking[0].score:.0f} % of the error"
+    return f"{reason}; the best single effect, {best}, but is not established"
 
 
 def _steps(evidence: Evidence) -> str:
@@ -303,7 +303,7 @@ def _steps(evidence: Evidence) -> str:
     left = np.sqrt(max(end.flexible.explained, 0.0) / max(end.problem.used.sum(), 1))
     if end.explainable_share() <= SMALL or left > off:
         return ""
-    return f" or of encoders half a step off: {left:.3g} {unit}, where these make up to {off:.3g} {unit}"
+    return f" or rounding of the encoders: {left:.3g} {unit}, where half a step makes up to {off:.3g} {unit}"
 
 
 def _hum(end: FitResult) -> str:
@@ -312,14 +312,14 @@ def _hum(end: FitResult) -> str:
     if swing is None:
         return ""
     size = f"{np.sqrt(swing[1]) * end.rmse:.3g} {end.data.kind.effort_unit}"
-    return f"; {size} of the noise swings at {swing[0]:.3g} Hz, in free air too"
+    return f"; {size} of the noise oscillates at {swing[0]:.3g} Hz, in free air too"
 
 
 def _peaks(end: FitResult) -> str:
-    """That what passes for noise is hardly anywhere but in a few moments, such as those of breaking away."""
+    """That a few moments, such as those of breaking away, hold most of what is within the noise."""
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
-    return f"; {100 * share:.0f} % of its square is in a twentieth of the samples" if share > _PEAKED else ""
+    return f"; {100 * share:.0f} % of its square is in 5 % of the samples" if share > _PEAKED else ""
 
 
 def _left(evidence: Evidence) -> str:
@@ -331,8 +331,8 @@ def _left(evidence: Evidence) -> str:
         evidence.stages[-1].rmse,
     )
     if rmse <= noise.value or not noise.value > 0.0:
-        return f"what is left depends on {signals}"
-    return f"what is left is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
+        return f"the residual depends on {signals}"
+    return f"the residual is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
 
 
 def _or_rivals(entry: Accepted) -> str:

@@ -64,8 +64,8 @@ class CubicStiffness(AdditiveEffect):
     elastic = ("k3",)
     confused_with = {
         "exponential_stiffness": "press deeper: an exponential soon outgrows a cubic",
-        "power_law_stiffness": "press deeper: a power law and a cubic part ways",
-        "hunt_crossley": "press deeper: a power law and a cubic part ways",
+        "power_law_stiffness": "press deeper: a power law and a cubic diverge",
+        "hunt_crossley": "press deeper: a power law and a cubic diverge",
         "layered_stiffness": "press deeper: a layer has a kink where the slope jumps, a cubic has none",
     }
 
@@ -98,7 +98,7 @@ class PowerLawStiffness(AdditiveEffect):
     elastic = ("k",)
     inner = (Parameter("n", "1", 0.3, 6.0, (0.4, 4.0)),)
     confused_with = {
-        "cubic_stiffness": "press deeper: a power law and a cubic part ways",
+        "cubic_stiffness": "press deeper: a power law and a cubic diverge",
         "exponential_stiffness": "press deeper: an exponential soon outgrows any power",
         "hunt_crossley": "press at two speeds: its damping grows with depth",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",
@@ -195,9 +195,9 @@ class JointSpring(AdditiveEffect):
     essential = ("k",)
     confused_with = {
         "bias": "move over a wide range: a bias is the same everywhere",
-        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
         "cubic_stiffness": "move over a wide range",
-        "stiffness": "none in one channel: it is the same term, named for a contact",
+        "stiffness": "not possible in one channel: it is the same term, named for a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

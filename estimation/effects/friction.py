@@ -37,7 +37,7 @@ class CoulombFriction(AdditiveEffect):
         "load_dependent_friction": "repeat with another load: Coulomb friction stays",
         "asymmetric_friction": "let the joint rest: a bias beside Coulomb friction stays",
         "hysteresis": "reverse slowly at several loads",
-        "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
+        "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -159,7 +159,9 @@ class PositionDependentFriction(AdditiveEffect):
         Parameter("transition", "{position}/s", 1e-9, 1e3, (1e-4, 0.05), log=True),
     )
     confused_with = {
-        "torque_ripple": "compare both directions: ripple has one sign, friction turns with the motion",
+        "torque_ripple": (
+            "compare both directions: ripple has one sign, friction changes sign with the motion"
+        ),
         "load_dependent_friction": "repeat with another load at the same places",
         "coulomb_friction": "move over a wide range",
     }

@@ -60,7 +60,9 @@ class RigidBodyFitted(AdditiveEffect):
     signals = ("position", "velocity", "acceleration", "other joints")
     channels = frozenset({ChannelKind.REVOLUTE, ChannelKind.PRISMATIC})
     needs = ("rigid_body_regressor",)
-    confused_with = {"payload": "none in one recording: a payload belongs to the last link's parameters"}
+    confused_with = {
+        "payload": ("not possible in one recording: a payload belongs to the last link's parameters")
+    }
 
     def __init__(
         self,
@@ -107,7 +109,7 @@ class GravityTilt(AdditiveEffect):
     )
     confused_with = {
         "bias": "move over a wide range: a bias is the same in every posture",
-        "joint_spring": "judge all joints together: a tilt is in all of them; or move over a wide range",
+        "joint_spring": "fit all joints together: a tilt is in all of them; or move over a wide range",
         "payload": "change the posture: weight and tilt are a quarter turn apart",
     }
 
@@ -160,7 +162,7 @@ class Payload(AdditiveEffect):
     confused_with = {
         "torque_gain": "change the posture: a payload loads the joints by posture",
         "gravity_tilt": "change the posture",
-        "bias": "judge all joints together: a payload is in all of them; or change the posture",
+        "bias": "fit all joints together: a payload is in all of them; or change the posture",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

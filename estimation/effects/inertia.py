@@ -25,7 +25,7 @@ class Inertia(AdditiveEffect):
     one_sided = False
     gains = (Parameter("m", "{inertia}", 0.0, 1e12, (0.0001, 200.0)),)
     confused_with = {
-        "armature": "none in one channel: a rotor adds to the inertia of its joint",
+        "armature": "not possible in one channel: a rotor adds to the inertia of its joint",
         "lag": "move at two frequencies: a lag turns stiffness into apparent damping first",
     }
 
@@ -48,7 +48,7 @@ class Armature(AdditiveEffect):
     confused_with = {
         "lag": "move at two frequencies",
         "payload": "hold still in several postures: a rotor has no weight",
-        "inertia": "none in one channel: a rotor adds to the inertia of its joint",
+        "inertia": "not possible in one channel: a rotor adds to the inertia of its joint",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:

@@ -34,7 +34,7 @@ class PreslidingFriction(AdditiveEffect):
         "coulomb_friction": "stop and creep back and forth: a path, not a speed, counts",
         "load_dependent_presliding": "repeat with another load",
         "bouc_wen_hysteresis": "reverse half way: the curves of Dahl's friction are exponentials",
-        "backlash": "reverse slowly: through a gap the effort is missing, and comes back",
+        "backlash": "reverse slowly: in a gap the effort vanishes, and comes back",
         "hysteresis": "reverse slowly at several loads",
     }
 
@@ -221,7 +221,7 @@ class Backlash(MotionEffect):
         Parameter("motor_friction", "1", 0.0, 1.0, (0.0, 1.0)),
     )
     confused_with = {
-        "presliding_friction": "reverse slowly: friction changes sign, through a gap effort is nothing",
+        "presliding_friction": "reverse slowly: friction changes sign, in a gap the effort vanishes",
         "loaded_backlash": "reverse the motion with the load to one side: the link then stays on its flank",
         "hysteresis": "reverse slowly at several loads: a gap is crossed in position, a hysteresis in effort",
         "coulomb_friction": "reverse slowly",

@@ -24,7 +24,7 @@ class Damping(AdditiveEffect):
     gains = (Parameter("c", "{effort} s/{position}", 0.0, 1e12, (0.1, 500.0)),)
     confused_with = {
         "delay": "probe at two speeds and hold: a delay shifts force in time, a damper vanishes at rest",
-        "viscous_friction": "none in one channel: it is the same term, named for a joint",
+        "viscous_friction": "not possible in one channel: it is the same term, named for a joint",
         "stress_relaxation": "hold: relaxation goes on at rest, damping does not",
         "hysteresis": "probe at two speeds: hysteresis does not depend on speed",
     }
@@ -49,7 +49,7 @@ class ViscousFriction(AdditiveEffect):
         "joint_coupling": "hold this joint still and move its neighbour",
         "delay": "move at two speeds with the same acceleration",
         "lag": "move at two speeds with the same acceleration",
-        "damping": "none in one channel: it is the same term, named for a contact",
+        "damping": "not possible in one channel: it is the same term, named for a contact",
     }
 
     def columns(self, data: ChannelData, inner: Inner) -> FloatArray:
@@ -122,7 +122,7 @@ class HuntCrossley(AdditiveEffect):
     inner = (Parameter("n", "1", 0.5, 4.0, (1.0, 2.0)),)
     confused_with = {
         "power_law_stiffness": "press at two speeds: its damping grows with depth",
-        "cubic_stiffness": "press deeper: a power law and a cubic part ways",
+        "cubic_stiffness": "press deeper: a power law and a cubic diverge",
         "layered_stiffness": "press deeper: layers have a kink, a power law has none",
         "contact_offset": "find the surface by a slow touch: an offset bends the curve near the surface only",
     }

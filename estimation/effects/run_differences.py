@@ -223,7 +223,7 @@ class RunRipple(RunVariation):
     channels = JOINTS
     inner = (*RunVariation.inner, *TorqueRipple.inner)
     confused_with = {
-        "torque_ripple": "go to one stop before each run: from there on the wave begins in one place",
+        "torque_ripple": "go to one stop before each run: then the wave begins at one place",
         "run_offset": "move over a wide range within a run",
     }
 

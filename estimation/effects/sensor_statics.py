@@ -29,8 +29,8 @@ class Bias(AdditiveEffect):
     confused_with = {
         "run_offset": "record more runs: a bias is the same in all",
         "contact_offset": "record free air: a bias is there too",
-        "gravity_tilt": "judge all joints together: a tilt is in all of them; or move over a wide range",
-        "payload": "judge all joints together: a payload is in all of them; or change the posture",
+        "gravity_tilt": "fit all joints together: a tilt is in all of them; or move over a wide range",
+        "payload": "fit all joints together: a payload is in all of them; or change the posture",
         "drift": "wait: a bias stays",
         "asymmetric_friction": "let the joint rest: a bias stays",
     }

@@ -49,7 +49,7 @@ class FitResult(TableDisplay):
 
     Each quantity is computed when it is first asked for. Parameters come from plain least squares: as long as
     an effect is missing, prewhitening would treat its share of the residual as noise and give it little
-    weight. `parameters` are prewhitened once no more than noise is left.
+    weight. `parameters` are prewhitened once only noise is left.
 
     Attributes:
         training: the channel that the model was fitted to, with its load.
@@ -111,7 +111,7 @@ class FitResult(TableDisplay):
                 if abs(pull) > _PULLED * noise:
                     unit, side = self.parameters[name].unit, "below" if pull < 0.0 else "above"
                     value = solution.parameters[name]
-                    words.append(f"{name} would be {side} what is physical, {value:.4g} {unit}")
+                    words.append(f"{name} would be {side} the physical bound, {value:.4g} {unit}")
         return tuple(words)
 
     @cached_property

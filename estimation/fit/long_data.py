@@ -203,7 +203,7 @@ def _coarser(data: ChannelData, held: IntArray) -> tuple[ChannelData, str, dict[
     rate_hz = 1.0 / (sample_time(data.time_s, data.run) * times)
     said = (
         f"; that is more than can be searched: averaged further by {times} to {rate_hz:.4g} Hz, which loses "
-        "what is quicker; choose a part with --where to keep it"
+        "faster changes; choose a part with --where to keep them"
     )
     return _means(data, times), said, {}
 
@@ -239,5 +239,5 @@ def _sentence(data: ChannelData, short: ChannelData, block: int, seen: Within | 
         return f"{said}nothing is lost, since a diagnosis works on means over {length_ms:.3g} ms in any case"
     return (
         f"{said}nothing is lost: within {length_ms:.3g} ms the effort departs from a straight line by "
-        f"{seen.departure:.4g} {unit}, and its noise from reading to reading is {seen.noise:.4g} {unit}"
+        f"{seen.departure:.4g} {unit}, and the noise between readings is {seen.noise:.4g} {unit}"
     )

@@ -158,16 +158,19 @@ def assess_parameters(
     )
     if lost.any() and not at_bound:
         advice = _advice(names, correlation, int(np.argmax(share * lost)))
-        note = f"{_those(names, lost)} could be anything: {advice}"
+        note = f"{_those(names, lost)} cannot be determined: {advice}"
         return Assessment(Identifiability.NONE, note, determined)
     notes = []
     if at_bound:
-        notes.append(f"{_those(names, unknown)}: the search ended at the bound of what is physical")
+        notes.append(f"{_those(names, unknown)}: the search ended at a physical bound")
     if (important := (spans_zero | rough) & matters).any():
         advice = _advice(names, correlation, int(np.argmax(share * important)))
         notes.append(f"{_those(names, important)}: known only roughly; {advice}")
     if (minor := spans_zero & ~matters).any():
-        notes.append(f"{_those(names, minor)}: cannot be told from zero, of little influence on this effort")
+        notes.append(
+            f"{_those(names, minor)}: not significantly different from zero, of little influence on "
+            "this effort"
+        )
     if (minor := rough & ~matters).any():
         notes.append(f"{_those(names, minor)}: known only roughly, of little influence on this effort")
     if notes:
@@ -193,7 +196,7 @@ def _advice(names: tuple[str, ...], correlation: FloatArray, index: int) -> str:
     return "excite it more (faster, deeper, longer) or measure with less noise"
 
 
-_TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out what stands still"
+_TOO_SURE = "most samples are exactly alike, and the others do not fit: leave out samples at rest"
 
 
 def _is_too_sure(

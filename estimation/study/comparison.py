@@ -18,7 +18,7 @@ from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.types import BoolArray, FloatArray
 
-AT_NOISE = 1.1  # times the noise, below which an error passes for noise
+AT_NOISE = 1.1  # times the noise, below which an error is within the noise
 _MOST_SPLITS = 3  # that are put into words
 
 
@@ -67,8 +67,8 @@ class Comparison(TableDisplay):
         is_contact = self.fitted.data.kind is ChannelKind.CONTACT
         own = "the border of a contact, a sharp corner of its motion" if is_contact else "a joint at rest"
         return (
-            f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are not judged: {own}, the start "
-            "or end of a run, or a reading that is not fit for use."
+            f"{count:,} of {whole:,} samples ({100 * count / whole:.1f} %) are excluded from scoring: {own}, "
+            "the start or end of a run, or an invalid reading."
         )
 
     def _table(self) -> DisplayTable:
@@ -173,7 +173,7 @@ def _words(
     """The overall judgement, then the splits in which the error is most uneven."""
     level = noise.describe(unit)
     if error < AT_NOISE * noise.value:
-        return (f"The error of {error:.3g} {unit} passes for noise (the noise is {level}).",)
+        return (f"The error of {error:.3g} {unit} is within the noise ({level}).",)
     times = error / noise.value if noise.value > 0.0 else float("inf")
     said = [f"The error of {error:.3g} {unit} is {times:.1f} times the noise ({level})."]
     for by in sorted(parts, key=lambda by: -_contrast(parts[by]))[:_MOST_SPLITS]:
@@ -181,8 +181,8 @@ def _words(
         if worst.rmse <= (1.0 + SMALL) * least.rmse:  # all as large: they differ in their means
             high, low = (pick(parts[by], key=lambda part: part.mean) for pick in (max, min))
             said.append(
-                f"By {by}, it is as large everywhere; measured less modelled is on average {high.mean:+.3g} "
-                f"{unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
+                f"By {by}, it has the same size everywhere; measured minus modelled is on average "
+                f"{high.mean:+.3g} {unit} ({high.label}), {low.mean:+.3g} {unit} ({low.label})."
             )
             continue
         side = "above" if worst.mean > 0.0 else "below"

@@ -39,7 +39,7 @@ class Side:
     name: str  # by which it is told from the other
     channel: StudyChannel  # with its base model
     effects: Sequence[str]  # that were added to it
-    compared: Comparison | None  # the model beside the measurement; None where it cannot be judged
+    compared: Comparison | None  # compare the model with the measurement; None where it cannot be judged
     reason: str = ""  # why it cannot
 
     @property

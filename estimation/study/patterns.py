@@ -88,7 +88,7 @@ def _of_split(by: str, parts: Sequence[Part], share: float) -> Iterator[tuple[st
             yield "differs from run to run", share
         case _ if share > _TOLD:
             known = by in {"depth", "position", "phase", "effort", "load"}
-            yield f"goes with {'the ' if known else ''}{by}", share
+            yield f"varies with {'the ' if known else ''}{by}", share
 
 
 def _about_their_mean(parts: Sequence[Part]) -> list[Part]:

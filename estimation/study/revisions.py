@@ -166,7 +166,7 @@ def _read(file: Path) -> Revision:
 
 
 def _damaged(file: Path, why: str) -> InputError:
-    return InputError(f"revision {file}: is damaged: {why}; delete it to go on without it")
+    return InputError(f"revision {file}: is damaged: {why}; delete it to continue without it")
 
 
 def _flaws(revision: Revision, number: int) -> Iterator[str]:

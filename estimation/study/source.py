@@ -202,7 +202,7 @@ def _of_import(name: str, imported: Imported, path: Path | None = None) -> Sourc
 def _of_file(path: Path, options: ImportOptions) -> Source:
     if path.is_dir() and (any(map(is_session, path.glob("*.mcap"))) or not (files := data_files(path))):
         if options != NO_OPTIONS:
-            raise InputError(f"{path}: is a folder of sessions; such options were given at their import")
+            raise InputError(f"{path}: is a folder of sessions; such options apply at import")
         from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
         (first, *more), channels = sessions.read_folder(path)
@@ -219,7 +219,7 @@ def _of_file(path: Path, options: ImportOptions) -> Source:
     from palpate.estimation.study import sessions  # noqa: PLC0415, needs the MCAP library
 
     session, channels = sessions.read_session(path, runs or "")
-    cut_off = "the session is cut off: what follows is from what was written until then"
+    cut_off = "the session is cut off: results use only the data written before that"
     notes = (cut_off,) if session.truncated else ()
     return Source(path.name, channels, sessions.arm_of(session), path, session, notes=notes)
 

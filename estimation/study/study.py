@@ -585,7 +585,7 @@ class ModelStudy(TableDisplay):
                 parent = self._revisions.get(start)
                 given = {"--fresh": fresh, "--model": self.model, "--channel": channel}
                 if extra := [option for option, value in given.items() if value]:
-                    raise InputError(f"--from {start} says channel and model already: leave out {extra[0]}")
+                    raise InputError(f"--from {start} sets channel and model: leave out {extra[0]}")
                 base = self.channel_of(parent)
                 self.check(parent)
             before = [] if parent is None else parent.effects
@@ -593,8 +593,8 @@ class ModelStudy(TableDisplay):
                 self._check_own(parent)
                 if there := [name for name in effects if name in before]:
                     raise InputError(
-                        f"revision {parent.number} has {', '.join(there)} already: go on from one without it "
-                        "(--from, see palpate revisions), or begin anew (--fresh)"
+                        f"revision {parent.number} has {', '.join(there)} already: continue from one without "
+                        "it (--from, see palpate revisions), or start again (--fresh)"
                     )
             added = [*before, *effects]
             new = self._keep(base, added, parent)
@@ -686,7 +686,8 @@ class ModelStudy(TableDisplay):
         channel = self.channel_of(revision)
         if channel.sha256 != revision.data_sha256:
             raise InputError(
-                f"revision {revision.number} is of other data (SHA-256 {revision.data_sha256[:12]}...). Give "
+                f"revision {revision.number} is from other data (SHA-256 {revision.data_sha256[:12]}...). "
+                "Give "
                 "the options that it was made with (--where, --unit, --urdf), add to this data first "
                 "(palpate diagnose --apply, palpate add --fresh), or name another folder"
             )

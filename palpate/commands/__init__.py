@@ -15,36 +15,36 @@ from palpate.common.failures import OneLineGroup
 from palpate.robot_io.errors import InputError
 
 COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of commands says; in that order
-    "demo": ("demo", "Everything once, without asking anything."),
+    "demo": ("demo", "Run the whole workflow once, without questions."),
     "probe": ("probe", "Touch an object at several speeds and log every tick."),
     "replay": ("probe", "Repeat the motion of a session, in simulation or with an arm."),
-    "estimate": ("diagnose", "How stiff and how damped is it?"),
+    "estimate": ("diagnose", "Estimate stiffness and damping with confidence intervals."),
     "inspect": ("inspect", "See a session in Rerun."),
     "compare": ("compare", "Where does the model fail?"),
     "diagnose": ("diagnose", "Is anything missing in the model, and which physical effect is it?"),
     "resolve": ("probe", "Probe and diagnose, again and again, until one explanation is left."),
     "add": ("revisions", "Add effects to the model, and watch the error fall."),
-    "remove": ("revisions", "Take an effect out of the newest model again."),
-    "revisions": ("revisions", "The stages of a session's models, to go back to."),
-    "effects": ("effects", "The effects that palpate knows, in words, as equations, and drawn."),
-    "workbench": ("workbench", "Tick an effect on a local page, and see at once what it does."),
-    "report": ("export", "All that is known of a measurement, as one HTML page."),
+    "remove": ("revisions", "Remove an effect from the newest model."),
+    "revisions": ("revisions", "List the models of a session, each a step to go back to."),
+    "effects": ("effects", "Describe the effects that palpate knows, with equations and drawings."),
+    "workbench": ("workbench", "Tick effects on a local page and see the fit change at once."),
+    "report": ("export", "Write everything known about a measurement as one HTML page."),
     "export": (
         "export",
-        "The improved model as a simulated world or a feedforward, or a stream as a table.",
+        "Write the improved model for a simulator or as a feedforward, or a stream as a table.",
     ),
     "reveal": ("sessions", "What was hidden in a simulated session?"),
-    "import": ("import_", "Make a session from anybody's measurements."),
-    "merge": ("sessions", "Several sessions as one."),
+    "import": ("import_", "Import measurements from data files."),
+    "merge": ("sessions", "Merge several sessions into one."),
     "info": ("sessions", "What is in a session file?"),
     "sweep": ("sweep", "Probe many simulated objects, such as the paper's, with every estimator."),
     "batch": ("batch", "Estimate, compare and diagnose many recordings; one table, one page."),
     "teleop": ("teleop", "Work on a virtual object that learns to feel like the real one."),
     "calibrate": (
         "calibrate",
-        "Find out how force sensor, encoders, drives and base differ from what they say.",
+        "Calibrate force sensor, encoders, drives and base.",
     ),
-    "doctor": ("doctor", "Does this machine have what palpate needs, and is an arm wired as its file says?"),
+    "doctor": ("doctor", "Check this machine, and whether an arm matches its robot file."),
 }
 
 _ALIASES = {"study": "sweep"}  # earlier names, for one release

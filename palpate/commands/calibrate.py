@@ -52,9 +52,9 @@ CALIBRATIONS = Path("calibrations")
 PERCENT = 0.01
 
 group = command_group(
-    """Find out how force sensor, encoders, drives and base differ from what they say.
+    """Calibrate force sensor, encoders, drives and base.
 
-Each writes one YAML file; name it in the robot file, and every measurement and command is corrected:
+Each calibration writes one YAML file; name it in the robot file to correct all measurements and commands:
 
 calibration: {force: force.yaml, encoder: encoder.yaml}
 
@@ -71,9 +71,7 @@ def force(
     *,
     column: Annotated[
         list[str] | None,
-        typer.Option(
-            help="What reading, reference or settled is called in the data file.", metavar="ROLE=COLUMN"
-        ),
+        typer.Option(help="Name of the column with reading, reference or settled.", metavar="ROLE=COLUMN"),
     ] = None,
     reading_unit: Annotated[
         str | None, typer.Option(help="Unit of the readings, if the column's name does not end with it.")
@@ -138,10 +136,10 @@ def encoder(
         ),
     ] = None,
     lower_stops: Annotated[
-        str | None, typer.Option(help="Lower hard stops; without, the URDF's limits.", metavar="RAD,...")
+        str | None, typer.Option(help="Lower hard stops; default: the URDF's limits.", metavar="RAD,...")
     ] = None,
     upper_stops: Annotated[
-        str | None, typer.Option(help="Upper hard stops; without, the URDF's limits.", metavar="RAD,...")
+        str | None, typer.Option(help="Upper hard stops; default: the URDF's limits.", metavar="RAD,...")
     ] = None,
     known_mrad: Annotated[
         float, typer.Option(help="Standard uncertainty of stops or pose.", metavar="MRAD", min=0, max=100)
@@ -150,13 +148,10 @@ def encoder(
     """Encoders: the joints' zeros, against hard stops (slowly, with little torque) or in a known pose."""
     robot_file, stops_stated = options.robot_file, lower_stops is not None or upper_stops is not None
     if pose is not None and stops_stated:
-        raise InputError(
-            "--pose: nothing moves then, and no stop is met; leave out --lower-stops, --upper-stops"
-        )
+        raise InputError("--pose: the arm does not move to its stops; leave out --lower-stops, --upper-stops")
     if options.from_ is not None and stops_stated:
         raise InputError(
-            "--from: the stops were said when they were touched, and stand in that session; leave out "
-            "--lower-stops, --upper-stops"
+            "--from: that session already holds its stops; leave out --lower-stops, --upper-stops"
         )
     pose_rad, stops = pose_of(pose, robot_file), stops_of(lower_stops, upper_stops, robot_file)
 
@@ -271,7 +266,7 @@ def _say_what_is_left(job: runs.CalibrationJob) -> Iterator[None]:
     except (PalpateError, KeyboardInterrupt) as error:
         said = [AT_REST + "; "] * isinstance(error, KeyboardInterrupt) + ["no calibration is written"]
         if job.session.exists():
-            said.append(f". What was recorded until then stays in {shown(job.session)}")
+            said.append(f". The recording so far stays in {shown(job.session)}")
         if len(said) > 1:
             console.stderr().print("".join(said), soft_wrap=True)
         raise

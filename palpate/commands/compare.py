@@ -125,7 +125,9 @@ def chosen_revisions(study: Study, numbers: Sequence[int]) -> list[Revision]:
     kept = [study.revision(number) for number in dict.fromkeys(numbers)]
     names = [revision.channel for revision in kept]
     if twice := {name for name in names if names.count(name) > 1}:
-        raise InputError(f"--revision: several of channel '{min(twice)}'; compare one after the other")
+        raise InputError(
+            f"--revision: several revisions of channel '{min(twice)}'; compare them one at a time"
+        )
     return kept
 
 
@@ -218,7 +220,7 @@ def compare_command(
     """
     named = {"--model": model, "--other-model": other_model, "--channel": channel}
     if (revision or other_revision) and (given := [name for name, value in named.items() if value]):
-        raise InputError(f"--revision says channel and model already: leave out {given[0]}")
+        raise InputError(f"--revision sets channel and model: leave out {given[0]}")
     read = folder_to_read(data.file, folder)
     if other is not None or other_model is not None or other_revision:
         revisions = {"revision": revision, "other-revision": other_revision}
@@ -249,7 +251,7 @@ def compare_command(
         print_comparison(console.stdout(), view_of(study, results))
         of_other_data = (
             f"revision {item.number} was kept with an error of {item.rmse:.3g} {item.effort_unit}: "
-            "of other rows, or read otherwise"
+            "from other rows or other import options"
             for item in kept
             if study.channel_of(item).sha256 != item.data_sha256
         )
@@ -340,14 +342,14 @@ def _after(  # noqa: PLR0917, what was typed
         own = list(dict.fromkeys([*(data.effect or ()), *own_effects(newest)]))
         numbers = [str(revision.number) for revision in newest]
         since = data.typed(revision=numbers, folder=folder, effect=own)
-        steps.append((f"palpate compare {since}", "with what was added since"))
+        steps.append((f"palpate compare {since}", "with the effects added since"))
     elif model is None and data.urdf is None:
         for result in results:  # a base model that does far better, where the usual one misses by far
             if result.comparison is None or result.comparison.lack_of_fit < FAR:
                 continue
             better = better_model(study, result.channel, FAR_BETTER * result.comparison.rmse)
             if better is not None:
-                left = f"a base model that leaves {better[1]:.3g} {result.channel.effort_unit}"
+                left = f"a base model with an error of {better[1]:.3g} {result.channel.effort_unit}"
                 steps.append((f"palpate compare {data.typed(channel=channel, model=better[0])}", left))
     missing = f"palpate diagnose {data.typed(channel=channel, model=model)}"
     return [*steps, (missing, "which effect is missing")]

@@ -55,7 +55,7 @@ def demo_command(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
-    """Probe a simulated object, estimate how stiff it is; then find what is hidden in another one.
+    """Probe a simulated object, estimate its stiffness; then find a hidden effect in another one.
 
     Writes two session files, and beside each a folder with recordings, plots and a report. Takes less than a
     minute.
@@ -70,7 +70,7 @@ def demo_command(
     second = output_file(session.with_name(f"{session.stem}-hidden.mcap")) if can_hide else None
     if seed is None and second is not None:
         seed = drawn_seed()
-    # The command that makes this very demo again.
+    # The command that makes the same demo again.
     words = ["palpate", "demo", *(["--scenario", scenario] if scenario != DEFAULT else [])]
     words += ["--engine", engine] if engine is not None else []
     words += ["--seed", str(seed)] if seed is not None else []
@@ -108,13 +108,13 @@ def demo_command(
     if hidden is not None:
         if "recording" in hidden.files:
             steps.insert(1, console.rerun_step(hidden.files["recording"]))
-        steps.insert(2, ("palpate probe --hidden random --seed 7", "a riddle of your own, from all effects"))
-    console.next_steps(*steps, (again, "this very demo again"))
+        steps.insert(2, ("palpate probe --hidden random --seed 7", "another riddle, drawn from all effects"))
+    console.next_steps(*steps, (again, "the same demo again"))
 
 
 def _find_hidden(session: Path, world: Scenario, seed: int | None, again: str) -> HiddenDemo:
     talk = console.stderr()
-    talk.print("\n[bold]Now something else is in the object, and the model does not know it.[/bold]")
+    talk.print("\n[bold]Now the object has a hidden effect that the model lacks.[/bold]")
     world = hide_one(world, np.random.default_rng(seed))
     with probing_progress(HIDDEN_PLAN, live=True) as watcher:
         probe_demo(session, world, seed, watcher, HIDDEN_PLAN, command_line=again)

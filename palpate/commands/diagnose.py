@@ -82,7 +82,7 @@ def diagnose_command(
     def show() -> None:
         print_diagnosis(console.stdout(), view_of(study, results))
         if study.source.probed and all(item.kind is not ChannelKind.CONTACT for item in study.channels):
-            remark = "no contact: the force never rises above that in free air; was anything touched?"
+            remark = "no contact: the force never rises above its level in free air; was anything touched?"
             console.stderr().print(f"[yellow]{remark}[/yellow]")
 
     console.present(content, show, as_json=as_json)
@@ -129,19 +129,19 @@ def _next(  # noqa: PLR0917, what was typed and found
     improved = [channel for channel in diagnosis.channels if channel.accepted]
     if improved and apply:
         yield from console.export_steps(kept, [channel.kind for channel in study.source.channels])
-        yield f"palpate revisions {kept}", "all stages, to go back to"
+        yield f"palpate revisions {kept}", "all revisions, each a step to go back to"
     for item in [] if apply else improved:
         names = " ".join(entry.effect for entry in item.accepted)
         alone = len(study.source.channels) == 1 or item.channel == "contact"
         where = "" if alone else f" --channel {item.channel}"
         added = f"palpate add {data.typed(model=asked['model'])} {names}{where}"
         it = "it" if len(item.accepted) == 1 else "them"
-        yield added, f"refit with {it}, and keep that as a revision"
+        yield added, f"refit with {it}, and save a revision"
     if asked["model"] is None and data.urdf is None:
         for item in diagnosis.channels:
             better = better_explanation(study, study.channel(item.channel), item)
             if better is not None:
-                left = f"from a base model that leaves {better[1]:.3g} {item.effort_unit}"
+                left = f"start from a base model with an error of {better[1]:.3g} {item.effort_unit}"
                 yield f"palpate diagnose {data.typed(channel=asked['channel'], model=better[0])}", left
     if plan is not None and study.source.session is not None:
         from palpate.planning.next_probe import same_world  # noqa: PLC0415, as above
@@ -149,11 +149,11 @@ def _next(  # noqa: PLR0917, what was typed and found
         world = same_world(study.source.session)
         if world is not None:
             experiment = f"palpate probe --experiment {path_typed(plan)} {world}".strip()
-            yield experiment, "the experiment that would tell more"
+            yield experiment, "the most informative next experiment"
     if study.source.session is None and any(
         explained_by_fresh_runs(study, channel) for channel in diagnosis.channels
     ):
-        yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot: that explains more"
+        yield f"palpate diagnose {again} --fresh-runs", "if each run met a fresh spot; this explains more"
     if any(
         channel.verdict is Verdict.UNEXPLAINED or channel.complete is False for channel in diagnosis.channels
     ):
@@ -163,8 +163,11 @@ def _next(  # noqa: PLR0917, what was typed and found
     if all(study.refusal(study.channel(channel.channel)) for channel in diagnosis.channels):
         too_little = any("; record" in channel.reason for channel in diagnosis.channels)
         if too_little and study.source.session is None and data.file.is_file():
-            yield f"palpate import {path_typed(data.file)} FILE ... --look", "further files are further runs"
-        yield f"palpate estimate {data.typed(model=asked['model'])}", "parameters, as far as they go"
+            yield (
+                (f"palpate import {path_typed(data.file)} FILE ... --look"),
+                "import more files as further runs",
+            )
+        yield f"palpate estimate {data.typed(model=asked['model'])}", "the parameters of the model as it is"
         return
     beside = data.typed(channel=None if asked["channel"] == ALL_CHANNELS else asked["channel"], folder=out)
     yield f"palpate compare {beside}", "where the model fails"
@@ -212,7 +215,7 @@ def estimate_command(
         "cut_off": cut_off,
         "channels": [as_data(each, study.truth_of(each.channel)) for each in estimates],
     }
-    steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where")]
+    steps = [(f"palpate compare {data.typed(model=model)}", "how far off the model is, and where it fails")]
     if all(study.refusal(study.channel(each.channel.name)) for each in estimates):
         steps = [(f"palpate diagnose {data.typed(model=model)}", "why this data cannot judge a model")]
     if session is not None:

@@ -44,7 +44,10 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     ] = None,
     move: Annotated[
         bool,
-        typer.Option("--move", help="Examine its signs: first by hand, then, after a question, by power."),
+        typer.Option(
+            "--move",
+            help=("Check the signs of joints and force: by hand, then, after a confirmation, under power."),
+        ),
     ] = False,
     drivers: Annotated[
         list[str] | None, typer.Option(help="Python package with drivers of your own.", metavar="PACKAGE")
@@ -56,7 +59,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
 ) -> None:
     """Examine this machine; or with --robot an arm: limits, ports, devices, rates, and signs with --move.
 
-    Ends with 0 when nothing is broken, and with 1 otherwise. An arm gets no power without --move and a yes.
+    The exit code is 0 if no check fails, else 1. The arm gets no power without --move and a confirmation.
     """
     if robot is None:
         given = {"--wire": wire, "--as-built": as_built, "--move": move, "--yes": yes, "--drivers": drivers}
@@ -73,10 +76,10 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
     else:
         if not wire:
             _refuse({"--as-built": as_built}, "it is for emulated devices, with --wire")
-            _refuse({"--yes": yes}, "a real arm gets power by the answer of somebody who stands at it")
+            _refuse({"--yes": yes}, "a real arm gets power only if somebody at the arm confirms")
         if move and not yes and not _somebody_is_there():
             remedy = "add --yes: its devices are emulated" if wire else "run it in a terminal at the arm"
-            raise InputError(f"--move: nobody is there to be asked; {remedy}")
+            raise InputError(f"--move needs somebody to confirm; {remedy}")
         check = ArmCheck(
             find_robot(robot),
             wired=wire,
@@ -87,7 +90,7 @@ def doctor_command(  # noqa: PLR0917, one parameter an option
         )
         findings = _examine(check, quiet=as_json)
         name = safe(check.robot_file.name)
-        well = "not examined to the end" if NOT_POWERED in findings else "well, as far as this shows"
+        well = "not checked completely" if NOT_POWERED in findings else "passes all checks"
         verdict = (f"'{name}' is {well}", f"'{name}' must not be powered like this")
     failed = any(finding.level is Level.FAIL for finding in findings)
     if as_json:
@@ -152,7 +155,7 @@ def _next_steps(
     own = "".join(f" --drivers {as_shell_word(package)}" for package in check.drivers)
     again = f"palpate doctor {arm}" + (f" --as-built {as_shell_word(as_built)}" if as_built else "") + own
     if failed:
-        return [(again + " --move" * check.move, "once that is put right")]
+        return [(again + " --move" * check.move, "once the failures are corrected")]
     if is_simulated(check.robot_file):
         return [(f"palpate probe {arm}{own}", "a first probe")]
     if not check.move or unpowered:

@@ -38,13 +38,13 @@ def effects_command(
     """
     if name is None:
         if on is not None:
-            raise InputError(f"--on {on}: name the effect that is to be drawn on it")
+            raise InputError(f"--on {on}: name an effect to draw")
         console.present(
             {"effects": list(map(as_data, library()))},
             lambda: print_library(console.stdout(), library()),
             [
                 ("palpate effects NAME", "one of them in full, and drawn"),
-                ("palpate diagnose FILE", "which of them a measurement shows"),
+                ("palpate diagnose FILE", "find which of them a measurement shows"),
             ],
             as_json=as_json,
         )
@@ -55,7 +55,7 @@ def effects_command(
         return
     example = Example.plain(effect, kind_of(effect)) if on is None else _on(effect, on)
     print_effect(console.stdout(), effect, example)
-    steps = [(f"palpate effects {name} --on FILE", "drawn on a motion of yours")] if on is None else []
+    steps = [(f"palpate effects {name} --on FILE", "draw it on a motion of your own")] if on is None else []
     if name in IMPERFECTIONS:
         steps.append(
             (f"palpate probe --hidden {name} -o {name}.mcap", "hide it in a simulated world, and find it")
@@ -85,4 +85,4 @@ def _on(effect: Effect, file: Path) -> Example:
         if suited.applies_to(fitted.data):
             return Example.beside(fitted, suited)
     there = ", ".join(f"{channel.name} ({channel.model.name})" for channel in study.channels)
-    raise InputError(f"{file}: {effect.name} can be added to none of its channels: {there}")
+    raise InputError(f"{file}: {effect.name} does not apply to any of its channels: {there}")

@@ -60,7 +60,7 @@ def export_command(
     *,
     revision: Annotated[
         list[int] | None,
-        typer.Option(help="Take these revisions; default: each channel's newest of this data.", metavar="N"),
+        typer.Option(help="Export these revisions; default: the newest of each channel.", metavar="N"),
     ] = None,
     form: Annotated[
         Format,
@@ -73,8 +73,10 @@ def export_command(
     patch: Annotated[
         Path | None,
         typer.Option(
-            help="MJCF, URDF (default: that of --urdf) or BAM's file of the motor into which values are "
-            "written; it is only read.",
+            help=(
+                "MJCF, URDF (default: --urdf) or BAM parameter file to copy and complete; the original "
+                "stays as it is."
+            ),
             metavar="FILE",
         ),
     ] = None,
@@ -86,7 +88,7 @@ def export_command(
     ] = None,
     layout: Annotated[
         Program | None,
-        typer.Option(help="Write a layout file with which this program shows the session."),
+        typer.Option(help="Write a layout file that shows the session in this program."),
     ] = None,
     folder: FolderOption = None,
     out: Annotated[
@@ -126,7 +128,7 @@ def export_command(
     if form is not Format.SCENARIO and (stream or layout):
         given.append(f"--format {form}")
     if len(given) > 1:
-        raise InputError(f"{' and '.join(given)}: one file is written; name one of them")
+        raise InputError(f"{' and '.join(given)}: one file is written; choose one of them")
     if layout is not None:
         _export_layout(data.file, layout, out, force=force, as_json=as_json)
         return
@@ -161,7 +163,7 @@ def export_command(
     before = len(study.revisions)
     kept = study.to_export(revision or ())
     if len(study.revisions) > before:
-        remark = "nothing was added to the contact's model yet: the base model is written as it is"
+        remark = "nothing was added to the contact's model yet: the base model is exported"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
     export = study.export(path, [item.number for item in kept])
 
@@ -176,7 +178,7 @@ def export_command(
     if study.source.probed and data.file.is_file():
         twin = f"palpate replay {typed(data.file)} --scenario {typed(path)}"
         steps.append((twin, "the recorded motion again, on the model"))
-    steps.append((f"palpate compare {again}", "the model beside the measurement"))
+    steps.append((f"palpate compare {again}", "compare the model with the measurement"))
     console.present(content | {"left_out": export.left_out}, show, steps, as_json=as_json)
 
 
@@ -210,7 +212,7 @@ def _warn_of_base_models(study: "Study", revisions: Sequence[int]) -> None:
         if item.kind is not ChannelKind.CONTACT and item.name not in chosen and study.newest(item) is None
     ]
     if plain:
-        remark = f"no effect was added to {', '.join(plain)}: the base model is written as it is"
+        remark = f"no effect was added to {', '.join(plain)}: the base model is exported"
         console.stderr().print(f"[yellow]{remark}[/yellow] (palpate diagnose --apply adds what is missing)")
 
 
@@ -228,7 +230,7 @@ def _export_table(data: DataArguments, name: str, out: Path | None, *, force: bo
     console.present(
         content,
         lambda: console.stdout().print(f"table  [bold]{shown(path)}[/bold]: {said}", soft_wrap=True),
-        [(f"palpate import {typed(path)}", "read it again as a measurement")] if is_measurement else [],
+        [(f"palpate import {typed(path)}", "import it as a measurement")] if is_measurement else [],
         as_json=as_json,
     )
 
@@ -271,7 +273,7 @@ def report_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write measurement, models, what was found missing and what was added as one page that needs no network.
+    """Write measurement, models and diagnosis as one page that needs no network.
 
     palpate report press.csv -o press.html
     """

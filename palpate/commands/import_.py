@@ -42,18 +42,18 @@ def import_command(
         list[Path],
         typer.Argument(
             help="Measurements: text (.csv ...), .xlsx, .parquet, .npz, a ROS 2 bag; folders of them. "
-            "Several are runs of one.",
+            "Several files are runs of one measurement.",
             metavar="FILE",
         ),
     ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Session file to write.")] = None,
-    look: Annotated[bool, typer.Option("--look", help="Show what would be read, and store nothing.")] = False,
+    look: Annotated[bool, typer.Option("--look", help="Show what would be read; store nothing.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
 ) -> None:
     """Make a session from files of measurements as a laboratory writes them; one row a sample, named columns.
 
     A contact needs time, displacement (positive into the object) and force (positive in compression); a joint
-    needs time, position and torque. Names in common use are found with their units, and shown.
+    needs time, position and torque. Common column names and units are recognized and reported.
 
     Examples: palpate import press.csv --look; palpate import 1.xlsx 2.xlsx -o both.mcap
     """
@@ -91,7 +91,7 @@ def import_command(
     content = {"session": str(session), "channels": facts(imported), "notes": list(notes)}
     steps = (
         (f"palpate estimate {typed(session)}", "parameters of a model with their intervals"),
-        (f"palpate compare {typed(session)}", "how far off a simple model is, and where"),
+        (f"palpate compare {typed(session)}", "how far off a simple model is, and where it fails"),
         (f"palpate diagnose {typed(session)}", "which physical effect is missing"),
         (f"palpate info {typed(session)}", "what is in the file"),
     )
@@ -104,7 +104,7 @@ def _data_in(path: Path) -> list[Path]:
     for file in files:
         if is_session(file):
             open_session(file)  # says what is wrong with what is only called one
-            raise InputError(f"{file}: is a session already; all commands take it as it is")
+            raise InputError(f"{file}: is a session already; all commands read it directly")
     if not files:
         raise InputError(f"{path}: is a folder without a data file")
     return files

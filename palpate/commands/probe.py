@@ -148,8 +148,8 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
         out.print(f"  [yellow]{safe(loop.one_line())}[/yellow]")
     if stuck := loop.outcome is Outcome.TRIPPED and loop.ticks == 0:
         out.print(
-            "  nothing has moved: put right what is said above (a joint that is beyond its limits by hand, "
-            "without power), and start again"
+            "  nothing has moved: correct the failure above (move a joint inside its limits by hand, without "
+            "power), and start again"
         )
     session = typed(outcome.session)
     out.print(f"written: [bold]{shown(outcome.session)}[/bold]", soft_wrap=True)
@@ -159,7 +159,7 @@ def _print(outcome: ProbingOutcome, planned: int) -> None:
     estimate = (f"palpate estimate {session}", "stiffness and damping with their intervals")
     inspect = (f"palpate inspect {session}", "see it in Rerun")
     info = (f"palpate info {session}", "what is in the file")
-    compare = (f"palpate compare {session}", "how far off a spring and damper are, and where")
+    compare = (f"palpate compare {session}", "how far off a spring and damper are, and where they fail")
     diagnose = (f"palpate diagnose {session}", "which physical effect is missing")
     steps = [estimate, compare, diagnose] if outcome.touched else []
     console.next_steps(*steps, *[inspect] * (not stuck), info)

@@ -36,9 +36,9 @@ def add_command(
     ],
     start: Annotated[
         int | None,
-        typer.Option("--from", help="Continue at this revision, not at the newest.", metavar="REVISION"),
+        typer.Option("--from", help="Continue from this revision instead of the newest.", metavar="REVISION"),
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the base model again.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Start again from the base model.")] = False,
     model: ModelOption = None,
     channel: Annotated[str | None, typer.Option(help="Channel to add them to, such as joint_2.")] = None,
     as_json: JsonOption = False,
@@ -80,7 +80,7 @@ def add_command(
     content = {"file": str(data.file), "channel": name, "revisions": revisions}
     newest, kept = change.revisions[-1], data.typed(folder=out)
     steps = [console.rerun_step(written["recording"])] if "recording" in written else []
-    steps.append((f"palpate revisions {kept}", "all stages, to go back to"))
+    steps.append((f"palpate revisions {kept}", "all revisions, each a step to go back to"))
     if newest.parent is not None:
         back = f"palpate add {data.typed(out=out)} EFFECT --from {newest.parent}"
         steps.append((back, "go back, and try another effect"))
@@ -113,7 +113,7 @@ def remove_command(
     console.present(
         {"file": str(data.file), "channel": change.result.channel.name, "revisions": kept},
         lambda: print_stages(console.stdout(), result_view(change.result)),
-        [(f"palpate revisions {data.typed(folder=folder)}", "all stages, to go back to")],
+        [(f"palpate revisions {data.typed(folder=folder)}", "all revisions, each a step to go back to")],
         as_json=as_json,
     )
 

@@ -35,7 +35,7 @@ def info_command(
     session: Annotated[Path, typer.Argument(help="Session file (.mcap).")],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show what a session holds: when and how it was made, streams, events, and whether it is whole."""
+    """Show what a session holds: when and how it was made, streams, events, and whether it is complete."""
     opened = open_session(session)
     data = describe_session(opened)
     if as_json:
@@ -120,13 +120,15 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     lacks = data["truncated"] or data["dropped"] or data["unclosed"] or merged
     whole = "[yellow]no:[/yellow] " if lacks else "yes"
     if data["unclosed"]:
-        whole += "the program ended without closing it (it was killed); what it logged until then is here; "
+        whole += (
+            "the program was killed before it closed the file, which holds everything logged until then; "
+        )
     if data["truncated"]:
         whole += "the end is missing (the program was killed, or is still writing); "
     if data["dropped"]:
         whole += f"{count(data['dropped'], 'record')} dropped because the disk was too slow; "
     if merged:
-        whole += f"merged from sessions that were not whole: {safe(merged)}"
+        whole += f"merged from incomplete sessions: {safe(merged)}"
     version = data["software_version"] or "?"
     facts = {
         "made": safe(f"{data['created_utc'] or 'unknown'} by palpate {version}"),
@@ -147,7 +149,7 @@ def merge_command(
     out: Annotated[Path, typer.Option("--out", "-o", help="Session file to write.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Make one session of several: their runs go on, so that they are judged as one measurement.
+    """Merge several sessions into one; runs are renumbered, and a diagnosis treats them as one measurement.
 
     Example: palpate merge monday.mcap tuesday.mcap -o both.mcap
     """
@@ -238,7 +240,7 @@ def not_whole(sessions: Sequence[Session]) -> list[str]:
         sessions: that are merged.
     """
     return [
-        f"{session.path.name}: is not whole (palpate info says why), and only what is there was merged"
+        f"{session.path.name}: is incomplete (palpate info says why); the part that exists was merged"
         for session in sessions
         if _lacking([session])
     ]
@@ -275,9 +277,8 @@ def surfaces_apart(sessions: Sequence[Session]) -> list[str]:
         return []
     return [
         f"{session.path.name}: {name} begins about {_MILLI * abs(deeper_m):.2g} mm "
-        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but all are judged as "
-        "presses onto one surface: let displacements count from it, or put the two side by side (palpate "
-        "compare A B)"
+        f"{'deeper' if deeper_m > 0.0 else 'higher'} than in {sessions[0].path.name}, but a merged session "
+        "has one surface: measure displacements from the surface, or compare the two (palpate compare A B)"
         for session, contacts in zip(sessions[1:], others, strict=True)
         for name in sorted(first.keys() & contacts.keys())
         if (deeper_m := _deeper(first[name], contacts[name]))
@@ -352,12 +353,14 @@ def reveal_command(
             table.add_row(f"[bold]{entry.name}[/bold]", ", ".join(entry.channels), "\n".join(values), physics)
         console.stdout().print(table)
         known = [entry.name for entry in answer.hidden if entry.name in EFFECTS]
-        diagnosed = (f"palpate diagnose {typed(session)}", "whether that is found")
-        console.next_steps(*((f"palpate effects {name}", "what that is") for name in known[:1]), diagnosed)
+        diagnosed = (f"palpate diagnose {typed(session)}", "whether a diagnosis finds it")
+        console.next_steps(
+            *((f"palpate effects {name}", "what this effect is") for name in known[:1]), diagnosed
+        )
     else:
         said = f"nothing is sealed beside {shown(session)}: nothing was hidden with palpate probe --hidden"
         console.stdout().print(said, soft_wrap=True)
-        console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide something"))
+        console.next_steps(("palpate probe --hidden random -o secret.mcap", "hide an effect"))
 
 
 def describe_answer(session: Path, answer: SealedAnswer) -> dict[str, Any]:

@@ -21,7 +21,7 @@ _SAMPLE = 4  # cases that tell what a case costs
 
 def sweep_command(
     what: Annotated[
-        str, typer.Argument(help="paper, or a YAML file with a grid of one's own.", metavar="paper|FILE")
+        str, typer.Argument(help="paper, or a YAML file with your own grid.", metavar="paper|FILE")
     ],
     *,
     out: Annotated[
@@ -34,13 +34,12 @@ def sweep_command(
     scheduler: Annotated[
         str | None, typer.Option(help="Run on the workers of this dask scheduler.", metavar="ADDRESS")
     ] = None,
-    limit: Annotated[
-        int | None, typer.Option(help="Run only so many of the cases, the first ones.", min=1)
-    ] = None,
+    limit: Annotated[int | None, typer.Option(help="Run only the first N cases.", min=1)] = None,
     plan: Annotated[
         bool,
         typer.Option(
-            "--plan", help="Say what is left to do and how long it takes; runs a few cases if none is done."
+            "--plan",
+            help=("Show the remaining cases and the time they take; runs a few cases if none is done."),
         ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
@@ -74,7 +73,7 @@ def sweep_command(
     except KeyboardInterrupt:
         finished = len(store.finished() & {case.address for case in cases})
         console.stderr().print(
-            f"{finished} of {len(cases)} cases are done and kept; the same command goes on from there"
+            f"{finished} of {len(cases)} cases are done and kept; the same command continues from there"
         )
         raise
     rows = {name: store.rows([case.address for case in part]) for name, part in parts.items()}
@@ -171,9 +170,7 @@ def _print(outcome: Mapping[str, Any], page: Path | None, before: int) -> None:
         f"{done} of {total} cases done: {outcome['finished_now']} in {duration(outcome['wall_s'])}{already}"
     )
     if outcome["errors"]:
-        out.print(
-            f"[yellow]{count(outcome['errors'], 'case')} could not be worked out[/yellow]; see the page"
-        )
+        out.print(f"[yellow]{count(outcome['errors'], 'case')} failed[/yellow]; see the page")
     if page is not None:
         text = f"written: [bold]{shown(page)}[/bold], with figures, tables and results beside it"
         out.print(text, soft_wrap=True)

@@ -66,7 +66,7 @@ BadNetworkOption = Annotated[
     str | None,
     typer.Option(
         "--bad-network",
-        help="For trials: delay and jitter (ms) and loss (%) of what this side sends, such as 500,20,10.",
+        help="For tests: delay and jitter (ms) and loss (%) of this side's messages, such as 500,20,10.",
         metavar="MS,MS,%",
     ),
 ]
@@ -79,9 +79,9 @@ def follower(
     *,
     experiment: Annotated[Path | None, typer.Option(help="Probing plan (YAML) for every target.")] = None,
     on_silence: Annotated[
-        OnSilence, typer.Option(help="What becomes of the target under way when the leader falls silent.")
+        OnSilence, typer.Option(help="What to do with the current target if the leader is silent.")
     ] = OnSilence.FINISH,
-    diagnose: Annotated[bool, typer.Option(help="Look for effects that a contact law lacks.")] = True,
+    diagnose: Annotated[bool, typer.Option(help="Diagnose which effects the contact law lacks.")] = True,
     name: NameOption = "arm",
     port: PortOption = 7447,
     link: LinkOption = None,
@@ -155,13 +155,16 @@ def leader(  # noqa: PLR0917, one parameter an option
     scenario: Annotated[
         str,
         typer.Option(
-            help="What the operator feels before anything was probed.",
+            help="Virtual object that the operator feels before the first estimate.",
             metavar="WORLD",
             autocompletion=scenario_names,
         ),
     ] = "default",
     jump_n: Annotated[
-        float, typer.Option(help="Most force that an update may add or take in a millisecond.", metavar="N")
+        float,
+        typer.Option(
+            help=("Largest change of force in a millisecond when the model is updated."), metavar="N"
+        ),
     ] = 0.05,
     name: NameOption = "arm",
     port: PortOption = 7447,
@@ -222,7 +225,7 @@ def leader(  # noqa: PLR0917, one parameter an option
         )
     else:
         console.next_steps(
-            ("palpate teleop follower --help", "the other side was not heard: run it with the same options")
+            ("palpate teleop follower --help", "the other side sent nothing: run it with the same options")
         )
         raise typer.Exit(1)
 
@@ -233,7 +236,7 @@ def demo(
     scenario: Annotated[
         str,
         typer.Option(
-            help=f"What is really there: a file, or one of {', '.join(shipped_scenarios())}.",
+            help=f"The real object: a scenario file, or one of {', '.join(shipped_scenarios())}.",
             autocompletion=scenario_names,
         ),
     ] = "stiff",

@@ -51,7 +51,7 @@ def workbench_command(
 ) -> None:
     """Serve a page on this machine: tick an effect, and see error, curves and parameters change at once.
 
-    FILE may also be a folder of sessions, or nothing: the page then takes a file by drop, or probes. Nothing
+    FILE may also be a folder of sessions. Without FILE, drop a file onto the page, or probe there. Nothing
     leaves this machine. Ctrl-C ends it.
 
     Examples: palpate workbench press.csv; palpate workbench sessions --no-browser; palpate workbench --riddle

@@ -87,12 +87,12 @@ def output_file(path: Path, *, force: bool | None = None, keep: Iterable[Path] =
         raise InputError(f"output {path}: is a directory")
     if path.exists() or path.is_symlink():
         if path.exists() and any(read.exists() and path.samefile(read) for read in keep):
-            raise InputError(f"output {path}: is what is read; choose another name")
+            raise InputError(f"output {path}: is the input; choose another name")
         if not force:
             remedy = "choose another name" + (", or add --force to replace it" if force is False else "")
             raise InputError(f"output {path}: exists already; {remedy}")
         if not path.is_file():
-            raise InputError(f"output {path}: is no file that could be replaced")
+            raise InputError(f"output {path}: is not a regular file, and is not replaced")
     output_folder(path.parent)
     return path
 

@@ -55,7 +55,7 @@ def foreign_code(where: str, limit_s: float | None = None, own_file: str = "") -
         with redirect_stdout(sys.stderr), _limited(limit_s):
             yield
     except _TooLongError as error:
-        raise InputError(f"{where}: has not come to an end in {error} s; does it wait, or loop?") from None
+        raise InputError(f"{where}: did not end within {error} s; does it wait or loop?") from None
     except (KeyboardInterrupt, InputError):
         raise
     except BaseException as error:
@@ -196,17 +196,17 @@ def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may sta
         yield "", f"states no {', '.join(missing)}; see Bias in estimation/effects/sensor_statics.py"
         return
     if not (isinstance(found.name, str) and _NAME.fullmatch(found.name)):
-        problem = f"its name is {found.name!r}; wanted are small letters, digits and _, such as 'my_effect'"
+        problem = f"its name is {found.name!r}; expected small letters, digits and _, such as 'my_effect'"
         yield "name", problem
     for what in _TEXTS:
         if not isinstance(text := getattr(found, what), str):
-            yield what, f"its {what} is {text!r}, wanted is text"
+            yield what, f"its {what} is {text!r}, expected text"
     if not (isinstance(found.channels, set | frozenset) and _all(found.channels, ChannelKind)):
         kinds = ", ".join(f"ChannelKind.{kind.name}" for kind in ChannelKind)
-        yield "channels", f"its channels are {found.channels!r}, wanted is a frozenset of some of {kinds}"
+        yield "channels", f"its channels are {found.channels!r}, expected a frozenset of some of {kinds}"
     for what, kind in (("gains", Parameter), ("inner", Parameter), ("needs", str), ("essential", str)):
         if not (isinstance(made := getattr(found, what), tuple | list) and _all(made, kind)):
-            yield what, f"its {what} are {made!r}, wanted is a tuple of {kind.__name__}"
+            yield what, f"its {what} are {made!r}, expected a tuple of {kind.__name__}"
             return
     if not issubclass(found, AdditiveEffect | MotionEffect | MemoryEffect | SensorEffect):
         yield "", "derive it from AdditiveEffect, MotionEffect, MemoryEffect or SensorEffect"
@@ -214,7 +214,7 @@ def _flaws(found: Any) -> Iterator[tuple[str, str]]:  # noqa: ANN401, it may sta
         yield from ((what, problem) for each in getattr(found, what) for problem in _flaws_of_parameter(each))
     rivals = found.confused_with
     if not (isinstance(rivals, Mapping) and all(isinstance(n, str) and n.isidentifier() for n in rivals)):
-        yield "confused_with", f"its confused_with is {rivals!r}, wanted is a dict of experiments by effect"
+        yield "confused_with", f"its confused_with is {rivals!r}, expected a dict of experiments by effect"
 
 
 def _flaws_of_parameter(parameter: Parameter) -> Iterator[str]:
@@ -222,7 +222,7 @@ def _flaws_of_parameter(parameter: Parameter) -> Iterator[str]:
         bounds = f"bounds {parameter.lower:g} and {parameter.upper:g} and typical range {parameter.typical}"
         yield f"{bounds} of parameter '{parameter.name}' are not in ascending order"
     if not (isinstance(parameter.name, str) and parameter.name.isidentifier()):
-        yield f"a parameter's name is {parameter.name!r}, wanted are letters, digits and _"
+        yield f"a parameter's name is {parameter.name!r}, expected letters, digits and _"
 
 
 def _all(made: Any, kind: type) -> bool:  # noqa: ANN401
@@ -302,8 +302,8 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
             effect.simpler(_frozen(columns))
             if not np.array_equal(columns, effect.columns(data, inner)):
                 raise InputError(
-                    f"effect '{effect.name}': columns gives other values when it is called again; it must "
-                    f"depend on the data and the inner parameters alone{place_of(type(effect), 'columns')}"
+                    f"effect '{effect.name}': columns returns other values when called again; it must depend "
+                    f"only on the data and the inner parameters{place_of(type(effect), 'columns')}"
                 )
             acts = any(np.any(effect.columns(data, start)) for start in starts)
         case MotionEffect():
@@ -326,18 +326,18 @@ def rehearse(effect: Effect, data: ChannelData) -> bool | None:
 def _flaw(effect: Effect, method: str, args: tuple[Any, ...], made: Any) -> str | None:  # noqa: ANN401
     """What is wrong with what a method gave, in words; None if nothing is."""
     if method == "suited_to" and not (isinstance(made, Effect) and made.name == effect.name):
-        return f"suited_to gives {made!r}, wanted is an effect of the same name"
+        return f"suited_to gives {made!r}, expected an effect of the same name"
     names = {parameter.name for parameter in effect.inner}
     if method == "starts" and not (made and all(set(start) == names for start in made)):
         values = ", ".join(sorted(names)) or "nothing: ({},)"
-        return f"starts gives {list(made[:1])}, wanted are values for {values}"
+        return f"starts gives {list(made[:1])}, expected values for {values}"
     for what, array, shape in _arrays(effect, method, args, made):
         kind = np.asarray(array).dtype
         wrong = ""
         if kind.kind not in _REAL:
-            wrong = f"values of type {kind}, wanted are real numbers"
+            wrong = f"values of type {kind}, expected real numbers"
         elif np.shape(array) != shape:
-            wrong = f"an array of shape {np.shape(array)}, wanted is {shape}"
+            wrong = f"an array of shape {np.shape(array)}, expected {shape}"
         elif not np.isfinite(array).all():
             wrong = "values that are not finite"
         elif np.any(np.abs(array) > LARGEST):

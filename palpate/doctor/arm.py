@@ -277,7 +277,8 @@ def examine_rates(robot: Robot, robot_file: RobotFile) -> Iterator[Finding]:
         joint = int(np.argmax(np.abs(away_rad)))
         value = f"joint {joint + 1} is {away_rad[joint]:+.2f} rad from home_rad, no joint is farther"
         remedy = (
-            "nothing drives it there: bring it by hand; a run starts where it stands, and returns to that"
+            "nothing drives it home: bring it there by hand; a run starts where the arm stands, and returns "
+            "there"
         )
         yield graded("home", value, (_WARN, abs(away_rad[joint]) > _FAR_RAD, remedy))
     if np.isfinite([m.force_n for m in watched.measurements]).all():
@@ -302,7 +303,7 @@ def _computed(robot: Robot, period_s: float) -> Iterator[Finding]:
             f"{wire_s * _MICRO:.0f} us of each {period_s * _MICRO:.0f} us on the wire, by its bytes: "
             f"good for {most_hz:.0f} Hz"
         )
-        remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or have less sent in a tick"
+        remedy = f"raise the bit rate, lower control_rate_hz to {most_hz:.0f}, or send less in each tick"
         too_much, nearly = wire_s > period_s, wire_s > _FULL_SHARE * period_s
         yield graded(f"rate of {name}", value, (_FAIL, too_much, remedy), (_WARN, nearly, remedy))
 
@@ -325,7 +326,7 @@ def _device(watched: _Watched, device: str, bus: str | None, limit_s: float) -> 
     ticks = zip(watched.measurements, watched.failed, strict=True)
     statuses = {getattr(m, f"{device}_status") for m, failed in ticks if not failed or bus in failed}
     if ages_s.max() > limit_s or Status.FAULT in statuses:
-        return fail(subject, value + because, "raise its rate, or see what holds it up")
+        return fail(subject, value + because, "raise its rate, or find what delays it")
     if saturated := Status.SATURATED in statuses:
         value += "; at the end of its range"
     return graded(subject, value, (_FAIL, saturated, "check its wiring and its range"))

@@ -31,7 +31,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
         body: its masses.
     """
     if joint := body.weightless_joint:
-        remedy = "give its links an <inertial>: the weight is held up by it, also in a stop"
+        remedy = "give its links an <inertial>: gravity compensation needs it, also in a stop"
         yield fail("masses", f"{robot_file.urdf_path}: joint '{joint}' moves no mass", remedy)
         return
     limits, tick_s = robot_file.limits, 1.0 / robot_file.control_rate_hz
@@ -57,7 +57,7 @@ def examine_limits(robot_file: RobotFile, body: RigidBody) -> Iterator[Finding]:
     for name, bus in robot_file.buses.items():
         watchdog_s = bus.settings.get("watchdog_s")
         if isinstance(watchdog_s, int | float):
-            long = f"the last torque acts that long on its own: {_LONG_WATCHDOG_S:g} s is enough"
+            long = f"the drive holds its last torque for that long: {_LONG_WATCHDOG_S:g} s is enough"
             yield graded(
                 f"watchdog of {name}",
                 f"{1e3 * watchdog_s:g} ms from the last command until the drives let go, by the robot file",
@@ -115,7 +115,7 @@ def _force(robot_file: RobotFile) -> Finding:
         capacity_n = load * newtons_per(unit)
     if not isinstance(capacity_n, int | float):
         return ok("force limit", f"{limit_n:g} N; the robot file does not say how much the sensor can take")
-    remedy = "the guard would never see it: lower force_n, or correct the capacity"
+    remedy = "the sensor saturates first: lower force_n, or correct the capacity"
     value = f"{limit_n:g} N, the sensor ends at {capacity_n:g} N"
     return graded("force limit", value, (_FAIL, limit_n >= capacity_n, remedy))
 
@@ -131,7 +131,7 @@ def _torque(limits: Limits, body: RigidBody, heaviest_nm: float) -> Finding:
         "highest torques",
         value,
         (_FAIL, beyond, "lower torque_nm, or correct the URDF's effort"),
-        (_WARN, loose, "lower torque_nm: begin with what carries the arm and presses"),
+        (_WARN, loose, "lower torque_nm: begin with enough to carry the arm and to press"),
     )
 
 
@@ -163,7 +163,7 @@ def _latch(name: str, limits: Limits, tick_s: float) -> Finding:
         value,
         (_FAIL, too_short, f"raise it to some ticks: {max(usual_s, 5 * tick_s):g} s"),
         (_FAIL, limit_s > _NO_LATCH_S, late),
-        (_WARN, limit_s > _LONG_LATCH_S, f"the arm would long act on what is wrong: {usual_s:g} s is usual"),
+        (_WARN, limit_s > _LONG_LATCH_S, f"a fault would act for too long: {usual_s:g} s is usual"),
     )
 
 

@@ -49,7 +49,7 @@ _FOLLOWED = 0.7  # share of a nudge
 _SHARE, _FLOOR_NM = 0.3, 0.3  # of the weight's torque, that friction and gearing may take
 
 
-RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang by itself, and hold still")
+RESTLESS = fail("rest", "the arm does not come to rest", "let it lie or hang freely, and do not touch it")
 
 
 class Hand:
@@ -183,7 +183,7 @@ def count_down(robot: Robot, hand: Hand) -> Iterator[Finding]:
         spread_n = float(np.std([m.force_n for m in now]))
         touched = max(abs(_force_n(now) - _force_n(before)), spread_n) > _TOUCHED_N
         if touched or not is_still(now) or not is_still([*before, *now]):
-            value = "somebody touches the arm, or it moves: it gets no power"
+            value = "somebody touches the arm, or it moves: it is not powered"
             yield fail("hands away", value, "let it rest by itself, everybody clear of it, and start again")
             return
 
@@ -286,7 +286,7 @@ def _joint_finding(joint: int, moved_rad: FloatArray) -> Finding:
 def _force_finding(pressed_n: float) -> Finding:
     subject, value = "sign of the force", f"{pressed_n:+.2f} N when pressed"
     if not abs(pressed_n) >= _PRESSED_N:  # nor for NaN
-        return fail(subject, f"{value}: too little to tell", "press harder; if it stays, check the sensor")
+        return fail(subject, f"{value}: too small to judge", "press harder; if it stays, check the sensor")
     remedy = "change 'reversed' of the force sensor in the robot file"
     return graded(subject, value, (_FAIL, pressed_n < 0, remedy))
 

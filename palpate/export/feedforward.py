@@ -31,7 +31,7 @@ class JointTerms:
     inertia: float = 0.0  # [kg m^2 or kg]
     viscous: float = 0.0  # [effort s/length]
     coulomb_level: float = 0.0  # [effort]
-    coulomb_transition: float = 1.0  # speed over which the friction turns round [length/s]
+    coulomb_transition: float = 1.0  # speed over which the friction changes sign [length/s]
     stribeck_level: float = 0.0  # [effort]
     stribeck_rise: float = 0.0  # [effort]
     stribeck_speed: float = 1.0  # over which the rise is gone [length/s]
@@ -178,7 +178,8 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
                     if not (isfinite(low) and isfinite(high)) or low <= 0.0 <= high:
                         value = f"{parameter.value:.3g} {parameter.unit}"
                         left_out.append(
-                            f"{joint.name}: {effect}.{own} {value} is in, but its interval holds zero"
+                            f"{joint.name}: {effect}.{own} {value} is exported, but its interval includes "
+                            "zero"
                         )
             listed = ", ".join(f"{own} {one.value:.5g} {one.unit}" for own, one in parameters.items())
             used.append(f"{joint.name}: {effect} {listed}")
@@ -190,10 +191,10 @@ def _reason(effect: str) -> str:
     if effect in _REASONS:
         return _REASONS[effect]
     if effect not in EFFECTS:
-        return "is an effect of your own, for which the table has no term"
+        return "is your own effect, for which the table has no term"
     kind = EFFECTS[effect].kind
     if kind in _OF_READING:
-        return "is an error of the reading, which no drive has to make"
+        return "is an error of the reading, which needs no feedforward"
     if kind is Kind.RUN_DIFFERENCES:
         return "differs from run to run"
     return f"has no term in the table ({EFFECTS[effect].equation})"

@@ -62,7 +62,8 @@ def lost(effect: str, p: Values) -> Iterator[str]:
         yield f"asymmetric_friction that falls by {-_viscous(p):.3g} N m s/rad is simulated as level"
     if effect == "dry_friction" and p["presliding"] < SHORTEST_SLIP_M:
         yield (
-            f"dry_friction turns round over {SHORTEST_SLIP_M:.0e} m, the shortest way that is simulated: its "
+            f"dry_friction changes sign over {SHORTEST_SLIP_M:.0e} m, the shortest way that is simulated: "
+            "its "
             f"presliding of {p['presliding']:.2g} m and transition of {p['transition']:.2g} m/s are left out"
         )
 
@@ -198,7 +199,9 @@ def export_scenario(base: Scenario, fitted: Sequence[FittedChannel], description
             used += lines
         for name, values in effects.items():
             if name in ARM and taken.setdefault(name, where) != where:
-                left_out.append(f"{where}: '{name}' is one for the whole arm, and taken from {taken[name]}")
+                left_out.append(
+                    f"{where}: '{name}' has one value for the whole arm, taken from {taken[name]}"
+                )
                 continue
             made, lines = _entries(name, values, channel)
             hidden += made
@@ -237,9 +240,7 @@ def _with_object(
     changed: dict[str, object] = {"law": law}
     lines = ["object: " + ", ".join(f"{key} {_shown(value)}" for key, value in law.items())]
     if damper and damper["c"] < 0.0:
-        lines.append(
-            f"object: a damping of {damper['c']:.3g} N s/m would feed energy in, and is simulated as 0"
-        )
+        lines.append(f"object: a damping of {damper['c']:.3g} N s/m would add energy, and is simulated as 0")
     if surface is not None:
         deeper = effects.pop("contact_offset", {"offset": 0.0})["offset"]
         unseen_m = swallowed_n / spring["k"] if spring and spring["k"] > 0.0 else 0.0

@@ -49,18 +49,18 @@ def _asymmetric(dry: Sequence[str], viscous: str) -> TargetTerm:
             **dict.fromkeys(dry, _mean(p, "", ("forward", "backward"))),
             viscous: _mean(p, "viscous_", ("forward", "backward")),
         },
-        "friction is the same in both directions: their mean is written",
+        "friction is the same in both directions: their mean is exported",
     )
 
 
 _ONE_LEVEL = "dry friction has one level at all speeds: the rise at low speed is not in it"
-_AT_ONCE = "dry friction turns round at once: the path over which it builds up is not in it"
+_AT_ONCE = "dry friction changes sign at once: the path over which it builds up is not in it"
 _NO_PLACE = "dry friction has one level everywhere: its waves over the position are not in it"
 _OF_BODIES = "includes everything the joint carries: set masses and inertias of the bodies by hand"
 _NO_BIAS = "may be a constant effort or the sensor's zero, which the motion cannot tell"
 _NO_LOAD = "has no friction that grows with the load"
-_LATE = "is of the reading: an action delay would delay the command instead"
-_GAIN = "is the scale of the reading: the joint has the torque of the drive's scale divided by it"
+_LATE = "delays the reading; an action delay would delay the command instead"
+_GAIN = "scales the reading: divide the torque by it on the real joint"
 
 # Reasons that hold for every target; those of `TABLE` go before.
 REASONS: Mapping[str, str] = {
@@ -146,7 +146,7 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
         "delay": _LATE,
         # BAM's load is the difference of motor and external torque, twice the load of a joint in balance
         "load_dependent_friction": TargetTerm(lambda p: {"load_friction_base": 0.5 * p["mu"]}),
-        "payload": "is a mass of the arm, and not of the servo",
+        "payload": "is a mass of the arm, not of the servo",
         "position_dependent_friction": _named(_NO_PLACE, friction_base="level"),
         "presliding_friction": _named(_AT_ONCE, friction_base="force"),
         "stribeck_friction": TargetTerm(
@@ -246,13 +246,16 @@ def express(
                 (half,) = (each.half_interval for each in parameters.values())
                 rank = half if isfinite(half) else float("inf")
                 if key in arm:
-                    lost.append(f"'{effect}' is one for the whole arm, and taken where it is known best")
+                    lost.append(
+                        f"'{effect}' has one value for the whole arm; the channel with the smallest "
+                        "interval gives it"
+                    )
                 if key not in arm or rank < arm[key][0]:
                     arm[key] = (rank, Value(number, fitted), joint.name)
             if term.lost:
                 lost.append(f"'{effect}': {term.lost}")
             lost += [
-                f"{effect}.{name} {_shown(each)} is in, but its interval holds zero"
+                f"{effect}.{name} {_shown(each)} is exported, but its interval includes zero"
                 for name, each in parameters.items()
                 if each.interval[0] <= 0.0 <= each.interval[1]
             ]
@@ -281,10 +284,10 @@ def _reason(effect: str) -> str:
     if effect in REASONS:
         return REASONS[effect]
     if effect not in EFFECTS:
-        return "is an effect of your own, for which the file has no term"
+        return "is your own effect, for which the file has no term"
     kind = EFFECTS[effect].kind
     if kind in _OF_READING:
-        return "is an error of the reading, which no simulated joint has"
+        return "is an error of the reading, which a simulated joint does not have"
     if kind is Kind.RUN_DIFFERENCES:
         return "differs from run to run"
     return f"has no term in the file (equation: {EFFECTS[effect].equation})"

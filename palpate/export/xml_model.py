@@ -172,7 +172,7 @@ class _Mjcf:
         texts: dict[str, str] = {
             key: f"{number[key]:.9g}" for key in ("armature", "frictionloss") if key in number
         }
-        if "frictionloss" in texts:  # by default friction turns round some 10 ms ahead of the motion
+        if "frictionloss" in texts:  # by default friction changes sign some 10 ms ahead of the motion
             texts["solreffriction"] = f"{2.0 * self._step_s():.9g} 1"
         if number.keys() & {"damping", "damping_quadratic"}:
             texts["damping"] = _polynomial(number.get("damping", 0.0), number.get("damping_quadratic", 0.0))
@@ -228,7 +228,10 @@ class _Mjcf:
             f"{joint.channel}: new joint '{name}': positions and velocities have one number more"
         )
         if not float(self.value(element, "armature", "0")):
-            line = "the rotor of its motor is not known: without an armature the flanks of the gap are soft"
+            line = (
+                "the rotor of its motor is not known: without an armature the contact at the gap's ends "
+                "is soft"
+            )
             self.left_out.append(f"{joint.channel}: {line}")
 
     def _scale_actuators(self, element: Element, joint: TargetJoint, factor: float) -> None:
@@ -308,7 +311,7 @@ def _turned(vector: FloatArray, axis: FloatArray, angle_rad: float) -> FloatArra
 
 
 def _too_light(mass_kg: float) -> str:
-    return f"'payload' {mass_kg:.5g} kg is less than nothing: take it off the last body by hand"
+    return f"'payload' {mass_kg:.5g} kg is negative: subtract it from the last body by hand"
 
 
 def _parsed(text: str, place: str, tag: str) -> Element:

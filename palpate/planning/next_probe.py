@@ -38,7 +38,7 @@ from palpate.runs.hidden_effects import SEALED
 from palpate.runs.probing import PLAN
 
 FITTED = 6  # experiments that promise most, for which all models are fitted again
-PAIRED = 3  # two of these as one experiment, those that tell most together
+PAIRED = 3  # two of these as one experiment, those most informative together
 _SEED = 1
 Progress = Callable[[str, float], None]
 
@@ -110,7 +110,7 @@ def next_probe(
         _new(feasible(study, progress, processes=processes), ran), study, open_questions, longest_s
     )
     single = [design.expected(open_questions) for design in single[:FITTED]]
-    # Two as one experiment, where both tell more than any alone; those that tell most first.
+    # Two as one experiment, where both tell more than any alone; those most informative first.
     most = max((design.experiment.tells for design in single), default=0.0)
     both_tell = [(a.experiment.along_with(b.experiment).tells, a, b) for a, b in combinations(single, 2)]
     both_tell.sort(key=lambda pair: pair[0], reverse=True)

@@ -98,7 +98,7 @@ def channel_view(
     verdict = _verdict(view, words, diagnosis)
     share = 100.0 * (1.0 - float(np.mean(judged))) if len(judged) else 0.0
     if not not_judged and share >= 0.05:
-        not_judged = f"{share:.2g} % of the samples are not judged; the report shades them."
+        not_judged = f"{share:.2g} % of the samples are excluded from scoring; the report shades them."
     verdict = replace(verdict, remarks=(*verdict.remarks, *notes, *filter(None, [not_judged])))
     view = replace(view, verdict=verdict)
     if diagnosis is None:

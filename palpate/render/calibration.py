@@ -129,7 +129,7 @@ def encoder_figure(fit: EncoderFit) -> go.Figure:
     made.update_xaxes(tickvals=numbers, ticktext=[f"joint {number}" for number in numbers])
     made.update_yaxes(title_text="shown − mean [mrad]")
     remark = "each dot is one touch or pose; the bands are ±2 standard uncertainties of the zero"
-    return _titled(made, 420, "Encoders at what is known of the joints", remark)
+    return _titled(made, 420, "Encoders at known joint positions", remark)
 
 
 def arm_figure(fit: ArmFit) -> go.Figure:
@@ -146,7 +146,7 @@ def arm_figure(fit: ArmFit) -> go.Figure:
     made.update_xaxes(title_text="position [rad]", row=joints, col=2)
     rms = ", ".join(f"{x:.2g}" for x in _MILLI * np.sqrt(np.nanmean(fit.residual_nm**2, axis=0)))
     remark = f"measured − fitted torque, means of 50 samples; rms {rms} mN m"
-    title = "What gain, offset, friction and tilt leave unexplained"
+    title = "Residual after gain, offset, friction and tilt"
     return _titled(made, 140 + 190 * joints, title, remark)
 
 

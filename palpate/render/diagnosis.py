@@ -38,10 +38,11 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     if diagnosis.verdict is Verdict.INSUFFICIENT:
         return f"{diagnosis.channel}: this data cannot say: {_ended(diagnosis.reason)}"
     if diagnosis.verdict is Verdict.ADEQUATE:
-        return f"{diagnosis.channel}: nothing is missing that this data can show. {_error(diagnosis)}"
+        return f"{diagnosis.channel}: this data shows no missing effect. {_error(diagnosis)}"
     if not diagnosis.accepted and (kinds := _kinds_without_form(diagnosis)):
         return (
-            f"{diagnosis.channel}: what kind is missing is known, its form is not: {enumerated(kinds)}. "
+            f"{diagnosis.channel}: the kind of the missing effect is known, but not its form: "
+            f"{enumerated(kinds)}. "
             f"{_error(diagnosis)}"
         )
     if not diagnosis.accepted:
@@ -65,8 +66,8 @@ def _sentence(diagnosis: ChannelDiagnosis) -> str:
     times = diagnosis.remaining.times_floor
     size = f": {times:.2g} times the noise" if times >= NOISE else ""
     kinds = _kinds_without_form(diagnosis)
-    unknown = f" Of {enumerated(kinds)}, the form is not known." if kinds else ""
-    return f"{missing} Something more is left{size}{on}.{unknown}"
+    unknown = f" The form of {enumerated(kinds)} is not known." if kinds else ""
+    return f"{missing} An unexplained error remains{size}{on}.{unknown}"
 
 
 def _kinds_without_form(diagnosis: ChannelDiagnosis) -> list[str]:
@@ -189,7 +190,7 @@ def budget_view(diagnosis: ChannelDiagnosis) -> BudgetView | None:
     shares = ", ".join(f"{part.word} {part.share_text}" for part in parts)
     sentence = f"Of the {error} error: {shares}." if kinds or len(parts) > 1 else ""
     return BudgetView(
-        sentence or f"All of the {error} error passes for noise.", tuple(parts), tuple(confusions)
+        sentence or f"The whole error of {error} is within the noise.", tuple(parts), tuple(confusions)
     )
 
 

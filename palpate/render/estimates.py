@@ -196,16 +196,16 @@ def _remarks_on_data(estimates: ChannelEstimates, truth: Truth) -> Iterator[str]
         yield f"the force in free air, {mean} N, was subtracted"
     if FEWEST_STEPS <= steps_spanned(channel, estimates.rows) < FEW_STEPS:
         steps = in_steps(channel, estimates.rows)
-        yield f"{steps}: the intervals allow for them, but a damping from so few comes out too low"
+        yield f"{steps}: the intervals allow for this, but a damping from so few steps is estimated too low"
 
 
 def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
     best, unit = estimates.best, estimates.channel.kind.effort_unit
     if estimates.noise is not None and estimates.misfit > POOR:
         yield (
-            f"{estimates.model.name} does not describe these data: {best.estimator} leaves "
-            f"{best.rmse:.2g} {unit} (rms), and the noise is {estimates.noise.describe(unit)}. "
-            "The intervals do not count that; palpate diagnose looks for what is missing"
+            f"{estimates.model.name} does not describe these data: the error of {best.estimator} is "
+            f"{best.rmse:.2g} {unit} (rms), the noise is {estimates.noise.describe(unit)}. "
+            "The intervals do not include this model error; palpate diagnose looks for what is missing"
         )
     surface, offset = estimates.channel.surface, next((p for p in best.parameters if p.name == OFFSET), None)
     if surface is not None and offset is not None:
@@ -222,7 +222,7 @@ def _remarks_on_fits(estimates: ChannelEstimates) -> Iterator[str]:
         left_out = 1.0 - float(np.mean(estimate.inliers))
         if estimate.estimator == BEST[0] and left_out > 1.0 - MOST:
             share = f"{PERCENT * left_out:.0f} % of the samples"
-            yield f"{estimate.estimator} set {share} aside: the model does not describe them"
+            yield f"{estimate.estimator} excludes {share} as outliers: the model does not describe them"
         doubtful = estimate.identifiability is not Identifiability.GOOD or estimate.unphysical
         if doubtful and (roomy or estimate is estimates.best):  # else the table says it of each
             against.setdefault(estimate.note, []).append(estimate.estimator)
@@ -247,7 +247,7 @@ def calibration_remark(session: Session | None) -> list[str]:
     if not left:
         return []
     return [
-        f"the intervals hold noise and steps; what the calibration leaves uncertain comes on top: "
+        f"the intervals include noise and steps, but not the uncertainty of the calibration: "
         f"{' and '.join(left)} (one standard error)"
     ]
 

@@ -21,7 +21,7 @@ _CHANCE = 0.05  # of the lags outside a 99 % band; what is above is no chance
 _POOR, _ONLY_NOISE = 80.0, 1.2  # a fit [%], and an error in noise levels, that together are worth a word
 _PERCENT = 100.0
 _NOISE_ALONE = "only noise"  # is left
-PAIRED = "The intervals of the differences are paired: what both models lack alike cancels."
+PAIRED = "The intervals of the differences are paired: model errors that both measurements share cancel."
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,13 @@ class PairedView:
     def on_intervals(self) -> str:
         """What the intervals of differences are."""
         if self.found.is_same_data:
-            return "Of one measurement, so the errors are not independent: differences have no intervals."
+            return (
+                "Both models describe one measurement, so their errors are not independent: differences "
+                "have no intervals."
+            )
         if any(difference.paired_std_err is not None for difference in self.found.differences):
             return PAIRED
-        return "95 % intervals of independent errors; SI units."
+        return "95 % intervals, assuming independent errors; SI units."
 
     @property
     def fit_columns(self) -> tuple[str, ...]:
@@ -111,8 +114,8 @@ def _words(sides: Sides) -> Iterator[str]:
     for letter, side in pair:
         if side.compared is not None and side.compared.lack_of_fit > FAR:
             yield (
-                f"{letter}'s model leaves {side.compared.lack_of_fit:.1f} times its noise level, and so its "
-                "parameters say little: add what is missing, and compare that (--revision)."
+                f"The error of {letter}'s model is {side.compared.lack_of_fit:.1f} times the noise level, so "
+                "its parameters mean little: add the missing effects and compare again (--revision)."
             )
     yield from _compare_parameters(sides)
     for letter, side in zip(LETTERS, (sides.first, sides.second), strict=True):
@@ -136,7 +139,7 @@ def _is_only_noise(model: Side, measured: Side) -> bool:
 
 def _described(model: Side, measured: Side) -> str:
     if _is_only_noise(model, measured):
-        return "leaves nothing but noise"
+        return "leaves only noise"
     fit = model.fit_of(measured)
     return "says nothing" if np.isnan(fit) else f"describes {fit:.1f} %"
 

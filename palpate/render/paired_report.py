@@ -59,7 +59,7 @@ def time_figure(view: PairedView) -> go.Figure:
         draw_curves(made, curves, (1, 1), unit, PlotStyle(f"{letter} measured", color, width=1.8))
         if channel.stages:
             left = run_curves(channel.time_s, channel.stages[-1].residual, runs)
-            draw_curves(made, left, (2, 1), unit, PlotStyle(f"left by {letter}'s model", color))
+            draw_curves(made, left, (2, 1), unit, PlotStyle(f"residual of {letter}'s model", color))
     title_axes(made, (1, 1), "", first.axes.effort)
     title_axes(made, (2, 1), RUN_TIME, f"measured − model [{unit}]")
     return styled(made, 520)
@@ -146,7 +146,7 @@ def record_pair(view: PairView, path: Path) -> None:
                 measured = {f"{letter} measured": (effort, color, 2.0)}
                 send_lines(recording, f"{paired.channel}/effort/{letter}", time_s, measured)
                 for stage in channel.stages[-1:]:
-                    left = {f"left by {letter}'s model": (stage.residual, color, 1.0)}
+                    left = {f"residual of {letter}'s model": (stage.residual, color, 1.0)}
                     send_lines(recording, f"{paired.channel}/residual/{letter}", channel.time_s, left)
                 motion = {f"{letter}": (channel.position, color, 1.2)}
                 send_lines(recording, f"{paired.channel}/position/{letter}", channel.time_s, motion)

@@ -14,7 +14,7 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.study.patterns import Part
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
-NOISE = 1.1  # times the noise level, below which an error passes for noise
+NOISE = 1.1  # times the noise level, below which an error is within the noise
 _MOST_PARTS = 8
 FAR = 3.0  # times the noise level, above which a model is far off
 

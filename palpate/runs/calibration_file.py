@@ -59,7 +59,7 @@ def open_recorded(path: Path, kind: str, robot_file: RobotFile) -> Session:
     made_for = session.metadata.extra.get(KIND)
     if made_for is None or _FAMILY.get(made_for, made_for) != _FAMILY.get(kind, kind):
         made = f"palpate calibrate {made_for}" if made_for else "no calibration"
-        raise InputError(f"session {path}: is from {made}; palpate calibrate {kind} cannot work on it")
+        raise InputError(f"session {path}: is from {made}; palpate calibrate {kind} cannot use it")
     recorded = parse_robot_file(session.metadata.robot_file, robot_file.path)
     if recorded.name != robot_file.name:
         raise InputError(
@@ -158,7 +158,7 @@ def encoder_fit_of(
     try:
         return fit_stops(session, joint_count, known_std_rad)
     except InputError as error:
-        raise InputError(f"{error}; if the arm was held in a pose, say in which: --pose") from error
+        raise InputError(f"{error}; if the arm was held in a pose, give it with --pose") from error
 
 
 def force_calibration(fit: ForceFit, reading_unit: str, stamp: Stamp) -> ForceCalibration:
@@ -229,7 +229,7 @@ def gravity_calibration(fit: ArmFit, stamp: Stamp) -> GravityCalibration:
         name: _entry(UncertainValue(angle, std), "rad") for name, angle, std in tilt if np.isfinite(angle)
     }
     if not values:
-        raise InputError("no joint of this arm carries weight: it cannot feel how its base stands")
+        raise InputError("no joint of this arm carries weight: the tilt of its base cannot be measured")
     findings = {
         "torque_gain": _entry(fit.gain, "1"),
         "coulomb_friction": _entry(fit.coulomb_nm, "N m"),
@@ -279,9 +279,12 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     talk, file = console.stderr(), whose.file.path
     unit = getattr(calibration, "reading_unit", "N")
     if unit != "N":
-        talk.print(f"\nIt is of readings in {unit}. A robot file cannot use it: a robot's driver reads N.")
+        talk.print(
+            f"\nIt calibrates readings in {unit}. A robot file cannot use it, because a robot's "
+            "driver reads N."
+        )
         again = f"palpate calibrate force {whose.option} --weights-kg 0,0.5,1,2,1,0.5,0"
-        console.next_steps((again, "the sensor as the robot reads it"))
+        console.next_steps((again, "calibrate the sensor as the robot reads it"))
         return
     if whose.named in shipped_robots():
         talk.print(f"\nTo use it, copy the shipped arm, and write into the copy's {safe(file.name)}:")
@@ -294,11 +297,11 @@ def say_how_to_use_it(calibration: Calibration, path: Path, whose: NamedRobot) -
     talk.print(f"  calibration: {safe(line.strip())}", soft_wrap=True)
     wire = " --wire" if calibration.source == "emulated" else ""
     if wire:
-        talk.print("It was made with emulated devices: --wire uses it, and the arm itself refuses it.")
+        talk.print("It was made with emulated devices: use it with --wire; a real arm refuses it.")
     if whose.named in shipped_robots():
         copy = Path(f"my_{whose.named}")
         console.next_steps(
-            (f"cp -r {typed(file.parent)} {copy}", "the arm, to be changed"),
+            (f"cp -r {typed(file.parent)} {copy}", "copy the arm's files, to change them"),
             (
                 f"palpate probe --robot {copy / file.name}",
                 "probe with it, once the robot file names it",

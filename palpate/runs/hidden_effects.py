@@ -91,7 +91,7 @@ def open_answer(session: Session) -> SealedAnswer:
     path = existing_file(sealed_path(session.path), "sealed answer")
     answer = unseal(path)
     if (answer.made_utc, answer.mark) != _mark(session.metadata):
-        raise InputError(f"sealed answer {path}: is that of another session, made at {answer.made_utc}")
+        raise InputError(f"sealed answer {path}: belongs to another session, made at {answer.made_utc}")
     return answer
 
 

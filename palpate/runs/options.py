@@ -96,7 +96,7 @@ class CalibrateOptions(RunOptions):
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Calibration file to write (YAML).")] = None
     session: Annotated[Path | None, typer.Option(help="Session file to write.")] = None
     valid_days: Annotated[
-        float, typer.Option(help="How long it may be used.", metavar="DAYS", min=0.01, max=3650)
+        float, typer.Option(help="Period of validity.", metavar="DAYS", min=0.01, max=3650)
     ] = YEAR_DAYS
 
 
@@ -212,7 +212,9 @@ def forces_of(
             raise InputError(f"--weights-kg {weights_kg!r}: no mass is below 0 kg")
         return [mass_kg * gravity_m_s2 for mass_kg in masses_kg]
     if not simulated:
-        raise InputError("--weights-kg: say which masses you have, up and down, such as 0,0.5,1,2,1,0.5,0")
+        raise InputError(
+            "--weights-kg: give the masses in their order on the sensor, such as 0,0.5,1,2,1,0.5,0"
+        )
     return [share * robot_file.limits.force_n for share in SHARES]
 
 
@@ -239,7 +241,7 @@ def ask_for_power(motion: str, *, yes: bool, pause: Callable[[float], None] = ti
     """
     if not yes and not sys.stdin.isatty():
         raise InputError(
-            "a real arm would get power, and nobody is there to be asked: run this in a terminal, "
+            "a real arm would get power, which somebody must confirm: run this in a terminal, "
             "or add --yes (--wire emulates the devices instead)"
         )
     talk = console.stderr()
@@ -269,7 +271,7 @@ def motion_in_words(robot_file: RobotFile, plan: ProbingPlan) -> str:
 
 
 def ask_for_pose(pose_rad: Sequence[float], *, yes: bool) -> None:
-    """Wait until somebody holds a real arm in a pose (n,) [rad], if not `yes`; it gets no power.
+    """Wait until somebody holds a real arm in a pose (n,) [rad], if not `yes`; it is not powered.
 
     Args:
         pose_rad: joint positions, shape (n,) [rad].

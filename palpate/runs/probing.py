@@ -204,7 +204,7 @@ def references_of(session: Session) -> References:
         InputError: it is no probing, or holds no whole run.
     """
     if STREAM_NAME not in session.stream_names:
-        raise InputError(f"{session.path}: no arm made it, so there is no motion to repeat")
+        raise InputError(f"{session.path}: was not recorded with an arm, so there is no motion to repeat")
     ticks = session.samples(STREAM_NAME)
     speed_rad_s = np.abs(ticks.vector("reference_velocity_rad_s")).max(axis=1)
     aimed = np.isfinite(ticks.vector("reference_position_rad")).all(axis=1) & np.isfinite(speed_rad_s)
@@ -212,7 +212,7 @@ def references_of(session: Session) -> References:
     stands = (ticks["run"][:told] == NO_RUN) & (speed_rad_s[:told] < _STILL_RAD_S)
     count = int(np.flatnonzero(stands)[-1]) + 1 if stands.any() else 0
     if not (ticks["run"][:count] != NO_RUN).any():
-        raise InputError(f"{session.path}: holds no whole run, after which the arm stood; nothing to repeat")
+        raise InputError(f"{session.path}: holds no complete run that ended at rest; nothing to repeat")
     first = slice(0, count)
     return References(
         ticks["time_s"][first] - ticks["time_s"][0],

@@ -59,7 +59,7 @@ class ArmJob:
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated before anything is read. InputError: no engine is installed."""
         if self.simulated and not installed_engines():
-            raise InputError(f"nothing can be simulated here: {missing_package('mujoco')}")
+            raise InputError(f"simulation is not available: {missing_package('mujoco')}")
 
     @property
     def simulated(self) -> bool:
@@ -80,7 +80,7 @@ class ArmSession:
     def unlogged(self) -> str:
         """Why nothing of a real arm's motion is kept any longer; empty while it is, or where none moves."""
         failure = None if self.world is not None else self.log.failure
-        return "" if failure is None else f"its session is no longer written ({failure})"
+        return "" if failure is None else f"writing the session failed ({failure})"
 
     def run(self, task: Task, guard: Guard, rate_hz: float, observer: Observer) -> LoopResult:
         """Run a task in the loop, which ends as well where `unlogged` says so; then let go of the robot.
@@ -267,7 +267,7 @@ def _set_up(
         if any(option is not None for option in (job.scenario, job.engine, job.seed, job.hidden)):
             raise InputError(
                 f"robot '{job.robot_file.name}' is not simulated: scenario, engine, seed and hidden effects "
-                "mean nothing to it, unless its devices are emulated (--wire)"
+                "do not apply to it, unless its devices are emulated (--wire)"
             )
         return robot, None, None
     scenario = _altered(job.scenario or bus.scenario, job)

@@ -163,7 +163,7 @@ class ResultStore:
                 new.setdefault(known.pop(ADDRESS), []).append(known)
             for address, rows in new.items():
                 if kept.get(address) and not _agree(kept[address], rows):
-                    raise _damaged(path, f"another file says otherwise of case {address[:12]}...")
+                    raise _damaged(path, f"another file has a different result for case {address[:12]}...")
                 if address in kept:
                     kept[address] = rows
         return [row for rows in kept.values() for row in rows]
@@ -250,7 +250,7 @@ def _read(path: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def _damaged(path: Path, why: str) -> InputError:
-    return InputError(f"{path}: {why}; delete it to have it worked out again")
+    return InputError(f"{path}: {why}; delete it, and the case is computed again")
 
 
 def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:

@@ -104,8 +104,8 @@ def cell(value: Any) -> str:  # noqa: ANN401, whatever stands in a table
 _NOT_SHOWN = ("seconds", "error")
 _WORDS = (
     "Ticks are single estimates, dots are medians. “Over bound” is the root mean square error over the "
-    "Cramér-Rao bound for this noise, the surface being unknown; it means nothing where something is hidden "
-    "that the model lacks."
+    "Cramér-Rao bound for this noise, the surface being unknown; it means nothing where the model lacks a "
+    "hidden effect."
 )
 
 

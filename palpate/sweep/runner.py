@@ -260,7 +260,7 @@ def _run_on_dask(client: Any, todo: dict[str, Case], folder: Path) -> Iterator[s
         if future.status in ("cancelled", "lost") or isinstance(problem, CancelledError):
             raise PalpateError(
                 f"the scheduler {client.scheduler.addr if client.scheduler else ''} is gone; what is "
-                "finished is kept, and the same command goes on from there"
+                "finished is kept, and the same command continues from there"
             )
         address = future.key.split("-")[1]
         yield f"{todo[address].label}: {problem}" if problem else ""

@@ -66,7 +66,7 @@ class TeleopDemo:
     def force_summary(self) -> str:
         """How far what was felt is from what is real."""
         if not len(self.felt.real_n):
-            return "nothing was felt after the first estimate: the felt force cannot be compared"
+            return "there was no touch after the first estimate: the felt force cannot be compared"
         settled, stalled = self.felt.settled(), int(self.felt.stalled.sum())
         late = f", nor {count(stalled, 'sample')} of touches at which the machine missed ticks"
         return (

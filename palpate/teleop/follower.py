@@ -362,7 +362,7 @@ def run_follower(job: FollowerJob, say: Say) -> FollowerOutcome:
         observer = Observer(messaging, arm.log, robot_file.joint_count, len(list(job.plan.runs())))
         messaging.start()
         if line.is_open_here:
-            say("no --key: any program of this machine may say where the arm presses; on 127.0.0.1 alone")
+            say("no --key: any program on this machine can command the arm; only 127.0.0.1 is served")
         say("waiting for a leader; Ctrl-C brings the arm to rest")
         result = arm.run(task, guard, rate_hz, observer.observe)
         messaging.farewell(result.cause)

@@ -231,7 +231,7 @@ class _Leader:
         for place in telling.selected:
             self._select(place)
         for text in telling.refused:
-            self._note("refused", f"not felt: {text}")
+            self._note("refused", f"not rendered: {text}")
         if telling.finished and not self._ending:
             self.end()
 
@@ -259,7 +259,7 @@ class _Leader:
             try:
                 is_new = self._target_states.take(message)
             except InputError as error:
-                self._note("refused", f"estimate {message.revision} cannot be felt: {error}")
+                self._note("refused", f"estimate {message.revision} cannot be rendered: {error}")
                 return
             if is_new:
                 why = f" ({message.words})" if message.words else ""

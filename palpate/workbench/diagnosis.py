@@ -214,7 +214,7 @@ class RiddleScore:
         if names & self.truth:
             return "partly right"
         return (
-            "as good as right, this data cannot tell them apart" if names and names <= self.alike else "wrong"
+            "as good as right: this data cannot tell them apart" if names and names <= self.alike else "wrong"
         )
 
 
@@ -245,7 +245,7 @@ class RiddleCard:
         """Diagnose, open the sealed answer and score both."""
         guessed = frozenset(self._state.choice.effects)
         self._button.disable()
-        self._answer.set_text("the diagnosis is thinking about it, too")
+        self._answer.set_text("the diagnosis is working on it, too")
         await self._diagnose()
         self._button.enable()
         diagnosis, path = self._state.diagnosis, self._state.study.source.path

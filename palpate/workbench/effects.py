@@ -187,7 +187,7 @@ class Effects:
             if len(names) > 1:
                 last = [name for name in self._effects if name in names][-1]  # in the order of the page
                 said = ", ".join(name.replace("_", " ") for name in names)
-                changes[last] |= {"together": f"much the same to this data: {said}"}
+                changes[last] |= {"together": f"hard to tell apart in this data: {said}"}
         self._rows.change(changes)
 
 
@@ -240,13 +240,13 @@ class Gallery:
         with ui.dialog() as dialog, ui.card().classes("gallery"):
             heading(name.replace("_", " "))
             ui.label(effect.physics)
-            ui.label(f"What one sees: {effect.signature}.")
+            ui.label(f"Signature: {effect.signature}.")
             ui.label(effect.equation).classes("code")
             plot = Plot(simulated.figure())
             for parameter in (*effect.gains, *effect.inner):
                 _slider(parameter, simulated, plot)
             for rival, experiment in effect.confused_with.items():
-                ui.label(f"Told from {rival.replace('_', ' ')} by: {experiment}").classes("quiet")
+                ui.label(f"Separate it from {rival.replace('_', ' ')}: {experiment}").classes("quiet")
             ui.button("Close", on_click=dialog.close).props("flat no-caps autofocus")
         dialog.on("hide", dialog.delete)
         dialog.open()

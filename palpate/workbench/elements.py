@@ -164,14 +164,17 @@ BUDGET = (
     "this kind explains to what it explains alone."
 )
 EVIDENCE = (
-    "How much of the held-out error this effect takes away, or took, beside the others that are ticked."
+    "Share of the held-out error that this effect removes, or removed, beside the other ticked effects."
 )
-ALIKE = "What these change has a cosine above 0.95; a diagnosis says whether this data can tell them apart."
+ALIKE = (
+    "The changes that these effects make have a cosine above 0.95; a diagnosis says whether this data "
+    "can tell them apart."
+)
 INTERVAL = (
     "95 % interval: an experiment like this one gives values within it 19 times of 20, if the model is right."
 )
 SLIDER = (
-    "Pull to see the curves at another value, the other parameters as they are; nothing is fitted meanwhile."
+    "Drag to see the curves at another value; the other parameters stay as they are, and nothing is fitted."
 )
 SAME = "The command line and Python give this fit, number for number; copy these lines."
 STOP = "End the diagnosis; nothing is changed."
@@ -189,32 +192,33 @@ HELD_OUT = (
 CURSORS = "Click into the curves to set cursor A or B, or type a time: values and differences are read there."
 KEEP = "Keep the chosen effects as a revision, as palpate add does; go back to it at any time."
 REVISIONS = "Models that were kept, here or by the command line; choose one to go back to it."
-GATES = "Checked before anything is fitted: a fit of such data would only look like an answer."
+GATES = "Checked before fitting: a fit of unsuitable data only looks like an answer."
 DIAGNOSE = (
     "Say what kinds of effects the error is made of and which effects are missing; takes a while, and can be "
     "stopped."
 )
 VERDICTS = {
-    "adequate": "Nothing is missing that this data can show.",
+    "adequate": "This data shows no missing effect.",
     "missing": "These effects are missing; the form of each is exact, or marked as approximate.",
     "unexplained": "Something is missing; no effect in the library has its form.",
     "insufficient": "This data cannot say; the reason says what to record.",
 }
 GATE = {
     "enough": "enough data: samples, runs, and something to hold out",
-    "units": "units and times belong together",
-    "sync": "effort and motion belong together in time and sign",
-    "excitation": "excitation: the object is met, and the signals change",
-    "readings": "readings: fine enough, and not rectified",
-    "saturation": "not at the end of the sensor's range",
+    "units": "units and times are consistent",
+    "sync": "effort and motion agree in time and sign",
+    "excitation": "excitation: the object is touched, and the signals change",
+    "readings": "readings: steps are fine enough, and nothing is rectified",
+    "saturation": "the sensor is not saturated",
 }
 EFFECTS = "Physical causes that the base model lacks; tick one to add it, and again to take it away."
 PICTURE = "What it looks like: grey without, orange with it. Click for live sliders."
 RESOLVE = (
-    "Probes, diagnoses, and probes again in the way that best tells apart what is left; see palpate resolve."
+    "Probes, diagnoses, and repeats with the experiment that best separates the remaining explanations; see "
+    "palpate resolve."
 )
-DESIGNING = "Rehearsing what the arm can do, to find what tells most: up to a minute or two."
+DESIGNING = "Simulating the arm's experiments to find the most informative one; this takes up to two minutes."
 SEALED = (
-    "The session does not say in which world it was probed (what is hidden there may be sealed): probe again "
-    "with the options of then, or begin with palpate resolve."
+    "The session does not hold its simulated world (its hidden effects may be sealed): probe again with the "
+    "same options, or begin with palpate resolve."
 )

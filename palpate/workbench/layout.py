@@ -183,7 +183,7 @@ def _next_step(home: AppState, state: WorkbenchState) -> None:
         try:
             following = await run.io_bound(lambda: state.study.next_probe([diagnosis]))
             if following is None:
-                ui.notify("no experiment that this arm can do would tell more")
+                ui.notify("no experiment of this arm would tell more")
                 return
             text = plan_text(following.proposal, following.plan)
             write_text(output_folder(folder) / _NEXT, text)

@@ -324,7 +324,7 @@ class Page:
                 button = ui.button(text, on_click=partial(self._change, work))
                 button.props("flat dense no-caps align=left").classes("revision")
             if not kept:
-                ui.label("none kept yet").classes("quiet")
+                ui.label("no revisions yet").classes("quiet")
 
 
 def _button(text: str, icon: str, work: Callable[[], object], about: str, look: str = "flat") -> ui.button:
@@ -340,7 +340,7 @@ def gates(state: WorkbenchState) -> None:
 
     reasons = checklist(state.channel.to_fit, state.channel.model)
     with ui.element("section").classes("card"):
-        heading("Is this data fit to be judged?", elements.GATES)
+        heading("Is this data fit for a diagnosis?", elements.GATES)
         rows = []
         for kind, text in elements.GATE.items():
             if kind not in reasons:

@@ -66,7 +66,11 @@ class ErrorCard:
         self._judged, shown = fit, fit.shown
         unit, error, noise = shown.fitted.data.kind.effort_unit, shown.fitted.rmse, shown.noise
         more = error > NOISE * fit.noise
-        said = f"a smooth law takes it to {fit.noise:.3g} {unit}" if more and error < NOISE * noise else ""
+        said = (
+            (f"a flexible regression reaches {fit.noise:.3g} {unit}")
+            if more and error < NOISE * noise
+            else ""
+        )
         kind = "" if more or fit.unphysical else "fits"
         self._number.set_content(_number(error, unit, noise, said, kind))
         self._wrong.set_text(" ".join(impossible(fit.unphysical)))
@@ -295,11 +299,11 @@ class Lines:
     def build(self) -> None:
         """Put the elements."""
         with ui.element("section").classes("card same"):
-            heading("The same without this page", elements.SAME)
+            heading("Equivalent commands", elements.SAME)
             self._command = ui.label().classes("code").mark("command")
             self._python = ui.label().classes("code").mark("python")
 
     def show(self) -> None:
         """State the lines."""
-        self._command.set_text(self._state.command() or "no command does this; in Python:")
+        self._command.set_text(self._state.command() or "only in Python:")
         self._python.set_text(self._state.python())

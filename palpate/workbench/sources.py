@@ -225,7 +225,7 @@ class FileDrop:
 TOPIC = "/probing"
 _NUMBERS = {
     "force_n": "measured force [N]",
-    "residual_n": "force less that of the online estimates [N]",
+    "residual_n": "residual of the online estimates [N]",
     "stiffness_n_m": "online estimate of k [N/m]",
     "damping_n_s_m": "online estimate of c [N s/m]",
 }

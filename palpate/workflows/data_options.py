@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 FolderOption = Annotated[
     Path | None,
-    typer.Option(help="Where the revisions are kept, if not in the usual place.", metavar="FOLDER"),
+    typer.Option(help="Folder of the revisions; default: beside the data.", metavar="FOLDER"),
 ]
 ForceOption = Annotated[
     bool,
@@ -41,7 +41,7 @@ class ReadOptions:
     column: Annotated[
         list[str] | None,
         typer.Option(
-            help="What a column is called in the file, such as force_N=load, run=trial or phase=state.",
+            help="Column of a quantity in the file, such as force_N=load, run=trial or phase=state.",
             metavar="NAME=COLUMN",
         ),
     ] = None
@@ -57,11 +57,13 @@ class ReadOptions:
         ),
     ] = None
     context: Annotated[
-        list[str] | None, typer.Option(help="Further column of numbers to keep.", metavar="COLUMN")
+        list[str] | None, typer.Option(help="Further numeric column to keep.", metavar="COLUMN")
     ] = None
     fresh_runs: Annotated[
         bool,
-        typer.Option("--fresh-runs", help="Each run met a fresh specimen or spot: none remembers another."),
+        typer.Option(
+            "--fresh-runs", help=("Each run met a fresh specimen or spot, so no run affects another.")
+        ),
     ] = False
     runs: Annotated[
         int | None,
@@ -93,7 +95,9 @@ class DataArguments(ReadOptions):
     ]
     effect: Annotated[
         list[str] | None,
-        typer.Option(help="Effect of your own that may be used; its file is run.", metavar="FILE.py:CLASS"),
+        typer.Option(
+            help=("Your own effect, as a further candidate; its file is executed."), metavar="FILE.py:CLASS"
+        ),
     ] = None
     urdf: Annotated[
         Path | None,
@@ -125,7 +129,7 @@ class DataArguments(ReadOptions):
 
         existing_data(self.file)
         if self.urdf is None and self.tip_frame is not None:
-            raise InputError(f"--tip-frame {self.tip_frame}: says nothing without --urdf FILE")
+            raise InputError(f"--tip-frame {self.tip_frame}: needs --urdf FILE")
         arm = None if self.urdf is None else arm_from_urdf(self.urdf, self.tip_frame)
         study = Study(
             self.file,
@@ -159,7 +163,8 @@ class DataArguments(ReadOptions):
         """Say that runs held out by choice are left out, in a command that judges no model on them."""
         if self.held_out:
             words = (
-                f"--held-out {self.held_out}: left out here; palpate compare and add judge models on these"
+                f"--held-out {self.held_out}: is ignored here; only palpate compare and add score on these "
+                "runs"
             )
             console.stderr().print(words)
 

@@ -32,9 +32,13 @@ class StopReason(StrEnum):
 
     SEPARATED = "separated"  # one explanation is left in each channel
     SIMPLEST = "simplest"  # of what nothing that the arm can do is expected to set apart, all contain one
-    UNSEEN = "unseen"  # what an earlier probe showed is too little to be seen in all of them together
+    UNSEEN = (
+        "unseen"  # an effect seen in an earlier probe is too small to be significant in all probes together
+    )
     UNEXPLAINED = "unexplained"  # what is left follows no effect of the library
-    INSEPARABLE = "inseparable"  # nothing that the arm can do is expected to set apart what is left
+    INSEPARABLE = (
+        "inseparable"  # no experiment of this arm is expected to separate the remaining explanations
+    )
     PROBES = "probes"  # the budget of probes is used up
     SECONDS = "seconds"  # all that would separate takes longer than the time that is left
     INSUFFICIENT = "insufficient"  # the data cannot say
@@ -234,12 +238,20 @@ def _decision(  # noqa: PLR0917 (what it is made of)
 
 _ENDS = {
     StopReason.SEPARATED: "one explanation is left",
-    StopReason.SIMPLEST: "no experiment of this arm is expected to show more than this, which others contain",
-    StopReason.UNSEEN: "what an earlier probe showed is too little to be seen in all of them together",
-    StopReason.UNEXPLAINED: "what is left is no effect of the library, as far as this arm can show",
-    StopReason.INSEPARABLE: "nothing that the arm can do is expected to set apart what is left",
+    StopReason.SIMPLEST: (
+        "no further experiment is expected to show more than the simplest explanation "
+        "left, "
+        "which the others contain"
+    ),
+    StopReason.UNSEEN: (
+        "an effect seen in an earlier probe is too small to be significant in all probes together"
+    ),
+    StopReason.UNEXPLAINED: (
+        "no effect of the library explains the remaining error, as far as this arm can show"
+    ),
+    StopReason.INSEPARABLE: "no experiment of this arm is expected to separate the remaining explanations",
     StopReason.PROBES: "the budget of probes is used up",
-    StopReason.SECONDS: "what would separate takes longer than the time that is left",
+    StopReason.SECONDS: "the experiment that would separate them takes longer than the remaining time",
     StopReason.INSUFFICIENT: "the data cannot say more",
 }
 

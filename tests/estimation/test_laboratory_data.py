@@ -191,7 +191,7 @@ RATE = {WAY: None, LOAD: None, "Angle [deg]": np.sin(T)}
             {},
             "its unit in a way that is known ('furlong'); say it, as in --",
         ),
-        ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is no unit of time that is known; say --unit time=s"),
+        ({TIME: None, "Time (ticks)": T}, {}, "'ticks' is no unit of time that is known; use --unit time=s"),
         ({LOAD: None, "Load setpoint [N]": T}, {}, "no channel can be made of"),
         ({LOAD: None, "Stress [MPa]": T}, {}, "no channel can be made of"),
         ({TIME: None, "n": np.arange(len(T))}, {}, "no time; name it time_s or add --column time_s=COLUMN"),

@@ -63,7 +63,7 @@ def test_a_stiffness_that_cannot_be_is_pointed_out():
     x = 0.005 + 0.004 * np.sin(20 * t)
     data = channel(-200 * x, x, 0.08 * np.cos(20 * t), t)
     found = estimated(data)
-    assert "stiffness.k: outside what is physical" in found.note
+    assert "stiffness.k: outside the physical bounds" in found.note
     assert found.unphysical == ("stiffness.k",)
 
 

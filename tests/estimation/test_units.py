@@ -131,7 +131,7 @@ def test_without_a_constant_it_counts_as_it_stands_and_a_note_says_so(column, fa
 
 
 def test_a_unit_that_is_not_understood_is_asked_for():
-    with pytest.raises(InputError, match=r"'cycles' is no unit of time that is known; say --unit time=s"):
+    with pytest.raises(InputError, match=r"'cycles' is no unit of time that is known; use --unit time=s"):
         imported(**{"Time (cycles)": T, "Travel (mm)": 1e3 * X, "Load (N)": FORCE})
     with pytest.raises(
         InputError, match=r"in a way that is known \('MM'\); say it, as in --unit displacement"

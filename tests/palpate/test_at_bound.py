@@ -55,7 +55,7 @@ def test_presliding_that_no_sample_resolves_is_marked_wherever_it_is_shown(capsy
         (("compare", "--json"), "damping.c would be below"),
         (("add", "bias"), "kelvin_voigt + bias misses contact: "),
         (("diagnose",), "delay is missing from the model"),
-        (("estimate",), "outside what is physical"),
+        (("estimate",), "outside the physical bounds"),
     ],
 )
 def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, command, said):
@@ -63,6 +63,6 @@ def test_no_command_calls_a_damper_that_drives_a_fit(tmp_path, few_effects, comm
     result = run(command[0], data, *command[1:], *(("--out", tmp_path) if command[0] == "add" else ()))
     told = " ".join(result.stdout.split())
     assert said in told
-    words = "damping.c would be below what is physical, 0 N s/m: the model lacks"
+    words = "damping.c would be below the physical bound, 0 N s/m: the model lacks"
     assert command[0] in {"diagnose", "estimate"} or words in told
     assert " fits " not in told

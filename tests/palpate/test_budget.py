@@ -75,7 +75,7 @@ def test_noise_that_nothing_measured_is_an_upper_bound():
 
 def test_where_all_is_noise_the_sentence_says_so():
     view = budget_view(diagnosis(verdict="adequate", noise=1.0))
-    assert view.sentence == "All of the 0.144 N error passes for noise."
+    assert view.sentence == "The whole error of 0.144 N is within the noise."
 
 
 def test_a_diagnosis_without_shares_has_no_budget():
@@ -146,13 +146,15 @@ def test_kinds_without_a_form_are_named_beside_effects_that_have_one():
     rest = {"rmse": 0.05, "times_floor": 1.7, "depends_on": []}
     names = [("relaxation_spectrum", "approximate")]
     told = diagnosed(diagnosis(RELAXATION, SHAPE, accepted=names, complete=False, remaining=rest)).sentence
-    assert told.endswith("Of elastic shape (25 %), the form is not known.")
+    assert told.endswith("The form of elastic shape (25 %) is not known.")
 
 
 def test_unexplained_says_the_kinds_alone():
     found = diagnosis(SHAPE, share("friction", 0.2, effects=["dry_friction"]), verdict="unexplained")
     told = diagnosed(found).sentence
-    assert "what kind is missing is known, its form is not: elastic shape (25 %) and friction (20 %)." in told
+    assert (
+        "the kind of the missing effect is known, but not its form: elastic shape (25 %) and friction (20 %)."
+    ) in told
     assert "dry_friction" not in told
 
 

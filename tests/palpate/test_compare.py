@@ -113,7 +113,7 @@ def test_the_floor_is_one_number_whatever_was_kept_before(hardening, tmp_path):
     ("options", "words"),
     [
         (("--revision", 9), ("no revision 9", "There are: 0, 1")),
-        (("--revision", 0, "--revision", 1), ("several of channel 'contact'",)),
+        (("--revision", 0, "--revision", 1), ("several revisions of channel 'contact'",)),
         (("--revision", 1, "--model", "hunt_crossley"), ("leave out --model",)),
     ],
 )

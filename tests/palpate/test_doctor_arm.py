@@ -521,7 +521,7 @@ def test_a_no_to_power_is_not_called_well(monkeypatch):
     monkeypatch.setattr("palpate.commands.doctor._somebody_is_there", lambda: True)
     monkeypatch.setattr("typer.confirm", lambda question, **_: "Hands away" not in question)
     result = run("doctor", "--robot", ODRIVE, "--wire", "--move")
-    assert "is not examined to the end" in result.stdout
+    assert "is not checked completely" in result.stdout
     assert "is well" not in result.stdout
     assert "--wire --move" in result.stderr
     assert "palpate probe" not in result.stderr

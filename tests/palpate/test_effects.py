@@ -60,7 +60,7 @@ def test_on_the_own_motion_it_is_drawn_beside_the_fitted_model(hardening):
     [
         (("cubic_stifness",), ("no effect", "cubic_stiffness")),
         (("backlash", "--on", "HARDENING"), ("backlash", "contact")),
-        (("--on", "HARDENING"), ("name the effect",)),
+        (("--on", "HARDENING"), ("name an effect",)),
         (("bias", "--on", "none.csv"), ("none.csv", "no such file")),
     ],
 )
@@ -140,9 +140,9 @@ class SoundEffect(AdditiveEffect):
 RNG = np.random.default_rng(0)
 SPOILT = {
     "columns are zero throughout contact": lambda data: 0.0 * data.position[:, None],
-    "columns gives other values when it is called again": lambda data: RNG.normal(size=(len(data), 1)),
+    "columns returns other values when called again": lambda data: RNG.normal(size=(len(data), 1)),
     r"values beyond 1e\+30": lambda data: np.full((len(data), 1), 1e200),
-    "has not come to an end in 0.2 s": lambda data: time.sleep(5.0),
+    "did not end within 0.2 s": lambda data: time.sleep(5.0),
 }
 
 
@@ -162,7 +162,7 @@ def test_an_effect_that_never_comes_to_be_is_given_up(tmp_path, monkeypatch):
         "import time\nfrom palpate.estimation.effects.sensor_statics import Bias\n"
         "class Waits(Bias):\n    name = 'waits'\n    def __init__(self):\n        time.sleep(9)\n"
     )
-    with pytest.raises(InputError, match=r"Waits.*: cannot be made: has not come to an end in 0\.2 s"):
+    with pytest.raises(InputError, match=r"Waits.*: cannot be made: did not end within 0\.2 s"):
         Study([DATA], effects=[f"{file}:Waits"])
 
 

@@ -98,6 +98,6 @@ def test_only_a_real_arm_is_ended_when_nobody_writes_its_log_any_more(world, end
     assert not arm.unlogged()
     log._process.kill()
     log._process.wait()
-    assert arm.unlogged() == ("its session is no longer written (the writer process ended with -9)" * ends)
+    assert arm.unlogged() == ("writing the session failed (the writer process ended with -9)" * ends)
     with pytest.raises(SessionError, match="writer process ended with -9"):
         log.close()

@@ -195,7 +195,7 @@ def test_what_cannot_be_is_not_called_determined_and_is_said_once(tmp_path):
     shown = run("estimate", file, "--all").stdout
     assert shown.count("m impossible") == len(ESTIMATORS)
     assert "yes" not in shown.split()
-    assert shown.count("outside what is physical") <= 2  # one estimator may say more
+    assert shown.count("outside the physical bounds") <= 2  # one estimator may say more
     (channel,) = estimate_json(file)["channels"]
     for estimate in channel["estimates"]:
         inertia = estimate["parameters"]["inertia.m"]

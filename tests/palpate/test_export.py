@@ -118,7 +118,7 @@ def test_what_the_simulator_cannot_do_is_said():
     negative = fitted("contact", stiffness__k=5.0, lag__tau=-1.0)
     assert "lag" in export_scenario(Scenario(), [negative], "x").left_out[0]
     pushing = fitted("contact", stiffness__k=5.0, damping__c=-3.0)
-    assert "a damping of -3 N s/m would feed energy in" in export_scenario(Scenario(), [pushing], "x").used[1]
+    assert "a damping of -3 N s/m would add energy" in export_scenario(Scenario(), [pushing], "x").used[1]
 
 
 def test_a_wrong_motor_constant_is_turned_round():
@@ -178,9 +178,9 @@ def test_revisions_of_other_rows_are_not_gone_on_from(tmp_path, monkeypatch):
     of_a, of_b = (("export", "two.csv", "--where", f"specimen={name}") for name in "AB")
     grown("A", "cubic_stiffness")
     for told in ((), ("--revision", 1)):
-        assert_refused(run(*of_b, *told), "revision 1 is of other data", "--where", "folder")
+        assert_refused(run(*of_b, *told), "revision 1 is from other data", "--where", "folder")
     assert not (tmp_path / "two-palpate" / "scenario.yaml").exists()
-    with pytest.raises(InputError, match="revision 1 is of other data"):
+    with pytest.raises(InputError, match="revision 1 is from other data"):
         grown("B", "bias", start=1)
     assert [(one.parent, one.effects) for one in grown("B", "bias")] == [(None, []), (2, ["bias"])]
     for of, law in ((of_a, "cubic_stiffness"), (of_b, "bias")):

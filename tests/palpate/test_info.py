@@ -59,7 +59,7 @@ def test_a_session_cut_short_is_said_to_be(session, tmp_path):
 def test_a_session_whose_program_was_killed_is_not_called_whole(session, tmp_path):
     path = tmp_path / "killed.mcap"
     write_session(path, [], SessionMetadata(), [Event(0.0, "start", "it begins", None), unclosed(1.0)])
-    assert "no: the program ended without closing it" in run("info", path).stdout
+    assert "no: the program was killed before it closed the file" in run("info", path).stdout
     assert as_json("info", path)["unclosed"] is True
     assert as_json("info", session)["unclosed"] is False
 

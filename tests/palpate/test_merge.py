@@ -92,13 +92,13 @@ def test_a_session_that_is_cut_off_is_named(imported, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(imported[1].read_bytes()[:-2000])
     told = run("merge", imported[0], cut, "-o", tmp_path / "both.mcap").stderr
-    assert "cut.mcap: is not whole" in told
+    assert "cut.mcap: is incomplete" in told
     assert f"{imported[0].name}: is" not in told
     both, again = tmp_path / "both.mcap", tmp_path / "again.mcap"
     merged([both, imported[0]], again)
     for file, lacking in ((both, "cut.mcap"), (again, "both.mcap"), (imported[0], "")):
         whole = re.search(r"whole +(.*)", run("info", file).stdout)[1]
-        assert whole == (f"no: merged from sessions that were not whole: {lacking}" if lacking else "yes")
+        assert whole == (f"no: merged from incomplete sessions: {lacking}" if lacking else "yes")
 
 
 def test_what_is_said_of_it_is_true_of_all(probings, tmp_path):

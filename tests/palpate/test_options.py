@@ -93,7 +93,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("say --unit force=mN or --unit x=mm", 'say units={"force": "mN"} or units={"x": "mm"}'),
+        ("use --unit force=mN or --unit x=mm", 'use units={"force": "mN"} or units={"x": "mm"}'),
         ("as in --unit displacement=m --unit force=N", 'as in units={"displacement": "m", "force": "N"}'),
         ("add --column run='no. 1', it says", 'add columns={"run": "no. 1"}, it says'),
         ("takes --where run=0,2; --column, --unit and --fresh-runs are",

@@ -55,7 +55,7 @@ def test_what_is_read_is_never_replaced(session, hardening, tmp_path):
         (session, ("merge", session, data, "-o", session)),
     ):
         before = read.read_bytes()
-        assert_refused(run(*command), "is what is read")
+        assert_refused(run(*command), "is the input")
         assert read.read_bytes() == before
 
 
@@ -98,7 +98,7 @@ def test_with_force_it_is_replaced_but_never_what_is_read(hardening, tmp_path):
     assert run("compare", hardening, "--out", tmp_path, "--force").exit_code == 0
     assert "<html" in (tmp_path / "report.html").read_text()
     data = Path(shutil.copy(hardening, tmp_path / "data.csv"))
-    with pytest.raises(InputError, match="is what is read"):
+    with pytest.raises(InputError, match="is the input"):
         spare_files(tmp_path, ["*.csv"], force=True, keep=[data])
 
 
@@ -154,7 +154,7 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(hardening):
     assert_refused(run("probe", "-o", "/proc/x.mcap"), "output folder /proc", "cannot be written to")
     told = run("diagnose", hardening, "--out", hardening)
     assert_refused(told, "hardening.csv: is a file, not a folder")
-    with pytest.raises(InputError, match="is no file that could be replaced"):
+    with pytest.raises(InputError, match="is not a regular file, and is not replaced"):
         output_file(Path("/dev/null"), force=True)
 
 

@@ -78,7 +78,7 @@ def test_a_real_arm_gets_no_power_without_a_question(probed, tmp_path, monkeypat
     ("options", "words"),
     [
         (("--robot", "leader"), ("another arm", "--robot")),
-        (("-o", "SESSION"), ("is what is read",)),
+        (("-o", "SESSION"), ("is the input",)),
         (("--scenario", "none.yaml"), ("none.yaml",)),
     ],
 )
@@ -91,7 +91,9 @@ def test_what_cannot_be_repeated_is_refused(probed, tmp_path, options, words):
 
 def test_an_imported_session_has_no_motion_of_an_arm(hardening, tmp_path):
     assert run("import", hardening, "-o", tmp_path / "x.mcap").exit_code == 0
-    assert_refused(run("replay", tmp_path / "x.mcap", "-o", tmp_path / "t.mcap"), "no arm made it")
+    assert_refused(
+        run("replay", tmp_path / "x.mcap", "-o", tmp_path / "t.mcap"), "was not recorded with an arm"
+    )
 
 
 def cut(recorded, path, share):

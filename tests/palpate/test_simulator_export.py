@@ -262,7 +262,7 @@ def test_a_joint_without_a_revision_gets_its_base_model_with_a_warning(swinging,
     base = ("export", data, "--format", form, "-o", out, "--force")
     (tmp_path / "empty").mkdir()
     plain = run(*base, "--folder", tmp_path / "empty")
-    assert "no effect was added to joint_1: the base model is written" in " ".join(plain.stderr.split())
+    assert "no effect was added to joint_1: the base model is exported" in " ".join(plain.stderr.split())
     assert "no effect was added" not in run(*base, "--folder", folder / "study").stderr
 
 
@@ -273,7 +273,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(swinging, tmp_path):
     base = ("export", data, "--folder", folder / "study")
     assert_refused(run(*base, "--format", "mjcf", "-o", tmp_path / "x.xml"), "--patch FILE")
     out = run(*base, "--format", "mjcf", "--patch", mine, "-o", mine, "--force")
-    assert_refused(out, "is what is read")
+    assert_refused(out, "is the input")
     assert mine.read_text() == HAND_MADE
     assert_refused(run(*base, "--patch", mine), "patches no file")
     bad = tmp_path / "bad.json"

@@ -44,7 +44,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
     [
         (
             diagnosis("adequate", after=0.102),
-            ("nothing is missing", "runs is 0.102 N (noise 0.1 N, from free air)"),
+            ("shows no missing effect", "runs is 0.102 N (noise 0.1 N, from free air)"),
             (),
         ),
         (diagnosis("insufficient", reason="a single run"), ("cannot say: a single run.",), ("error",)),
@@ -52,7 +52,7 @@ ONE, TWO = accepted("bias", 0.5, 0.2), accepted("lag", 0.2, 0.1, "delay", "dampi
         (
             diagnosis("missing", ONE, TWO),
             ("bias and lag (or delay or damping) are missing", "With them", "falls from 0.5 to 0.1 N"),
-            ("more is left",),
+            ("error remains",),
         ),
         (diagnosis("missing", ONE, after=0.2), ("bias is missing", "With it"), ("are missing",)),
         (diagnosis("missing", ONE, after=0.495), ("stays at 0.495 N",), ("falls",)),
@@ -74,7 +74,7 @@ def test_a_verdict_is_one_sentence_that_says_what_to_know(found, words, absent):
     ("complete", "words"),
     [
         (True, "(noise 0.1 N, from free air)."),
-        (False, "Something more is left: 1.8 times the noise, depends on a."),
+        (False, "An unexplained error remains: 1.8 times the noise, depends on a."),
     ],
 )
 def test_an_established_effect_is_named_whether_the_model_is_complete_or_not(complete, words):
@@ -186,7 +186,7 @@ def test_a_residual_map_averages_what_is_judged_in_a_cell(contact):
 
 def test_what_is_not_judged_is_said(contact):
     view = channel_view(contact, (), None, judged=np.arange(len(contact)) % 4 > 0)
-    assert view.verdict.remarks == ("25 % of the samples are not judged; the report shades them.",)
+    assert view.verdict.remarks == ("25 % of the samples are excluded from scoring; the report shades them.",)
     told = channel_view(contact, (), None, judged=view.judged, not_judged="1 in 4 is not judged.")
     assert told.verdict.remarks == ("1 in 4 is not judged.",)
 

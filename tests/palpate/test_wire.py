@@ -144,7 +144,7 @@ def arm(tmp_path_factory):
     out = folder / "e.yaml"
     options = ("--wire", "--pose", "home", "-o", out, "--session", folder / "e.mcap")
     result = done("calibrate", "encoder", "--robot", path, *options)
-    assert "the arm itself refuses it" in result.stderr
+    assert "a real arm refuses it" in result.stderr
     assert f"palpate probe --robot {path} --wire {FIRST_PROBE}" in result.stderr
     assert "once the robot file names it" in result.stderr
     path.write_text(path.read_text() + "\ncalibration: {encoder: e.yaml}\n")

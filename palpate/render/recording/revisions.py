@@ -325,7 +325,7 @@ def _growth_tab(channel: ChannelView) -> rrb.Horizontal:
         _view(f"{name}/effort", "Measured (blue), revision 0 (grey), this revision (orange)", _WIDE),
         rrb.Horizontal(
             _view(f"{name}/loop", "Over the state"),
-            _view(f"{name}/residual", "What is left: revision 0 (grey), this revision (orange)"),
+            _view(f"{name}/residual", "Residual: revision 0 (grey), this revision (orange)"),
         ),
     )
     words = rrb.TextDocumentView(origin=f"{name}/words", name="This revision")

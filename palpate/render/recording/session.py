@@ -180,11 +180,11 @@ def _blueprint(scene: Scene) -> rrb.Blueprint:
         row_shares=[4, 1.6, 3] + [2.6] * scene.joints,
     )
     joints = [plot(f"{_POSITION}/joint_{j + 1}", f"Joint {j + 1} [°]") for j in range(scene.joints)]
-    tracking = plot(_TRACKING, "Tracking error: measured less aimed at [°]", legend=rrb.Corner2D.LeftTop)
+    tracking = plot(_TRACKING, "Tracking error: measured − reference [°]", legend=rrb.Corner2D.LeftTop)
     sections = plot(f"{_TIMING}/sections", "Time in each section [µs]", legend=rrb.Corner2D.LeftTop)
     return shown_on(
         rrb.Horizontal(left, curves, column_shares=[5, 6], name="Probing"),
         rrb.Vertical(tracking, *joints, name="Joints"),
-        rrb.Vertical(sections, plot(f"{_TIMING}/lateness", "Woken up late by [µs]"), name="Loop"),
+        rrb.Vertical(sections, plot(f"{_TIMING}/lateness", "Wake-up delay [µs]"), name="Loop"),
         timeline=TIME,
     )

@@ -88,7 +88,7 @@ def test_where_nothing_is_left_nothing_is_to_be_recorded(swung):
     assert found.remaining.depends_on == found.depends_on == []
     assert found.next_experiment is None
     assert (found.floor.free_air, found.floor.share_left) == (None, end.explainable_share())
-    assert found.reason.endswith("with joint_spring and coulomb_friction, and no more than noise is left")
+    assert found.reason.endswith("with joint_spring and coulomb_friction, and only noise is left")
     assert found.effort_unit == "N m"
 
 
@@ -99,7 +99,7 @@ def test_a_hum_that_the_sensor_picks_up_everywhere_is_told_with_its_size(hum_n):
     search = searched(data, "cubic_stiffness")
     told = decide_verdict(Evidence(search, identify_measurement_model(data), search.start, True, None))
     assert told.verdict is Verdict.ADEQUATE
-    found = re.search(r"; 0.3 N of the noise swings at (\S+) Hz, in free air too", told.reason)
+    found = re.search(r"; 0.3 N of the noise oscillates at (\S+) Hz, in free air too", told.reason)
     assert (float(found[1]) if found else None) == (pytest.approx(7.3, abs=0.05) if hum_n else None)
 
 
@@ -155,7 +155,7 @@ def test_where_nothing_is_established_the_best_single_effect_is_named_with_what_
     found, *_ = said(swung, complete=False, nothing=True)
     share = f"{100 * found.ranking[0].score:.0f} %"
     assert found.reason.endswith(
-        f"; the best single effect, joint_spring, takes away {share} of the error, and is not established"
+        f"; the best single effect, joint_spring, removes {share} of the error, but is not established"
     )
     assert "best single effect" not in said(swung, complete=False)[0].reason
 
@@ -207,7 +207,7 @@ def test_a_motion_that_cannot_be_changed_by_computing_gets_the_effect_s_own_advi
             "hold still for longer, then repeat the motion at once (the motion recorded here goes",
         ),
         (["velocity", "time"], "move slower and faster ("),
-        (["run"], "repeat one and the same motion, and see whether a run differs again ("),
+        (["run"], "repeat the same motion, and see whether runs differ again ("),
         (["joint position"], "move over a wider range"),
         (
             ["temperature"],
@@ -238,7 +238,7 @@ def test_what_shows_more_of_an_error_is_another_value_of_what_it_depends_on(sign
             "the deepest indentation is 9 m; is the displacement in millimetres?",
             "check units and columns",
         ),
-        ("contact", "only 60 samples; record at least 100", "begin and end each run free of any effort"),
+        ("contact", "only 60 samples; record at least 100", "begin and end each run without load"),
         ("revolute", "only 60 samples; record at least 100", "move over a wider range, slowly and fast"),
         ("revolute", "only 4 different readings, 0.1 N m apart; use more", "use a finer sensor"),
         ("revolute", "a single run", "repeat the motion at least three times"),

@@ -138,8 +138,8 @@ def quick(time_s, runs, kind):
         (ChannelKind.REVOLUTE, 1, "stretches 6 are taken, evenly spread"),
         (ChannelKind.REVOLUTE, 7, "stretches 6 are taken, evenly spread"),
         (ChannelKind.REVOLUTE, 300, "of its 300 runs"),
-        (ChannelKind.CONTACT, 1, "which loses what is quicker"),
-        (ChannelKind.CONTACT, 7, "which loses what is quicker"),
+        (ChannelKind.CONTACT, 1, "which loses faster changes"),
+        (ChannelKind.CONTACT, 7, "which loses faster changes"),
     ],
 )
 def test_however_quick_and_long_a_recording_is_it_gets_short_enough_and_says_how(

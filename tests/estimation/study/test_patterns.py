@@ -85,7 +85,7 @@ def test_noise_suggests_nothing(data):
         ({"run": (part("run 0", 1.0), part("run 1", -1.0))}, "differs from run to run"),
         ({"speed": (part("slow", 0.0, 2.0), part("fast", 0.0, 0.5))}, "is largest at low speed"),
         ({"speed": (part("slow", 0.0, 0.5), part("fast", 0.0, 2.0))}, "is largest at high speed"),
-        ({"temperature": (part("20", 1.0), part("30", -1.0))}, "goes with temperature"),
+        ({"temperature": (part("20", 1.0), part("30", -1.0))}, "varies with temperature"),
         ({"depth": (part("a", 1.0), part("b", -1.0)), "effort": (part("a", 1.0), part("b", -1.0))}, "depth"),
         (
             {

@@ -179,7 +179,7 @@ def test_what_is_kept_is_gone_on_from_only_for_the_same_data(tmp_path):
     assert again.add("bias").parent.number == 1
     assert other.known_diagnosis(other.channels[0]) is None
     assert other.results()[0].added == []
-    with pytest.raises(InputError, match="revision 1 is of other data"):
+    with pytest.raises(InputError, match="revision 1 is from other data"):
         other.add("bias", start=1)
     assert other.add("bias").revisions[0].parent is None
     (tmp_path / RESULT).write_text("{}")

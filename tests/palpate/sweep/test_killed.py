@@ -111,7 +111,7 @@ def test_a_killed_scheduler_ends_the_client_in_one_line_and_the_next_one_goes_on
     scheduler.kill()
     _, errors = running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 1
-    assert "the same command goes on" in errors.splitlines()[-1]
+    assert "the same command continues" in errors.splitlines()[-1]
     time.sleep(1.0)  # what was running lands, though nobody asks any more
     finished = ResultStore(tmp_path / "results").finished()
     _, address = dask_on()

@@ -114,7 +114,7 @@ def test_two_files_that_disagree_about_a_case_are_refused(tmp_path):
     write(tmp_path / "pack-1.parquet", address=["a"], **{name: [value] for name, value in result.items()})
     assert store.rows("a")[0]["number"] == 1.0
     write(tmp_path / "pack-1.parquet", address=["a"], number=[2.0], error=[""], seconds=[1.0])
-    with pytest.raises(InputError, match="another file says otherwise of case a"):
+    with pytest.raises(InputError, match="another file has a different result for case a"):
         store.rows("a")
 
 

@@ -99,7 +99,7 @@ def test_an_interrupted_sweep_says_how_much_is_done(tmp_path, mine, monkeypatch)
     monkeypatch.setattr("palpate.sweep.run_cases", interrupted)
     result = run("sweep", mine, "--out", tmp_path / "out")
     assert result.exit_code == 130
-    assert "1 of 4 cases are done and kept; the same command goes on from there" in result.stderr
+    assert "1 of 4 cases are done and kept; the same command continues from there" in result.stderr
 
 
 def test_the_earlier_name_still_works(done, mine):

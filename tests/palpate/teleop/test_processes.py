@@ -61,7 +61,7 @@ def test_a_killed_leader_leaves_the_arm_safe_and_another_one_is_heard(tmp_path, 
         second.until(lambda _: intent(ended=True), lambda side: getattr(side.last, "ended", False))
         output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode == 0, output
-    assert "no --key: any program of this machine may say where the arm presses" in output
+    assert "no --key: any program on this machine can command the arm" in output
     kept = Session.open(session)
     assert states(kept)[0] == ending
     assert "link_silent" in [event.kind for event in kept.events]

@@ -140,7 +140,7 @@ def test_tick_error_falls_undo_keep_report(opened, press):
 def test_a_gain_at_its_physical_bound_is_said_beside_the_error(opened, tmp_path):
     turned = write_presses(tmp_path / "turned.csv", cubic=0.0, force_of=lambda x, v: 400.0 * x - 6.0 * v)
     tab = opened(turned)
-    tab.page.wait_for_selector("text=/damping.c would be below what is physical, 0 N s/")
+    tab.page.wait_for_selector("text=/damping.c would be below the physical bound, 0 N s/")
     assert tab.page.query_selector(".error .fits") is None
 
 
