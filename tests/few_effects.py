@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.study import study
+from palpate.estimation.study import fits
 
 FEW = (
     *("cubic_stiffness", "layered_stiffness", "stress_relaxation", "contact_offset", "bias", "lag"),
@@ -15,4 +15,4 @@ FEW = (
 
 def try_few_effects(patch: pytest.MonkeyPatch, *more: str) -> None:
     """Studies that are made from now on know no other effects but `more`, beside the user's own."""
-    patch.setattr(study, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*FEW, *more)))
+    patch.setattr(fits, "effect_library", lambda: tuple(EFFECTS[name]() for name in (*FEW, *more)))

@@ -15,8 +15,7 @@ from palpate.estimation.base_model import NO_ARM, Arm
 from palpate.estimation.data.import_options import ImportOptions
 from palpate.estimation.diagnosis.extension import PackedFit
 from palpate.estimation.effects import EFFECTS
-from palpate.estimation.study import ModelStudy, fitting
-from palpate.estimation.study import study as study_module
+from palpate.estimation.study import ModelStudy, fits, fitting
 from palpate.estimation.study.saved_diagnosis import RESULT, with_checksum
 from palpate.robot_io.errors import InputError
 from tests.estimation.fits import cubic
@@ -254,7 +253,7 @@ def test_from_many_threads_a_model_is_fitted_once(monkeypatch):
         plain = getattr(module, name)
         return lambda *args: calls.append(name) or plain(*args)
 
-    for module, name in ((fitting, "fit_base"), (study_module, "fit_extended")):
+    for module, name in ((fitting, "fit_base"), (fits, "fit_extended")):
         monkeypatch.setattr(module, name, counted(module, name))
     study = ModelStudy(session(4))
     with ThreadPoolExecutor(8) as pool:

@@ -1,0 +1,361 @@
+"""Fits of one measurement: channels with their base models, fits with added effects, noise, comparisons."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from threading import RLock
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from palpate.estimation.base_model import Arm
+from palpate.estimation.channel import ChannelData
+from palpate.estimation.data.import_options import ImportOptions
+from palpate.estimation.data_quality import quality_warnings, reject_reason
+from palpate.estimation.diagnosis.candidates import effect_library
+from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
+from palpate.estimation.effect import Effect
+from palpate.estimation.estimate import TableDisplay
+from palpate.estimation.fit.fit_problem import NOT_HELD
+from palpate.estimation.fit.fit_result import FitResult
+from palpate.estimation.fit.measurement_noise import MeasurementNoise, measurement_noise
+from palpate.estimation.shared_gains import with_shared_gains
+from palpate.estimation.study import fitting
+from palpate.estimation.study.channels import (
+    ALL_CHANNELS,
+    FITTED_ARM_MODEL,
+    ChannelKey,
+    StudyChannel,
+    channel_of,
+    described_by,
+    suited_names,
+    unapplicable,
+    usual_model,
+)
+from palpate.estimation.study.comparison import Comparison, Comparisons, compare
+from palpate.estimation.study.source import NO_OPTIONS, limit_length, open_source
+from palpate.robot_io.errors import InputError
+
+_FitKey = tuple[ChannelKey, tuple[str, ...]]  # a channel with its base model, and the effects that were added
+NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_MOST_FITS = 90  # in the cache; the least recently used are dropped, and would be computed again
+
+
+class StudyFits(TableDisplay):
+    """Models of one measurement, each fitted once; see `ModelStudy`.
+
+    Args:
+        data: see `palpate.estimation.study.source.open_source`.
+        model: base model; None for the usual one of each channel.
+        options: how to read a file or table.
+        arm: the arm that the channels belong to, where the data does not say.
+        effects: the user's own, by the name under which to load them again, such as "my_effects.py:Mine".
+        held_out: runs excluded from fitting and used only for scoring; none to score each run by the others.
+
+    Raises:
+        InputError: the data cannot be used, the model is unknown or does not describe it, or no run is left.
+    """
+
+    def __init__(
+        self,
+        data: Any,  # noqa: ANN401, whatever a user has
+        model: str | None = None,
+        *,
+        options: ImportOptions = NO_OPTIONS,
+        arm: Arm | None = None,
+        effects: Mapping[str, Effect] | None = None,
+        held_out: Sequence[int] = (),
+    ) -> None:
+        own = effects or {}
+        self.source = limit_length(open_source(data, options, arm), held_out)
+        self.held_out = tuple(sorted(set(held_out)))
+        self.model = model
+        self._library = {effect.name: effect for effect in (*effect_library(), *own.values())}
+        self._own = {effect.name: place for place, effect in own.items()}
+        self._lock = RLock()
+        self._channels: dict[tuple[str, str], StudyChannel] = {}
+        self._fits: dict[_FitKey, FitResult] = {}
+        self._comparisons: dict[_FitKey, Comparison] = {}
+        self._noise: dict[ChannelKey, MeasurementNoise] = {}
+        measured = self.source.channels if model is None else described_by(self.source, model)
+        self.channels = self._with_shared_gains(tuple(self._channel(data, model) for data in measured))
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects that are tried: palpate's and the user's own."""
+        return tuple(self._library.values())
+
+    @property
+    def own_effects(self) -> tuple[Effect, ...]:
+        """The user's own effects."""
+        return tuple(self._library[name] for name in self._own)
+
+    @cached_property
+    def warnings(self) -> dict[str, list[str]]:
+        """Sentences on implausible data, by channel; only channels that have any."""
+        warnings = {
+            channel.name: quality_warnings(channel.measured, channel.model) for channel in self.channels
+        }
+        return {name: sentences for name, sentences in warnings.items() if sentences}
+
+    def channel(self, name: str | None = None) -> StudyChannel:
+        """Select one channel.
+
+        Args:
+            name: its name; None for the only channel.
+
+        Raises:
+            InputError: there is no such channel, or there are several.
+        """
+        chosen = self.chosen(name)
+        if len(chosen) > 1:
+            there = ", ".join(channel.name for channel in chosen)
+            raise InputError(f"several channels: {there}; choose one with --channel")
+        return chosen[0]
+
+    def chosen(self, name: str | None) -> tuple[StudyChannel, ...]:
+        """Select channels.
+
+        Args:
+            name: of one channel; None or "all" for all of them.
+
+        Raises:
+            InputError: there is no such channel.
+        """
+        chosen = tuple(channel for channel in self.channels if name in {None, ALL_CHANNELS, channel.name})
+        if not chosen:
+            there = ", ".join(channel.name for channel in self.channels)
+            raise InputError(f"--channel {name}: no such channel. There are: {there}")
+        return chosen
+
+    def with_model(self, name: str, model: str) -> StudyChannel:
+        """Select a channel with another base model than the study's.
+
+        Args:
+            name: of the channel.
+            model: base model.
+
+        Raises:
+            InputError: there is no such channel, or the model is unknown, or lacks something.
+        """
+        data = next((channel for channel in self.source.channels if channel.name == name), None)
+        if data is None:
+            there = ", ".join(channel.name for channel in self.source.channels)
+            raise InputError(f"channel '{name}' is not there. There are: {there}")
+        return self._channel(data, model)
+
+    def refusal(self, channel: StudyChannel) -> str:
+        """Say why a channel cannot be judged; an empty text if it can.
+
+        Args:
+            channel: the channel with its base model.
+        """
+        return reject_reason(channel.to_fit, channel.model) or ""
+
+    def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
+        """Fit the base model of a channel with added effects; from the cache if it was fitted before.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: the channel cannot be judged, or an effect is unknown, there, or does not apply.
+        """
+        channel = self._resolve(channel)
+        key = channel.key, tuple(effects)
+        with self._lock:
+            fit = self._fits.pop(key, None) or self._fit(channel, effects)
+            self._remember(key, fit)
+            return fit
+
+    def preview(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
+        """Approximate `fit` in a tenth of the time; return `fit` itself where that is in the cache.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: see `fit`.
+        """
+        channel = self._resolve(channel)
+        with self._lock:
+            if not effects or self.is_fitted(channel, effects):
+                return self.fit(channel, effects)
+            parent = self.preview(channel, effects[:-1])
+            return fitting.preview_extended(parent, self._suited_effect(effects[-1], parent))
+
+    def is_fitted(self, channel: StudyChannel, effects: Sequence[str]) -> bool:
+        """Return whether a fit is in the cache.
+
+        Args:
+            channel: the channel with its base model.
+            effects: names of the added effects, in order.
+        """
+        with self._lock:
+            return (channel.key, tuple(effects)) in self._fits
+
+    def take_fit(self, channel: StudyChannel, effects: Sequence[str], packed: PackedFit) -> None:
+        """Add a fit to the cache that another process made of the same data.
+
+        Args:
+            channel: the channel.
+            effects: names of the added effects, in order.
+            packed: the fit.
+        """
+        with self._lock:
+            if not self.is_fitted(channel, effects):
+                fit = packed.unpack(channel.to_fit, self.fit(channel))
+                self._remember((channel.key, tuple(effects)), fit)
+
+    def fit_held(
+        self,
+        channel: StudyChannel | str,
+        effects: Sequence[str] = (),
+        held: Mapping[str, float] = NOT_HELD,
+        bounds: Mapping[str, tuple[float, float]] = NO_BOUNDS,
+    ) -> FitResult:
+        """Fit the model of `fit` again with some parameters held.
+
+        Args:
+            channel: the channel, or its name.
+            effects: names of the added effects, in order.
+            held: values by "effect.parameter".
+            bounds: lowest and highest value of other parameters; one that would leave its bounds is held at
+                the nearer bound.
+
+        Raises:
+            InputError: see `fit`; or there is no such parameter, or a value is not finite.
+        """
+        channel = self._resolve(channel)
+        with self._lock:
+            free = self.fit(channel, effects)
+            given = [*held.items(), *((name, value) for name, pair in bounds.items() for value in pair)]
+            for name, value in given:
+                if name not in free.values:
+                    raise InputError(f"no parameter '{name}'. There are: {', '.join(free.values)}")
+                if not math.isfinite(value):
+                    raise InputError(f"{name}={value}: give a finite number")
+            fixed = dict(held)
+            while True:
+                fit = fitting.fit_held(channel.to_fit, free, fixed) if fixed else free
+                outside = {
+                    name: float(np.clip(fit.values[name], *pair))
+                    for name, pair in bounds.items()
+                    if name not in fixed and not pair[0] <= fit.values[name] <= pair[1]
+                }
+                if not outside:
+                    return fit
+                fixed |= outside
+
+    def noise(self, channel: StudyChannel | str) -> MeasurementNoise:
+        """Return the noise of a channel: the held-out error that a complete model would leave.
+
+        It is found beside the base model, and no added effect changes it; see `measurement_noise`.
+
+        Args:
+            channel: the channel, or its name.
+
+        Raises:
+            InputError: the channel cannot be judged.
+        """
+        channel = self._resolve(channel)
+        if channel.key not in self._noise:
+            self._noise[channel.key] = measurement_noise(self.fit(channel))
+        return self._noise[channel.key]
+
+    def compare(self, channel: str | None = None) -> Comparisons:
+        """Compare the base models with the measurement.
+
+        Args:
+            channel: only this one; None for all.
+
+        Raises:
+            InputError: there is no such channel, or none can be judged.
+        """
+        compared, failures = [], {}
+        for chosen in self.chosen(channel):
+            try:
+                compared.append(self.comparison(chosen))
+            except InputError as error:
+                failures[chosen.name] = str(error)
+        if not compared:
+            raise InputError(next(iter(failures.values())))
+        return Comparisons(tuple(compared), failures)
+
+    def comparison(self, channel: StudyChannel, effects: Sequence[str] = ()) -> Comparison:
+        """Compare one model with the measurement.
+
+        Args:
+            channel: the channel.
+            effects: names of the added effects, in order.
+
+        Raises:
+            InputError: see `fit`.
+        """
+        with self._lock:
+            fit = self.fit(channel, effects)
+            key = channel.key, tuple(effects)
+            if key not in self._comparisons:
+                name = " + ".join([channel.model.name, *effects])
+                self._comparisons[key] = compare(fit, name, self.noise(channel))
+            return self._comparisons[key]
+
+    @property
+    def _file(self) -> str:
+        return str(self.source.path or self.source.name)
+
+    def _resolve(self, channel: StudyChannel | str) -> StudyChannel:
+        return self.channel(channel) if isinstance(channel, str) else channel
+
+    def _channel(self, data: ChannelData, model: str | None) -> StudyChannel:
+        name = model or usual_model(data, self.source.arm)
+        if (data.name, name) not in self._channels:
+            held_out = self.source.runs_of(data, self.held_out)
+            self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)
+        return self._channels[data.name, name]
+
+    def _with_shared_gains(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
+        """Add to each joint whose masses are fitted what the other joints say of the same masses."""
+        joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
+        shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
+        prepared = {
+            member.name: replace(member, prepared=data) for member, data in zip(joints, shared, strict=True)
+        }
+        self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
+        return tuple(prepared.get(member.name, member) for member in channels)
+
+    def _fit(self, channel: StudyChannel, effects: Sequence[str]) -> FitResult:
+        if not effects:
+            whole = channel.data if channel.held_out else None
+            return fitting.fit_base(channel.to_fit, channel.model, whole)
+        parent = self.fit(channel, effects[:-1])
+        return fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
+
+    def _remember(self, key: _FitKey, fit: FitResult) -> None:
+        """Put a fit last in the cache, and drop the least recently used fits."""
+        self._fits[key] = fit
+        while len(self._fits) > _MOST_FITS:
+            oldest = next(iter(self._fits))
+            del self._fits[oldest]
+            self._comparisons.pop(oldest, None)
+
+    def _effect(self, name: str) -> Effect:
+        if name not in self._library:
+            known = suited_names(name, self.effects, [member.data for member in self.channels])
+            raise InputError(f"no effect is called '{name}'. {known}")
+        return self._library[name]
+
+    def _suited_effect(self, name: str, parent: FitResult) -> Effect:
+        """Return an effect in the form that suits a channel.
+
+        Raises:
+            InputError: it is unknown, there already, or does not apply.
+        """
+        effect = self._effect(name)
+        if why := unapplicable(effect, parent.data):
+            raise InputError(why)
+        return effect.suited_to(parent.training)
