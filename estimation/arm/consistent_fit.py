@@ -190,6 +190,10 @@ class _Problem:
 
         The curvature is factored by QR of its root: its eigenvalues can lie further apart than a double's
         digits.
+
+        Args:
+            inertial: pseudo-inertia parameters of the links, shape (10 links,).
+            precision: weight of the divergence from the bodies of origin.
         """
         slope = self._information.matrix @ inertial - self._information.vector
         slope = slope + precision * self._divergence.gradient(inertial)

@@ -135,14 +135,22 @@ class _Sets:
     relevant: Kinds
 
     def by_run(self, kinds: Kinds) -> FloatArray:
-        """Squared errors of each run, shape (r,), of the best set within these kinds."""
+        """Squared errors of each run, shape (r,), of the best set within these kinds.
+
+        Args:
+            kinds: kinds whose laws may be used.
+        """
         parts = [
             frozenset(some) for size in range(len(kinds) + 1) for some in combinations(_ordered(kinds), size)
         ]
         return min(map(self.error.by_run, parts), key=lambda squares: float(squares.sum()))
 
     def least(self, kinds: Kinds) -> float:
-        """Mean squared error of the best set within these kinds."""
+        """Mean squared error of the best set within these kinds.
+
+        Args:
+            kinds: kinds whose laws may be used.
+        """
         return float(self.by_run(kinds).sum() / self.error.counts.sum())
 
     @property
@@ -155,6 +163,9 @@ class _Sets:
         """The smallest sets that leave no larger mean squared error than this, the best first.
 
         Laws that all runs have in common come before a gain and a zero of each run: these are more numbers.
+
+        Args:
+            limit: highest mean squared error [effort^2].
         """
 
         def rank(kinds: Kinds) -> tuple[bool, float]:
@@ -171,7 +182,12 @@ class _Sets:
         return [frozenset()]
 
     def replacements(self, chosen: Kinds, kind: Kind) -> tuple[Kind, ...]:
-        """Kinds in whose place this one explains hardly more, beside the rest of the chosen ones."""
+        """Kinds in whose place this one explains hardly more, beside the rest of the chosen ones.
+
+        Args:
+            chosen: kinds that account for the error.
+            kind: one of them.
+        """
         rest = chosen - {kind}
         without, with_it = self.least(rest), self.least(chosen)
         limit = without - _STANDS_IN * (without - with_it)

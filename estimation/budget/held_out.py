@@ -46,7 +46,11 @@ class SquaredErrors(ABC):
 
     @abstractmethod
     def residual(self, kinds: Kinds) -> FloatArray:
-        """Return what a model with these kinds leaves in held-out runs, shape (n,) [effort]."""
+        """Return what a model with these kinds leaves in held-out runs, shape (n,) [effort].
+
+        Args:
+            kinds: kinds whose laws are added to the model.
+        """
 
     @property
     def runs(self) -> int:
@@ -59,14 +63,22 @@ class SquaredErrors(ABC):
         return np.bincount(self._run).astype(np.float64)
 
     def by_run(self, kinds: Kinds) -> FloatArray:
-        """Return the sum of squared errors of each run, shape (r,) [effort^2]."""
+        """Return the sum of squared errors of each run, shape (r,) [effort^2].
+
+        Args:
+            kinds: kinds whose laws are added to the model.
+        """
         if kinds not in self._squares:
             squares = np.bincount(self._run, weights=self.residual(kinds) ** 2)
             self._squares[kinds] = np.asarray(squares, dtype=np.float64)
         return self._squares[kinds]
 
     def mean_square(self, kinds: Kinds = frozenset()) -> float:
-        """Return the mean squared error [effort^2]."""
+        """Return the mean squared error [effort^2].
+
+        Args:
+            kinds: kinds whose laws are added to the model.
+        """
         return float(self.by_run(kinds).sum()) / len(self._run)
 
 

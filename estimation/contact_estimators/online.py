@@ -318,7 +318,14 @@ class RobustHuntCrossley(ContactEstimator):
     def settle(
         self, depth_m: FloatArray, speed_m_s: FloatArray, force_n: FloatArray, rng: np.random.Generator
     ) -> tuple[IrlsResult, float]:
-        """The estimate of ln(k u^n), b / k and n with its residuals, and the unit of depth u [m]."""
+        """The estimate of ln(k u^n), b / k and n with its residuals, and the unit of depth u [m].
+
+        Args:
+            depth_m: indentation of each sample, shape (n,) [m].
+            speed_m_s: its rate, shape (n,) [m/s].
+            force_n: measured force, shape (n,) [N].
+            rng: for random subsets.
+        """
         check_samples(self.name, depth_m, speed_m_s, force_n)
         touching = depth_m > 0.0
         if np.count_nonzero(touching) < _FEWEST:

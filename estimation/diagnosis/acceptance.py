@@ -58,7 +58,12 @@ class AcceptanceCriteria:
 
 
 def acceptance_criteria(start: FitResult, end: FitResult) -> AcceptanceCriteria:
-    """How well effects and nameless laws describe runs that were held out."""
+    """How well effects and nameless laws describe runs that were held out.
+
+    Args:
+        start: the base model.
+        end: the model that the search ended with.
+    """
     counts = [max(int(one.problem.used.sum()), 1) for one in (start, end)]
     one, other = start.flexible, end.flexible
     left = (one.before, other.before, one.held_out, other.held_out)
@@ -177,7 +182,13 @@ def _accounts_for_error(
 
 
 def smallest_sufficient_model(search: Search, end: FitResult, measurement: MeasurementModel) -> FitResult:
-    """The first part of a model from which draws gain as much by the whole; some need each other."""
+    """The first part of a model from which draws gain as much by the whole; some need each other.
+
+    Args:
+        search: of the channel.
+        end: the whole model.
+        measurement: how motion and effort were read.
+    """
     parts = (search.start, *models_by_importance(search, end)[:-1])
     enough = (
         part for part in parts if not improvement_test(part, end, measurement, search.rng).is_significant
@@ -202,7 +213,12 @@ def _without_needless(search: Search, end: FitResult, measurement: MeasurementMo
 
 
 def effects_by_importance(search: Search, end: FitResult) -> list[str]:
-    """The effects of a model beside the base model's, the most telling first."""
+    """The effects of a model beside the base model's, the most telling first.
+
+    Args:
+        search: of the channel.
+        end: the model that the search ended with.
+    """
     path = [search.start, *models_by_importance(search, end)]
     return [
         name
@@ -212,7 +228,12 @@ def effects_by_importance(search: Search, end: FitResult) -> list[str]:
 
 
 def models_by_importance(search: Search, end: FitResult) -> list[FitResult]:
-    """The models on the way from the base to the end, the most telling effect first."""
+    """The models on the way from the base to the end, the most telling effect first.
+
+    Args:
+        search: of the channel.
+        end: the model that the search ended with.
+    """
     path = [end]
     while search.added_effects(path[0]):
         less = [search.without(path[0], name) for name in search.added_effects(path[0])]
@@ -223,7 +244,14 @@ def models_by_importance(search: Search, end: FitResult) -> list[FitResult]:
 def indistinguishable_models(
     search: Search, end: FitResult, name: str, measurement: MeasurementModel
 ) -> dict[str, FitResult]:
-    """Models with another effect in the place of one that the data do not refuse, by its name, best first."""
+    """Models with another effect in the place of one that the data do not refuse, by its name, best first.
+
+    Args:
+        search: of the channel.
+        end: the model that the search ended with.
+        name: the effect that is replaced.
+        measurement: how motion and effort were read.
+    """
     alone = {one.effect.name: search.with_candidate(one) for one in _rivals(search, end, name, measurement)}
     wholes = ((whole, _with_whole(search, end, whole)) for whole in _wholes(search, end, name))
     kept = (
@@ -235,7 +263,13 @@ def indistinguishable_models(
 
 
 def similar_forms(search: Search, end: FitResult, name: str) -> dict[str, FitResult]:
-    """Models with another form of the same kind, of as few parameters, that takes about as much."""
+    """Models with another form of the same kind, of as few parameters, that takes about as much.
+
+    Args:
+        search: of the channel.
+        end: the model that the search ended with.
+        name: the effect that is replaced.
+    """
     (effect,) = (part for part in end.solution.model.effects if part.name == name)
     without = search.without(end, name).solution.held_out
     least = without - _DRAWS_THE_SAME * (without - end.solution.held_out)

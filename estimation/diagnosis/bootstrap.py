@@ -62,7 +62,12 @@ class BootstrapTest:
 
 
 def sequential_test(observed: float, draws: Iterator[float]) -> BootstrapTest:
-    """Compare a figure with draws of it, as many as are needed: none once it is nothing unusual."""
+    """Compare a figure with draws of it, as many as are needed: none once it is nothing unusual.
+
+    Args:
+        observed: the figure of the data.
+        draws: the same figure of simulated data, one after the other.
+    """
     placed = BootstrapTest(observed, np.empty(0))
     while placed.is_significant and not placed.is_conclusive and len(placed.simulated) < DRAWS:
         placed = BootstrapTest(observed, np.append(placed.simulated, next(draws)))
@@ -75,6 +80,11 @@ def lack_of_fit_test(
     """Share of the held-out error that a smooth law explains beside a model, in data and in draws from it.
 
     What it explains in draws that leave less than the data counts beside what the data leave.
+
+    Args:
+        fit: the model.
+        measurement: how motion and effort were read.
+        rng: for draws.
     """
     drawn = (
         fit_flexible(problem, solution, fit.filters).share_of(solution, fit.solution.held_out)
@@ -89,6 +99,10 @@ def encoder_step_error(fit: FitResult, measurement: MeasurementModel) -> float:
     The tip moves by steps of several encoders. One that hardly turns is off by up to half a step, and in the
     same way in each pass: no draw knows that error, and a smooth law of the position describes it (B. Widrow,
     I. Kollar, Quantization Noise (2008)). The size of a step is that of the errors that show.
+
+    Args:
+        fit: the model.
+        measurement: how the motion was read.
     """
     if not measurement.is_staircase:
         return 0.0

@@ -58,6 +58,9 @@ class Candidate:
 
         A model without an effect has taken what it could of it on itself: held where they are, its
         parameters would leave the effect little to explain.
+
+        Args:
+            problem: to which the candidate was fitted.
         """
         best = self.search.best
         best = solve_gains(problem, best.model, best.parameters)  # with its blocks
@@ -86,12 +89,22 @@ def effect_library() -> tuple[Effect, ...]:
 
 
 def parameter_count(effect: Effect) -> int:
-    """Number of an effect's parameters."""
+    """Number of an effect's parameters.
+
+    Args:
+        effect: in any form.
+    """
     return len(effect.inner) + len(effect.gains)
 
 
 def applicable_effects(data: ChannelData, model: Model, effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """The effects that can be tried on this channel beside what the model has."""
+    """The effects that can be tried on this channel beside what the model has.
+
+    Args:
+        data: the channel.
+        model: the model to extend.
+        effects: the library.
+    """
     present = {effect.name for effect in model.effects}
     # a tilt turns a weight that is there; beside one, what else goes round with the angle is a tilt
     skipped = _NOT_TRIED[data.kind] | _BASES | present | {"weight" if present & HEAVY else "gravity_tilt"}
@@ -156,6 +169,10 @@ def extended_models(model: Model, effect: Effect) -> list[Model]:
     """The model with one more effect, in each of its forms.
 
     What a sensor does may come before or after what it already does.
+
+    Args:
+        model: the model to extend.
+        effect: the further effect.
     """
     after = [model.with_effect(form) for form in effect.forms()]
     if isinstance(effect, SensorEffect) and any(isinstance(e, SensorEffect) for e in model.effects):
@@ -194,7 +211,13 @@ def is_possible(effect: Effect, solution: Solution, problem: FitProblem) -> bool
 
 
 def is_misnamed(effect: Effect, solution: Solution, problem: FitProblem) -> bool:
-    """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`."""
+    """Whether the effect has become another thing than its name says, see `Effect.is_misnamed`.
+
+    Args:
+        effect: an effect of the model.
+        solution: the fitted model.
+        problem: to which it was fitted.
+    """
     data = solution.model.moved(problem.blocked.data, solution.parameters)
     noise = float(np.sqrt(np.mean(solution.residual**2)))
     return effect.is_misnamed(data, solution.parameters, lambda: solution.standard_errors, noise)

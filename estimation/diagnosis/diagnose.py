@@ -114,7 +114,15 @@ def diagnose_channel(
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
 ) -> ChannelDiagnosis:
-    """Diagnose one channel; see `diagnose`."""
+    """Diagnose one channel; see `diagnose`.
+
+    Args:
+        data: the channel, with its motion.
+        model: the base model.
+        effects: the library.
+        rng: for draws.
+        progress: called with the current step and the share of it that is done.
+    """
     if reason := reject_reason(data, model):
         return insufficient_diagnosis(data, reason)
     search = prepare_search(data, model, usable(data), effects, rng, progress)
@@ -172,7 +180,11 @@ class _Completeness:
         self.objection = cache(self._objection)
 
     def in_every_respect(self, fit: FitResult) -> bool:
-        """Whether a model is complete, and nothing that no signal shows speaks against it."""
+        """Whether a model is complete, and nothing that no signal shows speaks against it.
+
+        Args:
+            fit: the model.
+        """
         return self.leaves_noise(fit) and self.objection(fit) is None
 
     def _objection(self, fit: FitResult) -> ResidualFinding | None:

@@ -62,7 +62,11 @@ class PackedFit:
 
     @classmethod
     def of(cls, fit: FitResult) -> "PackedFit":
-        """Pack a fit."""
+        """Pack a fit.
+
+        Args:
+            fit: the fit to pack.
+        """
         context = fit.training.context
         derived = {name: context[name] for name in (LOAD, LUMPED) if name in context}
         return cls(fit.solution, fit.problem.blocked.trusted, derived)

@@ -98,12 +98,23 @@ class PartiallyLinear:
         return frozenset(self.budget.kinds)
 
     def entries_beside(self, kinds: Kinds) -> dict[Kind, BudgetEntry]:
-        """Divide the error among these kinds and those that account for it."""
+        """Divide the error among these kinds and those that account for it.
+
+        Args:
+            kinds: kinds of the budget.
+        """
         budget = error_budget(self.error, np.random.default_rng(0), self.kinds | kinds)
         return {entry.kind: entry for entry in budget.entries}
 
     def beside(self, own: Kinds, kinds: Kinds, problem: FitProblem, base: Solution) -> FitProblem:
-        """Project a problem on what laws of the kinds other than an effect's own cannot explain."""
+        """Project a problem on what laws of the kinds other than an effect's own cannot explain.
+
+        Args:
+            own: the effect's own kind or kinds.
+            kinds: all kinds that account for the error.
+            problem: to be projected.
+            base: the base model, fitted to it.
+        """
         others = kinds - own
         blocked = problem.blocked
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
@@ -116,7 +127,12 @@ class PartiallyLinear:
         return replace(problem, nuisance=nuisance_of(stacked, by_run, blocked.run, problem.used))
 
     def law_columns(self, own: Kinds, kinds: Kinds) -> FloatArray:
-        """Columns of the laws of some kinds and of their interactions with the others, shape (m, k)."""
+        """Columns of the laws of some kinds and of their interactions with the others, shape (m, k).
+
+        Args:
+            own: kinds whose laws are taken.
+            kinds: the others, with which their interactions count.
+        """
         shared = [law for law in self.laws if Kind.RUN_DIFFERENCES not in law.kinds]
         laws = [law.columns for law in shared if own & law.kinds and law.kinds <= kinds | own]
         return np.hstack(laws) if laws else np.empty((len(self.search.start.problem.blocked), 0))
@@ -135,7 +151,11 @@ def analyse_kinds(search: Search, only: Kinds | None = None) -> PartiallyLinear:
 
 
 def error_of_kinds(start: FitResult) -> HeldOutError:
-    """Prepare the held-out errors of a fitted model beside the flexible laws of any set of kinds."""
+    """Prepare the held-out errors of a fitted model beside the flexible laws of any set of kinds.
+
+    Args:
+        start: the base model.
+    """
     blocked, solution = start.problem.blocked, start.solution
     laws = flexible_laws(blocked, blocked.effort - solution.residual, solution.residual)
     base, target = _base_columns(start)
@@ -176,6 +196,9 @@ def named_forms(partial: PartiallyLinear) -> FitResult:
     """The base model with the best form of each kind that has one, all parameters fitted together.
 
     Where several sets of kinds explain about as much by their flexible laws, their forms decide.
+
+    Args:
+        partial: the base model beside flexible laws.
     """
     exchanged = [
         partial.kinds - {entry.kind} | {other}
@@ -256,7 +279,14 @@ def _best_form(
 
 
 def closest_forms(partial: PartiallyLinear, kind: Kind, kinds: Kinds, count: int = 2) -> list[str]:
-    """Names of a kind's effects that take most beside laws of the other kinds, the best first."""
+    """Names of a kind's effects that take most beside laws of the other kinds, the best first.
+
+    Args:
+        partial: the base model beside flexible laws.
+        kind: whose effects are compared.
+        kinds: all kinds that account for the error.
+        count: of names.
+    """
     start = partial.search.start
     problem = partial.beside(frozenset({kind}), kinds, start.problem, start.solution)
     none = solve_gains(problem, start.solution.model, start.solution.parameters, rounds=2)

@@ -62,7 +62,12 @@ def _less(search: Search, varied: FitResult) -> FitResult:
 
 
 def run_standard_deviation(end: FitResult, effect: RunVariation) -> ParameterValue:
-    """How far a value lies from run to run, as a standard deviation, with its own error."""
+    """How far a value lies from run to run, as a standard deviation, with its own error.
+
+    Args:
+        end: the model.
+        effect: which varies from run to run.
+    """
     model, known, data = end.solution.model, end.solution.parameters, end.data
     inner = {parameter.name: known[f"{effect.name}.{parameter.name}"] for parameter in effect.inner}
     value = float(effect.spread(model.without(effect.name).predict(data, known), data, inner)[0])

@@ -99,7 +99,11 @@ def _left_by_own_waves(end: FitResult) -> float | None:
 
 
 def periodic_component(end: FitResult) -> tuple[float, float] | None:
-    """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase."""
+    """At which frequency [Hz] the error swings, and its share of the variance; runs may differ in phase.
+
+    Args:
+        end: the model.
+    """
     blocked = end.problem.blocked
     swing = _swing(blocked, blocked.reduce(held_out_residual(blocked, end.solution)))
     return None if swing is None or swing[1] < _PEAK or swing[2] < _PROMINENT else swing[:2]
@@ -160,6 +164,11 @@ def exceeds_noise(
     Of a joint, what it leaves in motion beyond noise as at rest. The noise may be larger there, of which only
     what neighbouring blocks share is held against the model. Draws show what the readings' errors, such as
     the steps of encoders, make of that.
+
+    Args:
+        fit: the model.
+        measurement: how motion and effort were read.
+        rng: for draws.
     """
     blocked = fit.problem.blocked
     residual = blocked.reduce(held_out_residual(blocked, fit.solution))

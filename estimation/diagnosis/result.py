@@ -39,7 +39,11 @@ class ParameterValue(_Entry):
 
     @classmethod
     def of(cls, estimate: ParameterEstimate) -> Self:
-        """An estimate as it is written down."""
+        """An estimate as it is written down.
+
+        Args:
+            estimate: value with its standard error.
+        """
         std_err = estimate.std_err if isfinite(estimate.std_err) else None
         return cls(value=estimate.value, std_err=std_err, unit=estimate.unit, at_bound=estimate.at_bound)
 
@@ -55,7 +59,11 @@ class Fitted(_Entry):
 
     @classmethod
     def of(cls, fit: FitResult) -> Self:
-        """State the numbers of a fit."""
+        """State the numbers of a fit.
+
+        Args:
+            fit: the model.
+        """
         return cls(rmse=fit.rmse, parameters=_parameters(fit))
 
 

@@ -79,17 +79,30 @@ class Search:
         return self.fitted(self.model, {})
 
     def added_effects(self, fit: FitResult) -> list[str]:
-        """Names of a model's effects beside the base model's."""
+        """Names of a model's effects beside the base model's.
+
+        Args:
+            fit: the model.
+        """
         base = {effect.name for effect in self.model.effects}
         return [effect.name for effect in fit.solution.model.effects if effect.name not in base]
 
     def size(self, fit: FitResult) -> int:
-        """Number of a model's parameters beside the base model's."""
+        """Number of a model's parameters beside the base model's.
+
+        Args:
+            fit: the model.
+        """
         names = set(self.added_effects(fit))
         return sum(parameter_count(effect) for effect in fit.solution.model.effects if effect.name in names)
 
     def fitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """A model, fitted from these parameters on unless it is known already; or from where a sketch led."""
+        """A model, fitted from these parameters on unless it is known already; or from where a sketch led.
+
+        Args:
+            model: to be fitted.
+            parameters: where the fit starts, by "effect.parameter".
+        """
         key = _key(model)
         if key not in self._fits:
             known = self.coarse and self.coarse._fits.get(key)
@@ -98,7 +111,12 @@ class Search:
         return self._fits[key]
 
     def refitted(self, model: Model, parameters: Mapping[str, float]) -> FitResult:
-        """A model fitted from other parameters, and kept where that is better."""
+        """A model fitted from other parameters, and kept where that is better.
+
+        Args:
+            model: to be fitted.
+            parameters: where the fit starts, by "effect.parameter".
+        """
         key, anew = _key(model), fit_model(self.data, model, parameters, self.good, self._cache)
         known = self._fits.get(key)
         if known is None or anew.solution.sse < (1.0 - TIE) * known.solution.sse:
@@ -109,7 +127,11 @@ class Search:
         return self._fits[key]
 
     def screen(self, fit: FitResult) -> list[Candidate]:
-        """All candidates beside a model, the best first."""
+        """All candidates beside a model, the best first.
+
+        Args:
+            fit: the model to extend.
+        """
         key = _key(fit.solution.model)
         if key not in self._screened:
             beside = ", ".join(effect.name for effect in fit.solution.model.effects)
@@ -148,7 +170,12 @@ class Search:
         return starts
 
     def fine_starts(self, fit: FitResult, effect: Effect) -> list[Inner]:
-        """Starts that a coarse copy hardly shows: times within a few blocks, steps of single readings."""
+        """Starts that a coarse copy hardly shows: times within a few blocks, steps of single readings.
+
+        Args:
+            fit: a model of the channel.
+            effect: of which starts are chosen.
+        """
         if not isinstance(effect, SensorEffect):
             return []
         starts = effect.starts(fit.data)
@@ -159,7 +186,11 @@ class Search:
         return [start for start in starts if in_time and max(map(abs, start.values())) < fine_s]
 
     def refined(self, fitted: FitResult) -> FitResult:
-        """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too."""
+        """A model that a coarse copy led to, with what hardly shows there fitted from its own starts too.
+
+        Args:
+            fitted: the model.
+        """
         for name in self.added_effects(fitted):
             model, known = fitted.solution.model, fitted.solution.parameters
             (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
@@ -173,7 +204,11 @@ class Search:
         return fitted
 
     def quick_screen(self, beside: FitResult) -> list[Candidate]:
-        """The possible candidates beside a model, tried in few places, the best first."""
+        """The possible candidates beside a model, tried in few places, the best first.
+
+        Args:
+            beside: the model to extend.
+        """
         return _quick_screen(beside, applicable_effects(beside.data, beside.solution.model, self.effects))
 
     def alternatives(self, fit: FitResult, name: str) -> list[Candidate]:
@@ -181,6 +216,10 @@ class Search:
 
         All other parameters stay as they are: those that the model without the effect would have make up for
         it, and for nothing else.
+
+        Args:
+            fit: the model.
+            name: the effect that is replaced.
         """
         key = _key(fit.solution.model), name
         if key not in self._alternatives:
@@ -195,7 +234,12 @@ class Search:
         return self._alternatives[key]
 
     def refit_effect(self, fit: FitResult, name: str) -> FitResult:
-        """A model with one effect looked for anew: beside the others its best place may be far away."""
+        """A model with one effect looked for anew: beside the others its best place may be far away.
+
+        Args:
+            fit: the model.
+            name: the effect.
+        """
         model, known = fit.solution.model, fit.solution.parameters
         (effect,) = (effect_there for effect_there in model.effects if effect_there.name == name)
         if not effect.inner or self.coarse is not None:
@@ -205,11 +249,20 @@ class Search:
         return self._fitted_from(best) if best.sse < (1.0 - TIE) * fit.solution.sse else fit
 
     def with_candidate(self, candidate: Candidate) -> FitResult:
-        """The model that a candidate was tried in, with all parameters fitted together."""
+        """The model that a candidate was tried in, with all parameters fitted together.
+
+        Args:
+            candidate: the effect, with the model in which it was tried.
+        """
         return self._fitted_from(candidate.search.best)
 
     def without(self, fit: FitResult, name: str) -> FitResult:
-        """A model less one effect."""
+        """A model less one effect.
+
+        Args:
+            fit: the model.
+            name: the effect to drop.
+        """
         return self._fitted_from(
             solve_gains(fit.problem, fit.solution.model.without(name), fit.solution.parameters)
         )
@@ -222,7 +275,12 @@ class Search:
         return self.fitted(solution.model, solution.parameters)
 
     def extensions(self, fit: FitResult, count: int = FITTED) -> list[FitResult]:
-        """A model with one more effect, all parameters fitted together, in the order of `ordered`."""
+        """A model with one more effect, all parameters fitted together, in the order of `ordered`.
+
+        Args:
+            fit: the model to extend.
+            count: of candidates that are fitted.
+        """
         count = count if self.coarse is None else min(count, FITTED_IN_FULL)
         made = (self.with_candidate(candidate) for candidate in self._promising(fit)[:count])
         return self.ordered([extension for extension in made if self.is_sensible(extension)])
@@ -236,11 +294,20 @@ class Search:
         return [possible[i] for i in order if left[i] < (1.0 - TIE) * fit.solution.held_out]
 
     def is_sensible(self, fit: FitResult) -> bool:
-        """Whether added effects are what their names say."""
+        """Whether added effects are what their names say.
+
+        Args:
+            fit: the model.
+        """
         return all(self.is_sound(fit, name) for name in self.added_effects(fit))
 
     def is_sound(self, fit: FitResult, name: str) -> bool:
-        """Whether one effect is what its name says."""
+        """Whether one effect is what its name says.
+
+        Args:
+            fit: the model.
+            name: the effect.
+        """
         (effect,) = (effect_there for effect_there in fit.solution.model.effects if effect_there.name == name)
         solution, problem = fit.solution, fit.problem
         if isinstance(effect, RunVariation):
@@ -253,7 +320,12 @@ class Search:
         return is_possible(effect, solution, problem) and not is_misnamed(effect, solution, problem)
 
     def substitutions(self, fit: FitResult, name: str) -> list[FitResult]:
-        """Models with another effect in the place of one, of those that may do better, in order."""
+        """Models with another effect in the place of one, of those that may do better, in order.
+
+        Args:
+            fit: the model.
+            name: the effect that is replaced.
+        """
         tried = self.alternatives(fit, name)
         roughly = [
             candidate.held_out for candidate in tried if candidate.effect.name == name
@@ -274,7 +346,12 @@ class Search:
         return [self.with_each(self.without(fit, name), parts)] if parts else []
 
     def with_each(self, fit: FitResult, effects: Sequence[Effect]) -> FitResult:
-        """A model with these effects, one after the other, as far as the channel can have them."""
+        """A model with these effects, one after the other, as far as the channel can have them.
+
+        Args:
+            fit: the model to extend.
+            effects: to be added.
+        """
         for effect in effects:
             if effect.applies_to(fit.data):
                 (tried,) = screen_effects(fit, [effect.suited_to(fit.data)])
@@ -295,7 +372,11 @@ class Search:
         return bool(fit.solution.held_out < limit * reference.solution.held_out)
 
     def ordered(self, made: Sequence[FitResult]) -> list[FitResult]:
-        """By the error in held-out runs; of those as good as the best, those with fewest parameters first."""
+        """By the error in held-out runs; of those as good as the best, those with fewest parameters first.
+
+        Args:
+            made: fitted models of the channel.
+        """
         limit = (1.0 + TIE) * min((fit.solution.held_out for fit in made), default=0.0)
 
         def rank(fit: FitResult) -> tuple[bool, int, float]:
@@ -305,7 +386,12 @@ class Search:
         return sorted(made, key=rank)
 
     def is_needed(self, before: FitResult, after: FitResult) -> bool:
-        """Whether an effect takes away more than a small share of the error, and more than chance would."""
+        """Whether an effect takes away more than a small share of the error, and more than chance would.
+
+        Args:
+            before: the model without the effect.
+            after: the model with it.
+        """
         if after.rmse > (1.0 - SMALL) * before.rmse:
             return False
         if np.mean(after.solution.linear_fit.held_out < before.solution.linear_fit.held_out) < _FOLDS:
@@ -343,7 +429,16 @@ def prepare_search(  # noqa: PLR0917
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
 ) -> Search:
-    """A search of a channel, with a sketch of it where blocks are longer than samples."""
+    """A search of a channel, with a sketch of it where blocks are longer than samples.
+
+    Args:
+        data: the channel.
+        model: the base model.
+        good: samples fit for use, shape (n,).
+        effects: the library.
+        rng: for draws.
+        progress: called with the current step and the share of it that is done.
+    """
     whole = Search(data, model, good, effects, rng, progress)
     blocked = merge_blocks(whole.start.problem.blocked, _MOST_BLOCKS)
     chosen = _some_runs(blocked)
@@ -446,7 +541,12 @@ def _forward_selection(search: Search, fit: FitResult) -> FitResult:
 
 
 def backward_step(search: Search, fit: FitResult) -> FitResult:
-    """Seek each effect anew, drop it if needless, and exchange it where another does better, or is sound."""
+    """Seek each effect anew, drop it if needless, and exchange it where another does better, or is sound.
+
+    Args:
+        search: of the channel.
+        fit: the model with its effects.
+    """
     for name in search.added_effects(fit):
         fit = search.refit_effect(fit, name)
         less = search.without(fit, name)

@@ -81,7 +81,12 @@ class Evidence:
         }
 
     def extended(self, fit: FitResult, name: str) -> FitResult:
-        """Fit a model with one more effect of the library."""
+        """Fit a model with one more effect of the library.
+
+        Args:
+            fit: the model.
+            name: the effect that is added.
+        """
         effect = next(effect for effect in self.search.effects if effect.name == name)
         return fit_extended(self.search.data, fit, effect.suited_to(fit.training))
 
@@ -91,7 +96,11 @@ class Evidence:
         return measurement_noise(self.search.start)
 
     def form(self, effect: str) -> Form:
-        """How well the form of an accepted effect is known."""
+        """How well the form of an accepted effect is known.
+
+        Args:
+            effect: its name.
+        """
         is_closed = next((test.is_closed for test in self.tests if test.effect == effect), True)
         return Form.EXACT if self.complete and is_closed else Form.APPROXIMATE
 
@@ -104,7 +113,12 @@ class Evidence:
 
 
 def insufficient_diagnosis(data: ChannelData, reason: str) -> ChannelDiagnosis:
-    """That the channel cannot say, for this reason."""
+    """That the channel cannot say, for this reason.
+
+    Args:
+        data: the channel.
+        reason: why it cannot be judged.
+    """
     return ChannelDiagnosis(
         channel=data.name,
         verdict=Verdict.INSUFFICIENT,

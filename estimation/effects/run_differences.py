@@ -43,7 +43,12 @@ class RunVariation(SensorEffect):
 
     @abstractmethod
     def basis(self, data: ChannelData, inner: Inner) -> FloatArray:
-        """What a run's own values multiply, shape (n, k)."""
+        """What a run's own values multiply, shape (n, k).
+
+        Args:
+            data: the channel, n samples.
+            inner: inner parameters by name.
+        """
 
     def applies_to(self, data: ChannelData) -> bool:
         """See `Effect.applies_to`; fewer runs than three say nothing of how runs vary."""

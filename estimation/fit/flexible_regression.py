@@ -51,7 +51,12 @@ class FlexibleRegression:
         return float(np.sum(self.before - self.held_out))
 
     def share_of(self, solution: Solution, least: float = 0.0) -> float:
-        """Share of a model's error, or of `least` if that is more, that the smooth law takes away."""
+        """Share of a model's error, or of `least` if that is more, that the smooth law takes away.
+
+        Args:
+            solution: the model.
+            least: smallest squared error that counts as whole.
+        """
         whole = max(solution.held_out, least)
         left = max(1.0 - self.explained / whole, 0.0) if whole > 0.0 else 1.0
         return float(1.0 - np.sqrt(left))
@@ -62,6 +67,10 @@ def model_features(problem: FitProblem, solution: Solution) -> dict[str, FloatAr
 
     What acts before a sensor changes it is a signal, too: of what was cut off or came late, the reading says
     less than what a law beside the model without that sensor would know.
+
+    Args:
+        problem: the channel.
+        solution: the model, fitted.
     """
     blocked, model = problem.blocked, solution.model
     efforts = [blocked.effort - solution.residual]
@@ -125,13 +134,23 @@ def is_plausible_bias(taken: FloatArray, gains: FloatArray) -> bool:
     """Whether what windows took off, (m, k) with gains (k,), is no more than some times what they take off.
 
     With any gains it could stand for a missing law: waves of two frequencies leave room for a spring.
+
+    Args:
+        taken: what windows took off, shape (m, k) [effort].
+        gains: of its columns, shape (k,).
     """
     expected = taken[:, -_POWERS:].sum(axis=1)  # of the effort, by the widest window
     return bool(np.sum((taken @ gains) ** 2) <= _MOST_TIMES**2 * np.sum(expected**2))
 
 
 def smoothing_bias(blocked: BlockedData, effort: FloatArray, filters: DifferentiationFilter) -> FloatArray:
-    """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k)."""
+    """What windows took off the velocity, the acceleration and an effort (m,), on blocks, shape (m, k).
+
+    Args:
+        blocked: the channel on m blocks.
+        effort: shape (m,) [effort].
+        filters: which derived velocity and acceleration.
+    """
     data, block = blocked.data, blocked.rows.shape[1]
     derived = (blocked.reduce(signal * data.engaged) for signal in (data.velocity, data.acceleration))
     every = tuple(sorted({*filters[0], *filters[1]}))

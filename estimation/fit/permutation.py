@@ -51,7 +51,13 @@ def null_improvements(
 
 
 def surrogate_residuals(noise: FloatArray, run: IntArray, rng: np.random.Generator) -> FloatArray:
-    """Noise (w,) like the one given, shape (w, COUNT)."""
+    """Noise (w,) like the one given, shape (w, COUNT).
+
+    Args:
+        noise: residuals, shape (w,).
+        run: of each, shape (w,).
+        rng: for the draws.
+    """
     made = np.empty((len(noise), COUNT))
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
