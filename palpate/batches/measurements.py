@@ -2,6 +2,7 @@
 
 import csv
 import glob
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ _MOST_LINES = 1_000_000  # of a list
 _TEXTS = (".csv", ".tsv")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """Files that are one measurement."""
 
@@ -40,17 +41,17 @@ class Measurement:
 class MeasurementCase(Case):
     """The case of a measurement; its address depends on the content of the files, not on their place."""
 
-    files: tuple[Path, ...] = ()
+    files: tuple[str, ...] = ()  # absolute
 
     @property
     def label(self) -> str:
         """The first file; see `Case.label`."""
-        return str(self.files[0])
+        return self.files[0]
 
     def check(self) -> None:
         """Refuse files that are no longer what the address says; see `Case.check`."""
         try:
-            same = self.parameters["content"] == [content_hash(file) for file in self.files]
+            same = self.parameters["content"] == [content_hash(Path(file)) for file in self.files]
         except OSError as error:
             raise PalpateError(f"{error.filename}: {error.strerror}") from error
         if not same:
@@ -58,7 +59,7 @@ class MeasurementCase(Case):
 
     def run(self) -> list[Row]:
         """Read, estimate, compare and diagnose; see `Case.run`."""
-        return measure(self.files, self.parameters)
+        return measure([Path(file) for file in self.files], self.parameters)
 
 
 def find_measurements(
@@ -115,8 +116,8 @@ def case_of(measurement: Measurement, options: Mapping[str, Any]) -> Measurement
         options: how to read and judge it; what JSON can hold.
     """
     content = [content_hash(file) for file in measurement.files]
-    parameters = {"content": content, "where": dict(measurement.where), "options": options}
-    return MeasurementCase(WORK, parameters, files=tuple(file.absolute() for file in measurement.files))
+    parameters = {"content": content, "where": measurement.where, "options": options}
+    return MeasurementCase(WORK, parameters, files=tuple(map(os.path.abspath, measurement.files)))
 
 
 WORK = "palpate.batches.works.measuring:measure"
@@ -262,9 +263,9 @@ def _texts(column: Any) -> list[str]:  # noqa: ANN401, Arrow's
 
 def _short_names(files: Iterable[Path]) -> list[str]:
     """File names, with as many folders as tell all of them apart."""
-    paths = list(files)
-    for depth in range(1, max((len(path.parts) for path in paths), default=1) + 1):
-        names = ["/".join(path.parts[-depth:]) for path in paths]
+    parts = [str(path).split(os.sep) for path in files]
+    for depth in range(1, max(map(len, parts), default=0) + 1):
+        names = ["/".join(own[-depth:]) for own in parts]
         if len(set(names)) == len(names):
-            return names
-    return [str(path) for path in paths]
+            break
+    return names if parts else []

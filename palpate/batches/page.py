@@ -60,6 +60,7 @@ def write_page(batch: BatchResult) -> None:
     }
     sections = [
         _overview(batch),
+        _common(batch),
         _distributions(batch),
         _pooled(batch),
         _differences(batch),
@@ -128,6 +129,26 @@ def _overview(batch: BatchResult) -> PageSection:
     )
     words = ("A measurement whose error passes for noise has no budget and counts with zero shares.",)
     return PageSection("What is missing where", columns, lines, as_html(figure) if any(bars) else None, words)
+
+
+def _common(batch: BatchResult) -> PageSection:
+    columns = ("channel", "effect", "share of the squared error", "improved", "p corrected", "gains as much")
+    lines = [
+        (
+            entry.channel,
+            entry.effect,
+            f"{100 * entry.share:.2g} %",
+            f"{entry.improved} of {entry.measurements}",
+            f"{entry.p_value:.2g}",
+            ", ".join(entry.confused_with),
+        )
+        for entry in batch.common_effects
+    ]
+    words = (
+        "Evidence of all measurements together: mean gain in logarithmic score on held-out runs, one effect "
+        "after the other; the chance of naming one where none is missing is at most 1 % for each step.",
+    )
+    return PageSection("Missing in the measurements together", columns, lines, words=words)
 
 
 def _distributions(batch: BatchResult) -> PageSection:

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
+from palpate.batches.common_effects import CommonEffect
+from palpate.batches.statistics import RandomEffects, holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn, texts
 from palpate.robot_io.types import FloatArray
 
@@ -22,19 +23,6 @@ OUTLYING = (
 )
 _MAD_SIGMAS = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 _LEAST_FOR_OUTLIERS = 5
-
-
-@dataclass(frozen=True)
-class RandomEffects:
-    """A parameter that is distributed over measurements: each has its own true value around a common mean."""
-
-    count: int  # measurements
-    mean: float  # common mean
-    std_err: float  # of the mean
-    interval: tuple[float, float]  # 95 %, of the mean
-    spread: float  # standard deviation of the true values between measurements
-    prediction: tuple[float, float]  # 95 %, of the true value of a further measurement; NaN below three
-    inconsistency: float  # I^2: share of the variance of the values that is not due to their standard errors
 
 
 @dataclass(frozen=True)
@@ -84,6 +72,7 @@ class BatchResult:
     pooled: tuple[PooledParameter, ...]  # each parameter in each group
     differences: tuple[GroupDifference, ...]  # between each two groups
     outliers: tuple[Outlier, ...]  # measurements with a parameter far from the others
+    common_effects: tuple[CommonEffect, ...] = ()  # missing in all measurements together, if that was asked
 
     @property
     def page(self) -> Path:
@@ -107,76 +96,12 @@ class BatchResult:
             "verdicts": dict(Counter(filter(None, texts(self.table, "verdict")))),
             "pooled": [asdict(entry) for entry in self.pooled],
             "differences": [asdict(entry) for entry in self.differences],
+            "common_effects": [asdict(entry) for entry in self.common_effects],
             "outliers": [
                 {"measurement": self.table["measurement"][entry.row].as_py()} | asdict(entry)
                 for entry in self.outliers
             ],
         }
-
-
-def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
-    """Fit mean and spread by Paule and Mandel's estimator, with t intervals of the mean.
-
-    Paule and Mandel, J. Res. NBS 87 (1982) 377; advised by Veroniki et al., Res. Synth. Methods 7 (2016) 55.
-    At its solution the factor of Hartung and Knapp (2001) is one, so that only the quantile is theirs. The
-    prediction interval is that of Higgins et al., J. R. Stat. Soc. A 172 (2009) 137; of few measurements it
-    is somewhat too short (Partlett and Riley, Stat. Med. 36 (2017) 301).
-
-    Args:
-        values: shape (n,), n at least 1.
-        std_errs: of the values (n,), not negative.
-    """
-    count = len(values)
-    least = 1e-9 * (float(np.abs(values).max()) or 1.0)
-    variances = np.maximum(std_errs, least) ** 2
-
-    def weighted_mean(spread_squared: float) -> tuple[float, FloatArray]:
-        weights = 1.0 / (variances + spread_squared)
-        return float(weights @ values / weights.sum()), weights
-
-    def excess(spread_squared: float) -> float:
-        mean, weights = weighted_mean(spread_squared)
-        return float(weights @ (values - mean) ** 2) - (count - 1)
-
-    most = float(np.sum((values - values.mean()) ** 2)) + 1e-300  # where the excess is not above zero
-    squared = brentq(excess, 0.0, most, xtol=1e-12 * most) if count > 1 and excess(0.0) > 0.0 else 0.0
-    mean, weights = weighted_mean(squared)
-    std_err = float(weights.sum() ** -0.5)
-    half = float(student_t.ppf(0.975, count - 1)) * std_err if count > 1 else float("nan")
-    wide = (
-        float(student_t.ppf(0.975, count - 2) * np.hypot(np.sqrt(squared), std_err))
-        if count > 2
-        else float("nan")
-    )
-    fixed = 1.0 / variances
-    # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
-    spare = fixed.sum() ** 2 - (fixed**2).sum()
-    typical = (count - 1) * fixed.sum() / spare if spare > 0.0 else float(variances.mean())
-    share = squared / (squared + typical) if squared > 0.0 else 0.0
-    return RandomEffects(
-        count,
-        mean,
-        std_err,
-        (mean - half, mean + half),
-        squared**0.5,
-        (mean - wide, mean + wide),
-        float(share),
-    )
-
-
-def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:
-    """Partially pooled values: each drawn towards the mean as far as its standard error exceeds the spread.
-
-    Args:
-        values: shape (n,).
-        std_errs: of the values (n,).
-        effects: the random-effects model of their group.
-
-    Returns:
-        Shape (n,).
-    """
-    own = effects.spread**2 / np.maximum(effects.spread**2 + std_errs**2, np.finfo(float).tiny)
-    return np.asarray(effects.mean + own * (values - effects.mean))
 
 
 def pool(column: ParameterColumn, groups: Sequence[str]) -> tuple[list[PooledParameter], FloatArray]:
@@ -219,20 +144,6 @@ def group_differences(pooled: Sequence[PooledParameter]) -> list[GroupDifference
             made.append((*key, (first.group, second.group), difference, interval, p_value))
     corrected = holm([entry[-1] for entry in made])
     return [GroupDifference(*entry, p) for entry, p in zip(made, corrected, strict=True)]
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
-
-    Args:
-        p_values: of the single tests.
-    """
-    order = np.argsort(p_values)
-    corrected, worst = [1.0] * len(p_values), 0.0
-    for rank, place in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[place]))
-        corrected[place] = worst
-    return corrected
 
 
 def outliers(column: ParameterColumn, groups: Sequence[str]) -> list[Outlier]:

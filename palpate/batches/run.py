@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from palpate.batches.common_effects import CommonEffect, find_common_effects
 from palpate.batches.measurements import (
     Measurement,
     MeasurementCase,
@@ -44,6 +45,7 @@ def batch(
     out: Path | str,
     model: str | None = None,
     diagnose: bool = False,
+    pool: bool = False,
     add: Sequence[str] = (),
     pattern: str | None = None,
     metadata: Path | str | None = None,
@@ -66,6 +68,7 @@ def batch(
         out: output folder.
         model: base model; "suggest" for the one that fits a sample best; None for the usual one by channel.
         diagnose: also find out which effects are missing.
+        pool: also combine the evidence of all measurements for effects too small for one of them.
         add: effects that are fitted to every measurement beside the base model.
         pattern: of file names, with fields in braces, such as "{specimen}_{day}.csv".
         metadata: CSV file with further fields.
@@ -125,28 +128,41 @@ def batch(
         failed = set(results.filter(pc.not_equal(results["error"], ""))[ADDRESS].to_pylist())
         store.drop(failed)
 
-    def result() -> BatchResult:
-        results = store.table(filter(None, addresses))
-        done = set(results[ADDRESS].to_pylist())
-        finished = sum(a in done or m.name in failures for a, m in zip(addresses, measurements, strict=True))
-        return _write(
-            folder, make_table(measurements, addresses, results, failures, group), len(measurements), finished
-        )
+    common: tuple[CommonEffect, ...] = ()
 
-    # In the order of their addresses files come by chance, so that the pace so far tells the time to go.
-    order = sorted({case.address: case for case in cases.values()}.items())
+    def result() -> BatchResult:
+        table = make_table(measurements, addresses, store.table(filter(None, addresses)), failures, group)
+        finished = len(set(texts(table, "measurement")))
+        return _write(folder, table, len(measurements), finished, common)
+
+    def screen(asked: dict[str, Any]) -> pa.Table:
+        asked_cases = _cases(measurements, {**options, "screen": asked}, {}).values()
+        run_cases(list(asked_cases), store, cluster, progress)
+        return store.table(case.address for case in asked_cases)
+
     try:
-        report = run_cases([case for _, case in order], store, cluster, progress)
+        failures |= _run(cases, store, cluster, progress)
+        del cases  # they take as much memory as the table
+        common = find_common_effects(screen) if pool else ()
     except (KeyboardInterrupt, PalpateError):
         result()
         raise
-    for text in report.failures:
-        failures |= {
-            name: text.removeprefix(f"{case.label}: ")
-            for name, case in cases.items()
-            if text.startswith(f"{case.label}: ")
-        }
     return result()
+
+
+def _run(
+    cases: Mapping[str, MeasurementCase], store: ResultStore, cluster: Cluster, progress: Progress
+) -> dict[str, str]:
+    """Work out what has no result yet; why a measurement still has none, by its name."""
+    # In the order of their addresses files come by chance, so that the pace so far tells the time to go.
+    order = sorted({case.address: case for case in cases.values()}.items())
+    report = run_cases([case for _, case in order], store, cluster, progress)
+    return {
+        name: text.removeprefix(f"{case.label}: ")
+        for text in report.failures
+        for name, case in cases.items()
+        if text.startswith(f"{case.label}: ")
+    }
 
 
 def _cases(
@@ -175,7 +191,9 @@ def _suggested_model(
     return (best or None) if votes > models.total() / 2 else None
 
 
-def _write(folder: Path, table: pa.Table, measurements: int, finished: int) -> BatchResult:
+def _write(
+    folder: Path, table: pa.Table, measurements: int, finished: int, common: tuple[CommonEffect, ...]
+) -> BatchResult:
     """Pool all parameters, and write table, page and summary."""
     groups = texts(table, "group")
     pooled: list[PooledParameter] = []
@@ -193,14 +211,9 @@ def _write(folder: Path, table: pa.Table, measurements: int, finished: int) -> B
             cells = pa.array(drawn.pop(column.head), from_pandas=True)
             table = table.add_column(after, head(column.name, column.unit, "shrunk"), cells)
     write_table(folder, table)
+    differences = tuple(group_differences(pooled))
     made = BatchResult(
-        folder,
-        table,
-        measurements,
-        finished,
-        tuple(pooled),
-        tuple(group_differences(pooled)),
-        tuple(outlying),
+        folder, table, measurements, finished, tuple(pooled), differences, tuple(outlying), common
     )
     write_text(folder / SUMMARY, json.dumps(plain(made.as_data()), indent=1, ensure_ascii=False) + "\n")
     write_page(made)

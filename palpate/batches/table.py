@@ -81,27 +81,34 @@ def make_table(
         raise InputError(f"field '{min(taken)}': the table has a column of this name; rename the field")
     if group is not None and group not in fields:
         raise InputError(f"--group {group}: no such field. There are: {', '.join(fields) or 'none'}")
-    known = {
-        "measurement": [each.name for each in measurements],
-        "files": ["; ".join(map(str, each.files)) for each in measurements],
-        "group": [each.fields.get(group, "") if group else EVERYTHING for each in measurements],
-        ADDRESS: list(addresses),
-        **{name: [each.fields.get(name) for each in measurements] for name in fields},
-        "failure": [failures.get(each.name) for each in measurements],
-        "number": list(range(len(measurements))),
-    }
-    types = {"number": pa.int64()}
-    names = pa.table({name: pa.array(cells, types.get(name, pa.string())) for name, cells in known.items()})
+    rows: dict[str, list[int]] = {}
+    for row, address in enumerate(texts(results, ADDRESS)):
+        rows.setdefault(address, []).append(row)
+    # Each row of the table: number of its measurement, and row of the results; None where there is no result.
+    places: list[tuple[int, int | None]] = []
+    for number, measurement in enumerate(measurements):
+        if own := rows.get(addresses[number] or ""):
+            places += [(number, row) for row in own]
+        elif measurement.name in failures:
+            places.append((number, None))
+    chosen = [measurements[number] for number, _ in places]
     empty = [name for name in results.column_names if pa.types.is_null(results.schema.field(name).type)]
-    results = results.drop_columns(empty).append_column("line", pa.array(range(len(results)), pa.int64()))
-    table = names.join(results, ADDRESS).sort_by([("number", "ascending"), ("line", "ascending")])
-    if "error" not in table.column_names:
-        table = table.append_column("error", pa.nulls(len(table), pa.string()))
-    table = table.set_column(
-        table.column_names.index("error"), "error", pc.coalesce(table["error"], table["failure"])
-    )
-    table = table.filter(pc.is_valid(table["error"]))
-    there = set(table.column_names) - {"seed", "first", "failure", "number", "line", "suggested"}
+    table = results.drop_columns(empty).take(pa.array([row for _, row in places], pa.int64()))
+    known = {
+        "measurement": [each.name for each in chosen],
+        "files": ["; ".join(map(str, each.files)) for each in chosen],
+        "group": [each.fields.get(group, "") if group else EVERYTHING for each in chosen],
+        **{name: [each.fields.get(name) for each in chosen] for name in fields},
+    }
+    for name, cells in known.items():
+        table = table.append_column(name, pa.array(cells, pa.string()))
+    failed = pa.array([failures.get(each.name) for each in chosen], pa.string())
+    if "error" in table.column_names:
+        place = table.column_names.index("error")
+        table = table.set_column(place, "error", pc.coalesce(table["error"], failed))
+    else:
+        table = table.append_column("error", failed)
+    there = set(table.column_names) - {"seed", "first"}
     budget = [BUDGET + kind for kind in _KINDS]
     parameters = sorted(there.difference(FIRST, fields, NUMBERS, budget, LAST), key=_order)
     order = [*FIRST[:3], *fields, *FIRST[3:], *NUMBERS, *budget, *parameters, *LAST]

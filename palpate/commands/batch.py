@@ -59,6 +59,12 @@ def batch_command(
     diagnose: Annotated[
         bool, typer.Option("--diagnose", help="Also find out which effects are missing (takes longer).")
     ] = False,
+    pool: Annotated[
+        bool,
+        typer.Option(
+            "--pool", help="Also combine the evidence of all measurements, for effects too small for one."
+        ),
+    ] = False,
     add: Annotated[
         list[str] | None,
         typer.Option(
@@ -124,6 +130,7 @@ def batch_command(
                 out=out,
                 model=model,
                 diagnose=diagnose,
+                pool=pool,
                 add=add or (),
                 pattern=pattern,
                 metadata=metadata,
@@ -159,6 +166,11 @@ def _print(result: "BatchResult") -> None:
     if effects:
         named = ", ".join(f"{name} {number}" for name, number in effects.most_common(_MOST_SHOWN))
         out.print(f"  effects named: {named}")
+    for effect in result.common_effects:
+        like = f" (or {', '.join(effect.confused_with)})" if effect.confused_with else ""
+        share = f"{100 * effect.share:.2g} % of the squared error"
+        words = f"{effect.channel}: all together lack {effect.effect}{like}, {share}"
+        out.print(f"  [bold]{safe(words)}[/bold]")
     for entry in result.pooled[:_MOST_SHOWN]:
         found = entry.effects
         value = f"{significant(found.mean, found.std_err)} ± {found.std_err:.2g} {entry.unit}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
+from palpate.estimation.diagnosis.candidates import applicable_effects, screen_effects
 from palpate.estimation.diagnosis.result import ParameterValue
 from palpate.estimation.estimate import ParameterEstimate
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -46,6 +47,8 @@ def measure(files: Sequence[Path], parameters: Mapping[str, Any]) -> list[Row]:
         return [
             {"channel": channel.name, "suggested": _suggested(study, channel)} for channel in study.channels
         ]
+    if "screen" in options:
+        return _gains(study, options["screen"])
     try:
         estimates = {each.channel.name: each for each in study.estimate(list(ESTIMATORS))}
     except InputError:  # such as too few samples; the comparison says the same
@@ -140,6 +143,24 @@ def _all_columns(parameters: Mapping[str, ParameterEstimate | ParameterValue]) -
         row |= {f"{name} low [{found.unit}]": float(low), f"{name} high [{found.unit}]": float(high)}
         row[f"{name} std_err [{found.unit}]"] = std_err
     return row
+
+
+def _gains(study: Study, screen: Mapping[str, Any]) -> list[Row]:
+    """What each candidate effect gains in logarithmic score on held-out runs, for each block of samples.
+
+    A candidate whose parameters would be impossible gains nothing.
+    """
+    rows: list[Row] = []
+    for channel in study.channels:
+        if study.refusal(channel) or channel.name not in (screen["channels"] or [channel.name]):
+            continue
+        fit = study.fit(channel, screen["added"].get(channel.name, ())).training_fit
+        effects = applicable_effects(channel.to_fit, fit.model, study.effects)
+        for candidate in screen_effects(fit, effects):
+            gain = 0.5 * float(np.log(fit.solution.held_out / candidate.held_out))
+            row = {"channel": channel.name, "candidate": candidate.effect.name}
+            rows.append(row | {"gain": gain if candidate.possible else min(gain, 0.0)})
+    return rows or [{"channel": ""}]
 
 
 def _suggested(study: Study, channel: StudyChannel) -> str:

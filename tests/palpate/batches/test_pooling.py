@@ -8,7 +8,8 @@ from scipy.stats import ttest_ind
 from statsmodels.stats.meta_analysis import combine_effects
 from statsmodels.stats.multitest import multipletests
 
-from palpate.batches.pooling import PooledParameter, group_differences, holm, outliers, random_effects, shrunk
+from palpate.batches.pooling import PooledParameter, group_differences, outliers
+from palpate.batches.statistics import holm, random_effects, shrunk
 from palpate.batches.table import ParameterColumn
 
 

@@ -1,0 +1,107 @@
+"""Pooled diagnosis: an effect that is too small for one measurement, found in many of them together.
+
+The gain of a candidate in a measurement is that in logarithmic score on held-out runs. Where the effect is
+absent, the expected gain is not positive, since its parameters cost some. A one-sided t test of the mean gain
+over measurements therefore keeps its level. Holm corrects over all candidates of a channel.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from scipy.stats import ttest_1samp
+
+from palpate.batches.statistics import holm
+from palpate.batches.table import floats, texts
+from palpate.robot_io.types import FloatArray
+
+LEVEL = 0.01  # chance of naming an effect where none is missing, for each channel and step
+_LEAST_SHARE = 0.01  # of the squared error, that an effect takes to be named
+_LEAST_COUNT = 5  # measurements
+_LIKE = 0.05  # p value of a difference from the best candidate, above which a candidate is as good
+_MOST_STEPS = 4
+
+
+@dataclass(frozen=True)
+class CommonEffect:
+    """An effect that is missing in the measurements together."""
+
+    channel: str
+    effect: str  # its name
+    measurements: int  # on which it was tried
+    improved: int  # measurements whose held-out error it lowers
+    share: float  # of the squared held-out error that it takes, geometric mean
+    p_value: float  # of no gain, corrected over all candidates
+    confused_with: tuple[str, ...]  # candidates that gain as much, as far as these measurements show
+
+
+def find_common_effects(screen: Callable[[dict[str, Any]], pa.Table]) -> tuple[CommonEffect, ...]:
+    """Add the effect that gains most, one after the other, until none gains significantly.
+
+    Args:
+        screen: tries candidates on all measurements beside the effects `added`, lists by channel, in
+            `channels` (None for all); a row for each measurement, channel and `candidate` with its `gain`.
+    """
+    added: dict[str, list[str]] = {}
+    chosen: list[CommonEffect] = []
+    channels: list[str] | None = None
+    for _ in range(_MOST_STEPS):
+        results = screen({"added": added, "channels": channels})
+        named = texts(results, "channel")
+        best = [
+            effect
+            for channel in dict.fromkeys(filter(None, named))
+            if (effect := best_effect(channel, results.filter(pa.array([name == channel for name in named]))))
+            is not None
+        ]
+        if not best:
+            break
+        chosen += best
+        channels = [effect.channel for effect in best]
+        added = {
+            **added,
+            **{effect.channel: [*added.get(effect.channel, ()), effect.effect] for effect in best},
+        }
+    return tuple(chosen)
+
+
+def best_effect(channel: str, results: pa.Table) -> CommonEffect | None:
+    """The candidate that gains most, if that is significant; None else.
+
+    Args:
+        channel: its name.
+        results: rows of this channel, with `address`, `candidate` and `gain`.
+    """
+    by_candidate: dict[str, dict[str, float]] = {}
+    rows = zip(texts(results, "address"), texts(results, "candidate"), floats(results, "gain"), strict=True)
+    for address, candidate, gain in rows:
+        if candidate and np.isfinite(gain):
+            by_candidate.setdefault(candidate, {})[address] = float(gain)
+    most = max(map(len, by_candidate.values()), default=0)
+    tried = {name: own for name, own in by_candidate.items() if len(own) >= max(_LEAST_COUNT, most / 2)}
+    if not tried:
+        return None
+    p_values = holm([_chance_of_no_gain(list(own.values())) for own in tried.values()])
+    gains = {name: float(np.mean(list(own.values()))) for name, own in tried.items()}
+    best = max(gains, key=lambda name: gains[name])
+    share, p_value = 1.0 - float(np.exp(-2.0 * gains[best])), p_values[list(tried).index(best)]
+    if p_value > LEVEL or share < _LEAST_SHARE:
+        return None
+    alike = []
+    for name, own in tried.items():
+        ahead = [gain - own[address] for address, gain in tried[best].items() if address in own]
+        if name != best and _chance_of_no_gain(ahead) > _LIKE:
+            alike.append(name)
+    values = list(tried[best].values())
+    return CommonEffect(
+        channel, best, len(values), sum(gain > 0.0 for gain in values), share, p_value, tuple(alike)
+    )
+
+
+def _chance_of_no_gain(gains: Sequence[float] | FloatArray) -> float:
+    """One-sided p value of a mean that is not positive."""
+    if len(gains) < 2 or not np.ptp(gains) > 0.0:
+        return 0.0 if len(gains) > 1 and gains[0] > 0.0 else 1.0
+    return float(ttest_1samp(gains, 0.0, alternative="greater").pvalue)

@@ -1,0 +1,102 @@
+"""Random effects and corrected tests."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import t as student_t
+
+from palpate.robot_io.types import FloatArray
+
+
+@dataclass(frozen=True)
+class RandomEffects:
+    """A parameter that is distributed over measurements: each has its own true value around a common mean."""
+
+    count: int  # measurements
+    mean: float  # common mean
+    std_err: float  # of the mean
+    interval: tuple[float, float]  # 95 %, of the mean
+    spread: float  # standard deviation of the true values between measurements
+    prediction: tuple[float, float]  # 95 %, of the true value of a further measurement; NaN below three
+    inconsistency: float  # I^2: share of the variance of the values that is not due to their standard errors
+
+
+def random_effects(values: FloatArray, std_errs: FloatArray) -> RandomEffects:
+    """Fit mean and spread by Paule and Mandel's estimator, with t intervals of the mean.
+
+    Paule and Mandel, J. Res. NBS 87 (1982) 377; advised by Veroniki et al., Res. Synth. Methods 7 (2016) 55.
+    At its solution the factor of Hartung and Knapp (2001) is one, so that only the quantile is theirs. The
+    prediction interval is that of Higgins et al., J. R. Stat. Soc. A 172 (2009) 137; of few measurements it
+    is somewhat too short (Partlett and Riley, Stat. Med. 36 (2017) 301).
+
+    Args:
+        values: shape (n,), n at least 1.
+        std_errs: of the values (n,), not negative.
+    """
+    count = len(values)
+    least = 1e-9 * (float(np.abs(values).max()) or 1.0)
+    variances = np.maximum(std_errs, least) ** 2
+
+    def weighted_mean(spread_squared: float) -> tuple[float, FloatArray]:
+        weights = 1.0 / (variances + spread_squared)
+        return float(weights @ values / weights.sum()), weights
+
+    def excess(spread_squared: float) -> float:
+        mean, weights = weighted_mean(spread_squared)
+        return float(weights @ (values - mean) ** 2) - (count - 1)
+
+    most = float(np.sum((values - values.mean()) ** 2)) + 1e-300  # where the excess is not above zero
+    squared = brentq(excess, 0.0, most, xtol=1e-12 * most) if count > 1 and excess(0.0) > 0.0 else 0.0
+    mean, weights = weighted_mean(squared)
+    std_err = float(weights.sum() ** -0.5)
+    half = float(student_t.ppf(0.975, count - 1)) * std_err if count > 1 else float("nan")
+    wide = (
+        float(student_t.ppf(0.975, count - 2) * np.hypot(np.sqrt(squared), std_err))
+        if count > 2
+        else float("nan")
+    )
+    fixed = 1.0 / variances
+    # Typical variance within a measurement (Higgins and Thompson, Stat. Med. 21 (2002) 1539).
+    spare = fixed.sum() ** 2 - (fixed**2).sum()
+    typical = (count - 1) * fixed.sum() / spare if spare > 0.0 else float(variances.mean())
+    share = squared / (squared + typical) if squared > 0.0 else 0.0
+    return RandomEffects(
+        count,
+        mean,
+        std_err,
+        (mean - half, mean + half),
+        squared**0.5,
+        (mean - wide, mean + wide),
+        float(share),
+    )
+
+
+def shrunk(values: FloatArray, std_errs: FloatArray, effects: RandomEffects) -> FloatArray:
+    """Partially pooled values: each drawn towards the mean as far as its standard error exceeds the spread.
+
+    Args:
+        values: shape (n,).
+        std_errs: of the values (n,).
+        effects: the random-effects model of their group.
+
+    Returns:
+        Shape (n,).
+    """
+    own = effects.spread**2 / np.maximum(effects.spread**2 + std_errs**2, np.finfo(float).tiny)
+    return np.asarray(effects.mean + own * (values - effects.mean))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Corrected p values of several tests (Holm, Scand. J. Stat. 6 (1979) 65).
+
+    Args:
+        p_values: of the single tests.
+    """
+    order = np.argsort(p_values)
+    corrected, worst = [1.0] * len(p_values), 0.0
+    for rank, place in enumerate(order):
+        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[place]))
+        corrected[place] = worst
+    return corrected
