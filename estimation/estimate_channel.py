@@ -153,7 +153,12 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
     matrix[:gain_count, :gain_count] = given.covariance + follow @ spread @ follow.T
     matrix[:gain_count, gain_count:] = follow @ spread
     matrix[gain_count:, :gain_count] = (follow @ spread).T
-    matrix += _of_tare(searched, data, rows, given.inliers)
+    free = np.isfinite(searched.covariance.std_err)
+    if data.tare is not None and free.any():  # errors of the tare, as least squares would follow them
+        errors = data.tare.errors(data.run[rows])[given.inliers]
+        matrix[np.ix_(free, free)] += common_error_covariance(
+            searched.jacobian[given.inliers][:, free], errors
+        )
     rounding = _of_rounding(searched, data, rows, given)
     values -= rounding.mean(axis=1)
     matrix += rounding @ rounding.T / rounding.shape[1]
@@ -171,17 +176,6 @@ def _combine(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Est
         history=given.history,
         details=given.details,
     )
-
-
-def _of_tare(searched: SampleFit, data: ChannelData, rows: BoolArray, inliers: BoolArray) -> FloatArray:
-    """Covariance of all parameters from errors of the tare, (m, m), as least squares would follow them."""
-    matrix = np.zeros_like(searched.covariance.matrix)
-    free = np.isfinite(searched.covariance.std_err)
-    if data.tare is not None and free.any():
-        errors = data.tare.errors(data.run[rows])[inliers]
-        columns = searched.jacobian[inliers][:, free]
-        matrix[np.ix_(free, free)] = common_error_covariance(columns, errors)
-    return matrix
 
 
 def _of_rounding(searched: SampleFit, data: ChannelData, rows: BoolArray, given: Estimate) -> FloatArray:

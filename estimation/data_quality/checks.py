@@ -45,7 +45,6 @@ _GLITCH = 25.0  # times the usual distance between neighbours
 _MOST_GLITCHES = 0.01
 _SPIKE = 0.2  # of the range of the effort; what stands out by less does no harm
 _TRAVELLED = 3.0  # ranges of positions, that a single recording which repeats its motion goes through
-_OF_READINGS = frozenset({"sync", "readings", "saturation"})  # kinds of checks
 _QUICKEST_S = 1e-5  # time from sample to sample, below which its unit is in doubt
 
 

@@ -135,7 +135,10 @@ def screen_effects(
         starts: inner parameters at which to try an effect; by default those that it proposes.
         refined: effects that are tried in between in any case; 0 for none at all.
     """
-    looked, places = [], _places(fit.solution)
+    # Effects are tried beside the fitted parameters, and as if an offset (which may be zero) were zero.
+    inner, known = fit.solution.model.inner, fit.solution.parameters
+    zero = {name: 0.0 for name, parameter in inner.items() if parameter.lower < 0.0 < parameter.upper}
+    looked, places = [], [known, *([{**known, **zero}] if zero else [])]
     for number, effect in enumerate(effects):
         progress(number / len(effects), effect.name)
         places_of = starts(effect) if starts else effect.starts(fit.data)
@@ -157,12 +160,6 @@ def screen_effects(
             possible = is_possible(effect, best.best, fit.problem)
         found.append(Candidate(effect, best.without_blocks(), possible))
     return sorted(found, key=lambda candidate: candidate.held_out)
-
-
-def _places(solution: Solution) -> list[dict[str, float]]:
-    """Where effects are tried: as things stand, and as if an offset (what may be nothing) were none."""
-    nothing = {name: 0.0 for name, inner in solution.model.inner.items() if inner.lower < 0.0 < inner.upper}
-    return [solution.parameters, *([{**solution.parameters, **nothing}] if nothing else [])]
 
 
 def extended_models(model: Model, effect: Effect) -> list[Model]:

@@ -1,6 +1,5 @@
 """Extend a fitted model by one effect."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from palpate.estimation.channel import ChannelData
@@ -11,7 +10,6 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.inner_search import GridSearch
 from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.signals.cache_by_array import FitCache
 from palpate.robot_io.types import BoolArray, FloatArray
@@ -35,21 +33,18 @@ def fit_extended(data: ChannelData, parent: FitResult, effect: Effect) -> FitRes
     with single_threaded():
         search = screen_effects(parent.training_fit, [effect])[0].search
         good, cache = usable(data), parent.problem.blocked.cache
-        fits = [fit_model(data, search.best.model, start, good, cache) for start in _starts(parent, search)]
+        # Parameters where the effect fitted best, the same with the parent's inner ones, and plausible ones.
+        best_start, before = search.best.parameters, parent.solution
+        starts = [best_start, {**best_start, **{n: before.parameters[n] for n in before.model.inner}}]
+        if not search.best.is_physical:
+            physical = sorted((s for s in search.starts if s.is_physical), key=lambda solution: solution.sse)
+            starts += [solution.parameters for solution in physical[:_MOST_STARTS]]
+        starts = [start for number, start in enumerate(starts) if start not in starts[:number]]
+        fits = [fit_model(data, search.best.model, start, good, cache) for start in starts]
         best = min(
             fits, key=lambda fit: fit.mean_square * (1.0 + SMALL * (not fit.solution.is_physical)) ** 2
         )
         return replace(best, validation=parent.validation)
-
-
-def _starts(parent: FitResult, search: GridSearch) -> list[Mapping[str, float]]:
-    """Parameters where the effect fitted best, the same with the parent's inner ones, and plausible ones."""
-    best, before = search.best, parent.solution
-    starts = [best.parameters, {**best.parameters, **{n: before.parameters[n] for n in before.model.inner}}]
-    if not best.is_physical:
-        physical = sorted((s for s in search.starts if s.is_physical), key=lambda solution: solution.sse)
-        starts += [solution.parameters for solution in physical[:_MOST_STARTS]]
-    return [start for number, start in enumerate(starts) if start not in starts[:number]]
 
 
 @dataclass(frozen=True, eq=False)

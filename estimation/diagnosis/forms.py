@@ -40,7 +40,6 @@ MOST_OF_LAW = 0.8  # of what a kind's flexible law takes, that a form must take 
 _HALF = 0.5  # of that, which a form must take to be tried in a model with all forms together
 _NEAR = 0.95  # of what a form takes, from which another one draws the same curve
 _EXACT = 0.01  # of what a form takes, that its kind's law may add
-_NEEDED = 0.05  # of the base model's squared error: a form that takes less changes nothing
 _MOST_SETS = 4  # of kinds, whose forms are compared
 _ROUNDS = 2  # of seeking each kind's form beside the others'
 

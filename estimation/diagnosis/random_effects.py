@@ -5,8 +5,6 @@ it confirms (C. R. Henderson, Biometrics 31 (1975)). It is tried last and only w
 would take up a part of anything that changes slowly.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from palpate.estimation.diagnosis.result import ParameterValue
@@ -27,34 +25,26 @@ def add_run_variation(search: Search, fit: FitResult) -> FitResult:
     """
     if run_heterogeneity(fit.problem.blocked, fit.solution) is None:
         return fit
-    varied = search.ordered(
-        [
-            varied
-            for varied in _varied(search, fit)
-            if run_heterogeneity(varied.problem.blocked, varied.solution) is None
-        ]
-    )
-    return _less(search, varied[0]) if varied and search.is_needed(fit, varied[0]) else fit
-
-
-def _varied(search: Search, fit: FitResult) -> Iterator[FitResult]:
-    """The model with each of the effects that differ from run to run."""
+    present = {part.name for part in fit.solution.model.effects}
+    made = []
     for effect in search.effects:
-        present = {part.name for part in fit.solution.model.effects}
         if (
             isinstance(effect, RunGain | RunOffset)
             and effect.name not in present
             and effect.applies_to(fit.data)
         ):
             start = {f"{effect.name}.share": effect.starts(fit.data)[-1]["share"]}
-            made = search.fitted(fit.solution.model.with_effect(effect), {**fit.solution.parameters, **start})
-            if search.is_sound(made, effect.name):
-                yield made
-
-
-def _less(search: Search, varied: FitResult) -> FitResult:
-    """Without those effects that stood for the difference between runs."""
-    for name in search.added_effects(varied):
+            with_it = search.fitted(fit.solution.model.with_effect(effect), fit.solution.parameters | start)
+            if search.is_sound(with_it, effect.name):
+                made.append(with_it)
+    same = [
+        made_fit
+        for made_fit in made
+        if run_heterogeneity(made_fit.problem.blocked, made_fit.solution) is None
+    ]
+    if not same or not search.is_needed(fit, varied := search.ordered(same)[0]):
+        return fit
+    for name in search.added_effects(varied):  # drop effects that stood for the difference between runs
         less = search.without(varied, name)
         if not search.is_needed(less, varied):
             varied = less

@@ -146,7 +146,14 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     accepted = _accepted(evidence, others)
     verdict = Verdict.MISSING if accepted else Verdict.ADEQUATE if evidence.complete else Verdict.UNEXPLAINED
     budget, rest = _budget(evidence)
-    ranking = _ranking(evidence)
+    start = search.start.rmse
+    ranking = sorted(  # the most promising candidates, each fitted alone beside the base model
+        (
+            Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / start if start > 0.0 else 0.0)
+            for name, fit in evidence.single_effects.items()
+        ),
+        key=lambda entry: entry.rmse_held_out,
+    )
     base, last = evidence.stages[0], evidence.stages[-1]
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
     diagnosis = ChannelDiagnosis(
@@ -259,16 +266,6 @@ def _screened(search: Search) -> list[Ranked]:
     return ranked
 
 
-def _ranking(evidence: Evidence) -> list[Ranked]:
-    """The most promising candidates, each fitted alone beside the base model, the best first."""
-    base = evidence.search.start.rmse
-    ranked = (
-        Ranked(effect=name, rmse_held_out=fit.rmse, score=1.0 - fit.rmse / base if base > 0.0 else 0.0)
-        for name, fit in evidence.single_effects.items()
-    )
-    return sorted(ranked, key=lambda entry: entry.rmse_held_out)
-
-
 def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: float, unit: str) -> str:
     """State by how much the accepted effects lower the held-out error.
 
@@ -281,7 +278,12 @@ def error_decrease(accepted: Sequence[Accepted], base_rmse: float, last_rmse: fl
     Returns:
         A clause without a full stop.
     """
-    names = " and ".join(_or_rivals(entry) for entry in accepted)
+    names = " and ".join(
+        f"{entry.effect} (indistinguishable from {' or '.join(entry.confused_with)})"
+        if entry.confused_with
+        else entry.effect
+        for entry in accepted
+    )
     return f"the error falls from {base_rmse:.3g} {unit} to {last_rmse:.3g} {unit} with {names}"
 
 
@@ -333,7 +335,7 @@ def _peaks(end: FitResult) -> str:
     """That a few moments, such as those of breaking away, hold most of what is within the noise."""
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
-    return f"; {100 * share:.0f} % of its square is in 5 % of the samples" if share > _PEAKED else ""
+    return f"; 5 % of the samples hold {100 * share:.0f} % of the squared error" if share > _PEAKED else ""
 
 
 def _left(evidence: Evidence) -> str:
@@ -347,11 +349,6 @@ def _left(evidence: Evidence) -> str:
     if rmse <= noise.value or not noise.value > 0.0:
         return f"the residual depends on {signals}"
     return f"the residual is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
-
-
-def _or_rivals(entry: Accepted) -> str:
-    others = " or ".join(entry.confused_with)
-    return f"{entry.effect} (indistinguishable from {others})" if others else entry.effect
 
 
 def _next(evidence: Evidence, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:

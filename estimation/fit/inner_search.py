@@ -119,7 +119,10 @@ def refine_inner(problem: FitProblem, model: Model, effect: Effect, looked: Grid
     for inner in effect.inner * (1 if len(effect.inner) == 1 else 2) if len(grid) > 1 else ():
         for number in range(_HALVINGS + _PARABOLAS):
             best = min(range(len(solutions)), key=lambda i: solutions[i].sse)
-            line = _line(grid, best, inner)
+            # Points that differ from the best in one inner parameter only, in its order.
+            here = {name: value for name, value in grid[best].items() if name != inner.name}
+            same = [i for i, point in enumerate(grid) if point.items() >= here.items()]
+            line = sorted(same, key=lambda i: grid[i][inner.name])
             closer = _between(grid, best, inner, line)
             if number >= _HALVINGS:
                 closer = _vertex(grid, solutions, line, best, inner) or closer
@@ -141,13 +144,6 @@ def _at(
     there = {f"{effect.name}.{name}": value for name, value in inner.items()}
     # One step from gains that are fitted already ranks candidates; the promising ones are fitted in full.
     return solve_gains(problem, model, {**parameters, **there}, rounds=1, parts=along(inner))
-
-
-def _line(grid: list[dict[str, float]], best: int, inner: Parameter) -> list[int]:
-    """Points that differ from the best in one inner parameter only, in its order."""
-    here = grid[best]
-    same = [i for i, p in enumerate(grid) if all(p[n] == here[n] for n in p if n != inner.name)]
-    return sorted(same, key=lambda i: grid[i][inner.name])
 
 
 def _between(

@@ -10,7 +10,7 @@ from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.fit.blocks import BlockedData, block_length, decimate
 from palpate.estimation.signals.blocks import blocks, rows_of_runs
 from palpate.estimation.signals.runwise import sample_time
-from palpate.robot_io.types import BoolArray, IntArray
+from palpate.robot_io.types import IntArray
 
 LONG = 500_000  # samples; shorter recordings are taken as they are
 _ENOUGH = 25_000  # samples that need not be made fewer
@@ -94,7 +94,12 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
 
     What holds it at rest depends on how it came there, and says little of what moves it.
     """
-    near = _near_motion(data)
+    # Where the joint moves, or does so soon or did just before.
+    swept, width = np.zeros(len(data)), 2 * int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run))) + 1
+    for of_run in rows_of_runs(data.run):
+        highest = scipy.ndimage.maximum_filter1d(data.position[of_run], width)
+        swept[of_run] = highest - scipy.ndimage.minimum_filter1d(data.position[of_run], width)
+    near = swept > _STILL * np.ptp(data.position)
     parts = [rows for rows in blocks(2 * data.run + near) if near[rows.start]]
     parts = [rows for rows in parts if data.run[rows.start] not in held]
     if data.kind is ChannelKind.CONTACT or np.mean(near) > _MOSTLY or len(parts) < _FEWEST_RUNS:
@@ -105,21 +110,6 @@ def _from_rest_to_rest(data: ChannelData, held: IntArray) -> tuple[ChannelData, 
         run[rows] = number
     moving = replace(data, run=run).of_runs(np.array([*run_of, *held]))
     return moving, f", of which the {len(moving):,} in {len(parts)} motions from rest to rest", run_of
-
-
-def _near_motion(data: ChannelData) -> BoolArray:
-    """Where a joint moves, or does so soon or did just before, shape (n,)."""
-    swept, reach = np.zeros(len(data)), int(np.ceil(_NEAR_S / sample_time(data.time_s, data.run)))
-    for rows in rows_of_runs(data.run):
-        around = [
-            filtered(data.position[rows], 2 * reach + 1)
-            for filtered in (
-                scipy.ndimage.maximum_filter1d,
-                scipy.ndimage.minimum_filter1d,
-            )
-        ]
-        swept[rows] = around[0] - around[1]
-    return np.asarray(swept > _STILL * np.ptp(data.position))
 
 
 def within_blocks(data: ChannelData, block: int) -> Within:

@@ -134,27 +134,18 @@ def compare(fitted: FitResult, model: str, noise: MeasurementNoise) -> Compariso
             parts[by] = occupied
     is_noise = fitted.rmse < AT_NOISE * noise.value
     seen = () if is_noise else patterns(parts, fitted.rmse)
-    kinds = () if is_noise else _kinds(fitted)
+    kinds: tuple[BudgetEntry, ...] = ()
+    if not is_noise:  # kinds whose flexible laws explain the error in held-out runs beside the model
+        with single_threaded():
+            kinds = error_budget(error_of_kinds(fitted.training_fit), np.random.default_rng(0)).entries
     first, *where = _words(fitted.rmse, noise, parts, unit)
     if fitted.unphysical:
         first = f"{first} But {', '.join(fitted.unphysical)}: {UNPHYSICAL}."
-    words = (first, *where, *(pattern.sentence for pattern in seen), *_kinds_in_words(kinds))
-    return Comparison(data.name, unit, model, fitted, noise, parts, words, seen, kinds)
-
-
-def _kinds(fitted: FitResult) -> tuple[BudgetEntry, ...]:
-    """Kinds whose flexible laws explain the error in held-out runs beside the model."""
-    training = fitted.training_fit
-    with single_threaded():
-        return error_budget(error_of_kinds(training), np.random.default_rng(0)).entries
-
-
-def _kinds_in_words(kinds: tuple[BudgetEntry, ...]) -> tuple[str, ...]:
-    """What the kinds explain of the squared error, in a sentence; none where no kind explains any."""
-    if not kinds:
-        return ()
-    shares = ", ".join(f"{entry.kind.word} {100 * entry.share:.0f} %" for entry in kinds)
-    return (f"Kinds of effects that would explain it, as shares of the squared error: {shares}.",)
+    words = [first, *where, *(pattern.sentence for pattern in seen)]
+    if kinds:
+        shares = ", ".join(f"{entry.kind.word} {100 * entry.share:.0f} %" for entry in kinds)
+        words.append(f"Kinds of effects that would explain it, as shares of the squared error: {shares}.")
+    return Comparison(data.name, unit, model, fitted, noise, parts, tuple(words), seen, kinds)
 
 
 def _part(label: str, residual: FloatArray, mask: BoolArray, noise: float) -> Part | None:

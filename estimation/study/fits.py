@@ -167,7 +167,13 @@ class StudyFits(TableDisplay):
         channel = self._resolve(channel)
         key = channel.key, tuple(effects)
         with self._lock:
-            fit = self._fits.pop(key, None) or self._fit(channel, effects)
+            fit = self._fits.pop(key, None)
+            if fit is None and effects:
+                parent = self.fit(channel, effects[:-1])
+                fit = fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
+            elif fit is None:
+                whole = channel.data if channel.held_out else None
+                fit = fitting.fit_base(channel.to_fit, channel.model, whole)
             self._remember(key, fit)
             return fit
 
@@ -327,13 +333,6 @@ class StudyFits(TableDisplay):
         }
         self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
         return tuple(prepared.get(member.name, member) for member in channels)
-
-    def _fit(self, channel: StudyChannel, effects: Sequence[str]) -> FitResult:
-        if not effects:
-            whole = channel.data if channel.held_out else None
-            return fitting.fit_base(channel.to_fit, channel.model, whole)
-        parent = self.fit(channel, effects[:-1])
-        return fit_extended(channel.to_fit, parent, self._suited_effect(effects[-1], parent))
 
     def _remember(self, key: _FitKey, fit: FitResult) -> None:
         """Put a fit last in the cache, and drop the least recently used fits."""

@@ -57,7 +57,11 @@ def patterns(parts: Mapping[str, Sequence[Part]], rmse: float) -> tuple[Pattern,
         parts: the error by way of splitting, see `palpate.estimation.study.comparison`.
         rmse: the whole error, in the unit of the effort.
     """
-    one_sided = _share_of_mean(parts, rmse)
+    # The mean of the whole over the whole error; 0 where it was not split.
+    widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
+    whole = sum(part.samples * part.mean for part in widest)
+    samples = sum(part.samples for part in widest)
+    one_sided = abs(whole) / (rmse * samples) if widest and rmse > 0.0 else 0.0
     left = rmse * float(np.sqrt(1.0 - min(one_sided, 1.0) ** 2))  # about the mean, which hides no pattern
     varying = {by: _about_their_mean(own) for by, own in parts.items()}
     means = {by: _share_of_means(own, left) for by, own in varying.items()}
@@ -104,13 +108,6 @@ def _share_of_means(parts: Sequence[Part], rmse: float) -> float:
     means = np.array([part.mean for part in parts])
     spread = np.average((means - np.average(means, weights=weights)) ** 2, weights=weights)
     return float(np.sqrt(spread) / rmse) if rmse > 0.0 else 0.0
-
-
-def _share_of_mean(parts: Mapping[str, Sequence[Part]], rmse: float) -> float:
-    """The mean of the whole over the whole error; 0 where it was not split."""
-    widest = max(parts.values(), key=lambda own: sum(part.samples for part in own), default=())
-    whole = sum(part.samples * part.mean for part in widest)
-    return abs(whole) / (rmse * sum(part.samples for part in widest)) if widest and rmse > 0.0 else 0.0
 
 
 _BINS = 4

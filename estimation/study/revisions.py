@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -187,7 +188,13 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
         yield EFFECTS.unknown(unknown[-1])
     if len(unknown) < len(revision.user_effects):
         return  # one of the user's own has the name of another effect, with parameters of its own
-    if lacking := sorted(_wanted(revision) - set(revision.parameters)):
+    names = {*effects, *(name.partition(".")[0] for name in revision.parameters)}
+    fixed = [EFFECTS[name] for name in names if name in EFFECTS]
+    expected = {f"{effect.name}.{p.name}" for effect in fixed for p in (*effect.gains, *effect.inner)}
+    with suppress(InputError):  # a base model that needs an arm, which says what parameters there are
+        base = MODELS[revision.model]().build(ModelContext())
+        expected |= {*base.gains, *base.inner}
+    if lacking := sorted(expected - set(revision.parameters)):
         yield f"its parameter {lacking[0]} is missing"
     for name in (name for name in effects if name in EFFECTS):
         for parameter in EFFECTS[name].inner:
@@ -195,15 +202,3 @@ def _flaws(revision: Revision, number: int) -> Iterator[str]:
             if not parameter.lower <= value <= parameter.upper:
                 bounds = f"{parameter.lower:g} to {parameter.upper:g}"
                 yield f"its parameter {name}.{parameter.name} is {value:g}, beyond {bounds}"
-
-
-def _wanted(revision: Revision) -> set[str]:
-    """Parameters that the base model and all effects have, "effect.parameter"."""
-    names = {*revision.effects, *(name.partition(".")[0] for name in revision.parameters)}
-    fixed = [EFFECTS[name] for name in names if name in EFFECTS]
-    own = {f"{effect.name}.{p.name}" for effect in fixed for p in (*effect.gains, *effect.inner)}
-    try:
-        base = MODELS[revision.model]().build(ModelContext())
-    except InputError:  # needs an arm, which says what parameters there are
-        return own
-    return own | {*base.gains, *base.inner}

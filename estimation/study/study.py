@@ -14,7 +14,6 @@ from palpate.estimation.diagnosis import ChannelDiagnosis, Verdict
 from palpate.estimation.effect import Effect
 from palpate.estimation.effects.run_differences import RunVariation
 from palpate.estimation.estimate import DisplayTable
-from palpate.estimation.fit.measurement_noise import MeasurementNoise
 from palpate.estimation.study import fitting
 from palpate.estimation.study.channels import (
     ChannelKey,
@@ -243,19 +242,15 @@ class ModelStudy(StudyRevisions):
         if not data:
             raise InputError(f"no channel '{channel}' to estimate. There are: {', '.join(models)}")
         chosen = [channel if runs is None else only_runs(channel, runs, self.source) for channel in data]
-        return tuple(
-            replace(
-                estimate_with(channel, models[channel.name], names, self.source.arm),
-                noise=self._noise_if_judged(channel.name),
-            )
-            for channel in chosen
-        )
-
-    def _noise_if_judged(self, name: str) -> MeasurementNoise | None:
-        try:
-            return self.noise(name)
-        except InputError:
-            return None
+        estimates = []
+        for channel_data in chosen:
+            try:
+                noise = self.noise(channel_data.name)
+            except InputError:  # it cannot be judged
+                noise = None
+            made = estimate_with(channel_data, models[channel_data.name], names, self.source.arm)
+            estimates.append(replace(made, noise=noise))
+        return tuple(estimates)
 
     def add(
         self, *effects: str, channel: str | None = None, start: int | None = None, fresh: bool = False

@@ -86,7 +86,9 @@ def rivals_of(
         return []
     asked = rival_effects(diagnosis, study.effects)
     if len(asked[0]) == 1:
-        asked = [[*asked[0], *([name] for name in _telling_most(study, channel))]]
+        base = study.fit(channel).training_fit
+        tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # best first
+        asked = [[*asked[0], *([candidate.effect.name] for candidate in tried[: _ALONE - 1])]]
     return [fitted for models in asked if len(fitted := _fitted(study, channel, models)) > 1]
 
 
@@ -98,12 +100,6 @@ def _fitted(study: ModelStudy, channel: StudyChannel, models: Iterable[list[str]
         except InputError:
             continue
     return dict(sorted(fitted.items(), key=lambda item: item[1].rmse))
-
-
-def _telling_most(study: ModelStudy, channel: StudyChannel) -> list[str]:
-    base = study.fit(channel).training_fit
-    tried = screen_effects(base, applicable_effects(base.data, base.model, study.effects))  # the best first
-    return [candidate.effect.name for candidate in tried[: _ALONE - 1]]
 
 
 def with_the_simplest(

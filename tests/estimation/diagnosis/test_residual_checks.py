@@ -288,7 +288,7 @@ def test_runs_are_looked_at_first_then_what_is_left_in_contact(
     if depends_on == "run":
         assert found.reason.startswith("the runs do not follow one law: run 2 is off by 2 N m when")
     if depends_on == "time":
-        assert "1 N m, is 10 times the noise at rest, does not look like noise; no signal" in found.reason
+        assert "1 N m, is 10 times the noise at rest and does not look like noise; no signal" in found.reason
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_says_when_the_search_ends_at_a_bound():
     assert np.isnan(found["hunt_crossley.n"].std_err)
     assert np.isfinite(found["hunt_crossley.k"].std_err)
     assert found.identifiability is Identifiability.WEAK
-    assert "hunt_crossley.n: the search ended at the bound" in found.note
+    assert "hunt_crossley.n: the search ended at a physical bound" in found.note
 
 
 def test_a_gain_is_no_surer_for_a_partner_that_ended_at_its_bound():
