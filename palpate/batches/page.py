@@ -1,7 +1,7 @@
 """The page of a batch: what is missing where, distributions, the pooled model, differences and outliers."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from plotly.subplots import make_subplots
 
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
+from palpate.batches.trend import Change, Series
 from palpate.common.console import as_shell_word, count, duration, significant
 from palpate.common.files import write_text
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -21,10 +22,12 @@ from palpate.estimation.kinds import Kind
 from palpate.render import palette
 from palpate.render.report import as_html, rendered, styled
 
+TREND = "trend.html"
 _TEMPLATE = Path(__file__).parent / "page.html"
 _MOST_ROWS = 300  # of the table that the page shows, outliers and errors aside
 _MOST_POINTS = 400  # of one parameter in one group
 _MOST_FIGURES = 12
+_MOST_SERIES = 60  # of the page of a trend
 _MOST_EFFECTS = 4
 _SIGNIFICANT = 0.05
 _COLORS = {kind.word: palette.KINDS[kind] for kind in Kind} | {
@@ -68,15 +71,55 @@ def write_page(batch: BatchResult) -> None:
         _errors(batch),
         _rows(batch),
     ]
+    _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
+
+
+def write_trend(folder: Path, tested: Sequence[tuple[Series, Sequence[Change]]], what: str) -> Path:
+    """Write the page of all series over time, those that change first; returns it.
+
+    Args:
+        folder: of the table.
+        tested: series with their changes.
+        what: the times count.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    sections = []
+    for series, changes in sorted(tested, key=lambda pair: not pair[1])[:_MOST_SERIES]:
+        days = series.times.astype("datetime64[D]") if what == "date" else series.times
+        errors = {"array": SIGMAS_95 * series.std_errs, "width": 0, "thickness": 1}
+        figure = go.Figure()
+        figure.add_scatter(
+            x=days, y=series.values, error_y=errors, mode="markers", marker={"color": palette.MEASURED}
+        )
+        for change in changes:
+            before = change.first - 1 if change.kind == "step" else change.first
+            ends = [days[max(before, 0)], days[change.first], days[change.last]]
+            values = [change.before, change.after, change.after]
+            if change.kind == "drift":
+                ends, values = ends[1:], [change.before, change.after]
+            figure.add_scatter(x=ends, y=values, mode="lines", line={"color": palette.TRUTH})
+        figure.update_layout(showlegend=False, xaxis_title=what, yaxis_title=series.unit)
+        title = " ".join([series.group, series.channel, series.name])
+        words = tuple(f"{change.kind}, p = {change.p_value:.2g}" for change in changes)
+        sections.append(PageSection(title, figure=as_html(styled(figure, 260)), words=words))
+    changing = sum(bool(changes) for _, changes in tested)
+    facts = {"series": str(len(tested)), "that change": str(changing)}
+    _write(folder / TREND, "Trend", facts, sections)
+    return folder / TREND
+
+
+def _write(path: Path, title: str, facts: Mapping[str, str], sections: Sequence[PageSection]) -> None:
     page = rendered(
         _TEMPLATE,
         {},
-        title=f"Batch {batch.folder.name}",
+        title=title,
         facts=facts,
         sections=[section for section in sections if section.rows or section.figure],
         plotly=Markup(get_plotlyjs()),  # noqa: S704, plotly's own
     )
-    write_text(batch.page, page)
+    write_text(path, page)
 
 
 def _overview(batch: BatchResult) -> PageSection:

@@ -39,6 +39,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {  # module, and what the list of comm
     "info": ("sessions", "What is in a session file?"),
     "sweep": ("sweep", "Probe many simulated objects, such as the paper's, with every estimator."),
     "batch": ("batch", "Estimate, compare and diagnose many recordings; one table, one page."),
+    "trend": ("trend", "Which parameters step or drift over time?"),
     "teleop": ("teleop", "Work on a virtual object that learns to feel like the real one."),
     "calibrate": (
         "calibrate",

@@ -1,0 +1,225 @@
+"""Parameters over time: steps and drifts that are more than the scatter from one measurement to the next."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from palpate.batches.table import BUDGET, floats, parameter_columns, texts
+from palpate.estimation.fit.intervals import SIGMAS_95
+from palpate.robot_io.errors import InputError
+from palpate.robot_io.types import FloatArray
+
+LEVEL = 0.01  # chance of a change in a whole table where nothing changes
+LEAST = 10  # measurements of a series that is tested
+_SIDE = 3  # measurements before and after a step
+_PERMUTATIONS = 1_000  # at a time
+_MOST_LARGER = 20  # permutations with as large a change, after which there is none (Besag and Clifford, 1991)
+_MOST_CHANGES = 6  # of one series
+_SECONDS_A_DAY = 86_400.0
+_DATES = ("date", "day", "night", "time", "datetime", "timestamp")  # fields that are taken for a time
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One figure of a channel over time."""
+
+    group: str
+    channel: str
+    name: str  # "effect.parameter", "times_noise", or "budget KIND"
+    unit: str  # empty for a share or ratio
+    rows: np.ndarray[Any, np.dtype[np.int64]]  # of the table in the order of time, shape (n,)
+    times: FloatArray  # days or counts, shape (n,)
+    values: FloatArray  # shape (n,), in the unit
+    std_errs: FloatArray  # shape (n,), in the unit; zero where unknown
+
+
+@dataclass(frozen=True)
+class Change:
+    """A step or a drift of a series."""
+
+    kind: str  # "step" or "drift"
+    first: int  # place in the series: first measurement after a step, or at which a drift begins
+    last: int  # last measurement that it is about
+    before: float  # value before a step, or at the begin of a drift
+    after: float  # value after a step, or at the end of a drift
+    std_err: float  # of the difference
+    p_value: float  # of as large a step or drift by chance, for this series alone
+
+
+def time_axis(table: pa.Table, field: str | None = None) -> tuple[FloatArray, list[str], str]:
+    """Times of the rows, their labels, and what the times count.
+
+    Args:
+        table: of a batch.
+        field: column of dates (ISO 8601) or numbers; None for one that is called so, else the order.
+
+    Returns:
+        Times (n,), in days where they are dates; labels; "date", "count", or the name of a column of numbers.
+
+    Raises:
+        InputError: there is no such column, or a cell in it is neither date nor number.
+    """
+    names = [field] if field else [name for name in table.column_names if name.lower() in _DATES]
+    for name in names:
+        if name not in table.column_names:
+            raise InputError(f"--date {name}: no such column. There are: {', '.join(table.column_names)}")
+        labels = texts(table, name)
+        for read, what in ((_days, "date"), (float, name)):
+            try:
+                return np.array([read(label) for label in labels], dtype=np.float64), labels, what
+            except ValueError:
+                continue
+        if field:
+            raise InputError(f"--date {field}: give dates such as 2026-11-23, or numbers, not '{labels[0]}'")
+    measurement = texts(table, "measurement")
+    number = {name: float(place) for place, name in enumerate(dict.fromkeys(measurement), 1)}
+    return np.array([number[name] for name in measurement]), measurement, "count"
+
+
+def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
+    """Every parameter, the error over noise, and every kind's share, of each channel of each group.
+
+    Args:
+        table: of a batch.
+        times: of its rows (n,).
+
+    Yields:
+        Those with at least `LEAST` values.
+    """
+    group, channel = np.array(texts(table, "group")), np.array(texts(table, "channel"))
+    columns = [
+        (column.channel, column.name, column.unit, column.rows, column.values, column.std_errs)
+        for column in parameter_columns(table)
+    ]
+    times_noise = floats(table, "times_noise")
+    shares = [name for name in table.column_names if name.startswith(BUDGET)]
+    for item in filter(None, dict.fromkeys(channel.tolist())):
+        for name in ("times_noise", *shares):
+            judged = np.flatnonzero((channel == item) & np.isfinite(times_noise))
+            values = np.nan_to_num(floats(table, name)[judged])  # no share: the error passes for noise
+            columns.append((item, name, "", judged, values, np.zeros(len(judged))))
+    for item, name, unit, rows, values, std_errs in columns:
+        for part in dict.fromkeys(group[rows].tolist()):
+            own = np.flatnonzero(group[rows] == part)
+            own = own[np.argsort(times[rows[own]], kind="stable")]
+            if len(own) >= LEAST and np.ptp(values[own]) > 0.0:
+                at = rows[own]
+                yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own])
+
+
+def find_changes(series: Series, level: float) -> list[Change]:
+    """Steps and drifts of a series, in order of time.
+
+    The largest step and the slope are tested together by permutation of the values; where that is
+    significant, the better of the two is taken. A step splits the series, and both parts are searched in the
+    same way (binary segmentation). The scale is that of differences between neighbours, which neither step
+    nor drift moves much. A change must also exceed what the standard errors of the values allow (95 %).
+
+    Args:
+        series: n values.
+        level: chance of a change where there is none.
+    """
+    rng = np.random.default_rng(1)
+    changes: list[Change] = []
+    parts = [(0, len(series.values))]
+    while parts and len(changes) < _MOST_CHANGES:
+        begin, end = parts.pop()
+        if end - begin < LEAST:
+            continue
+        change = _largest_change(series, begin, end, level, rng)
+        if change is None:
+            continue
+        changes.append(change)
+        if change.kind == "step":
+            parts += [(begin, change.first), (change.first, end)]
+    return sorted(changes, key=lambda change: change.first)
+
+
+def _largest_change(
+    series: Series, begin: int, end: int, level: float, rng: np.random.Generator
+) -> Change | None:
+    part = slice(begin, end)
+    times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
+    weights = 1.0 / (_spread_squared(values[None], std_errs) + std_errs**2)[0]
+    mean = weights @ values / weights.sum()
+    scaled = (values - mean) * np.sqrt(weights)
+    observed = _statistics(scaled[None], times)
+    larger = tried = 0
+    while larger < _MOST_LARGER and tried < 4.0 / level:
+        shuffled = rng.permuted(np.broadcast_to(scaled, (_PERMUTATIONS, len(scaled))), axis=1)
+        larger += int(np.count_nonzero(_statistics(shuffled, times).max(axis=1) >= observed.max()))
+        tried += _PERMUTATIONS
+    p_value = (1 + larger) / (1 + tried)
+    if p_value > level:
+        return None
+    *steps, drift = observed[0]
+    place = int(np.argmax(steps)) + _SIDE
+    if max(steps) >= drift:
+        sides = (slice(0, place), slice(place, None))
+        before, after = (float(weights[side] @ values[side] / weights[side].sum()) for side in sides)
+        std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
+        change = Change("step", begin + place, end - 1, before, after, std_err, p_value)
+    else:
+        away = times - weights @ times / weights.sum()
+        slope = float((weights * away) @ values / (weights @ away**2))
+        rise = slope * float(np.ptp(times))
+        std_err = float(np.ptp(times) / np.sqrt(weights @ away**2))
+        start = float(mean + slope * away[0])
+        change = Change("drift", begin, end - 1, start, start + rise, std_err, p_value)
+    return change if abs(change.after - change.before) > SIGMAS_95 * change.std_err else None
+
+
+def _spread_squared(values: FloatArray, std_errs: FloatArray | float) -> FloatArray:
+    """Variance between measurements beside their standard errors, by differences of neighbours, shape (m, 1).
+
+    Half the mean squared difference is the variance (von Neumann, Ann. Math. Stat. 12 (1941) 367).
+
+    Args:
+        values: m series, shape (m, n).
+        std_errs: of the values (n,).
+    """
+    total = 0.5 * np.mean(np.diff(values, axis=1) ** 2, axis=1, keepdims=True)
+    tiny = np.finfo(float).tiny + 1e-12 * np.mean(values**2, axis=1, keepdims=True)
+    return np.asarray(np.maximum(total - np.mean(np.square(std_errs)), tiny))
+
+
+def _statistics(scaled: FloatArray, times: FloatArray) -> FloatArray:
+    """Squared z values of a step at each place, and of a drift last; shape (m, places + 1).
+
+    Args:
+        scaled: m series of values of equal variance, shape (m, n).
+        times: of the values (n,).
+    """
+    count = scaled.shape[1]
+    centred = scaled - scaled.mean(axis=1, keepdims=True)
+    variance = _spread_squared(scaled, 0.0)
+    places = np.arange(_SIDE, count - _SIDE + 1)
+    sums = np.cumsum(centred, axis=1)[:, places - 1]
+    steps = sums**2 * count / (places * (count - places))
+    away = times - times.mean()
+    drift = (centred @ away) ** 2 / max(float(away @ away), np.finfo(float).tiny)
+    return np.asarray(np.column_stack([steps, drift]) / variance)
+
+
+def _days(text: str) -> float:
+    """Days since 1970 of a date or time. ValueError: it is none."""
+    moment = datetime.fromisoformat(text)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / _SECONDS_A_DAY
+
+
+def changes_of(
+    table: pa.Table, times: FloatArray, names: Sequence[str] = ()
+) -> list[tuple[Series, list[Change]]]:
+    """Changes of all series of a table, at a level for the table as a whole.
+
+    Args:
+        table: of a batch.
+        times: of its rows (n,).
+        names: of the series to test; all without any.
+    """
+    series = [item for item in all_series(table, times) if not names or item.name in names]
+    return [(item, find_changes(item, LEVEL / len(series))) for item in series]

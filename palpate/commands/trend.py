@@ -1,0 +1,173 @@
+"""`palpate trend`: parameters over time, with steps and drifts."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.common import console
+from palpate.common.console import count, safe, shown, significant
+from palpate.common.options import model_names
+from palpate.robot_io.errors import InputError
+from palpate.workflows.data_options import JsonOption
+
+if TYPE_CHECKING:
+    from palpate.batches.trend import Change, Series
+
+CHANGED = 10  # exit code, as of a diagnosis that finds something missing
+
+
+def trend_command(
+    data: Annotated[
+        Path, typer.Argument(help="Folder or table of palpate batch, or with --out a folder of recordings.")
+    ],
+    *,
+    date: Annotated[
+        str | None,
+        typer.Option(
+            help="Field with dates (ISO 8601) or numbers; default: date, day, night or time, else the order.",
+            metavar="FIELD",
+        ),
+    ] = None,
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this one, such as coulomb_friction.torque; may be repeated.", metavar="NAME"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Judge recordings into this folder first.")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Base model of recordings.", autocompletion=model_names)
+    ] = None,
+    pattern: Annotated[
+        str | None, typer.Option(help="Fields in names of recordings, such as '{arm}_{date}.csv'.")
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Go on, and look again whenever something is new.")
+    ] = False,
+    every_s: Annotated[float, typer.Option(help="Time between two looks of --follow [s].", min=0.1)] = 30.0,
+    exit_code: Annotated[
+        bool, typer.Option("--exit-code", help=f"End with {CHANGED} if something changes, else with 0.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Say which parameters step or drift by more than their scatter, when, and by how much.
+
+    Tests each parameter, the error over noise, and each kind's share of the error, in each group. The chance
+    of a change in a whole table in which nothing changes is 1 %. Writes trend.html beside the table.
+
+    palpate batch logs --pattern '{arm}_{date}.csv' --group arm --out nightly
+
+    palpate trend nightly --exit-code
+
+    palpate trend logs --out nightly --pattern '{date}.csv' --follow
+    """
+    if out is None and (given := [name for name, value in (("model", model), ("pattern", pattern)) if value]):
+        raise InputError(f"--{given[0]}: is for recordings, with --out FOLDER")
+    seen: object = None
+    while True:
+        state = _state(data)
+        if state != seen:
+            seen = state
+            changed = _look(data, date, parameter or [], out, model, pattern, as_json)
+        if not follow:
+            break
+        time.sleep(every_s)
+    if exit_code and changed:
+        raise typer.Exit(CHANGED)
+
+
+def _state(data: Path) -> object:
+    """What differs once there is something new: names, sizes and times of the files."""
+    files = sorted(data.iterdir()) if data.is_dir() else [data] if data.exists() else []
+    return [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.is_file()]
+
+
+def _look(  # noqa: PLR0917, what was typed
+    data: Path,
+    date: str | None,
+    names: list[str],
+    out: Path | None,
+    model: str | None,
+    pattern: str | None,
+    as_json: bool,
+) -> bool:
+    """Test all series once, and print and write what changes; whether anything does."""
+    from palpate.batches.page import write_trend  # noqa: PLC0415, its libraries take a second
+    from palpate.batches.table import TABLE, read_table  # noqa: PLC0415, as above
+    from palpate.batches.trend import LEAST, LEVEL, changes_of, time_axis  # noqa: PLC0415, as above
+
+    if out is not None:
+        from palpate.batches.run import batch  # noqa: PLC0415, as above
+        from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
+
+        with sweep_progress() as progress:
+            table = batch(data, out=out, model=model, pattern=pattern, progress=progress).table
+    elif data.is_dir() and not (data / f"{TABLE}.parquet").is_file():
+        raise InputError(
+            f"{data}: holds no table of palpate batch; add --out FOLDER to judge recordings in it"
+        )
+    else:
+        table = read_table(data)
+    times, labels, what = time_axis(table, date)
+    tested = changes_of(table, times, names)
+    if names and (unknown := set(names) - {series.name for series, _ in tested}):
+        raise InputError(f"--parameter {min(unknown)}: no such series of at least {LEAST} measurements")
+    page = write_trend(out or (data if data.is_dir() else data.parent), tested, what)
+    changes = [_as_data(series, change, labels) for series, own in tested for change in own]
+    content = {
+        "table": str(out or data),
+        "time": what,
+        "measurements": len(set(table["measurement"].to_pylist())),
+        "tested": len(tested),
+        "level": LEVEL,
+        "changes": changes,
+    }
+
+    def show() -> None:
+        to = console.stdout()
+        to.print(f"{count(len(set(labels)), 'time')}, {len(tested)} series tested")
+        for change in changes:
+            to.print(f"  [yellow]{safe(in_words(change))}[/yellow]")
+        if not tested:
+            to.print(f"  nothing is tested: a series needs at least {LEAST} measurements")
+        elif not changes:
+            to.print("  nothing changes by more than its scatter")
+        to.print(f"page  [bold]{shown(page)}[/bold]")
+
+    console.present(content, show, as_json=as_json)
+    return bool(changes)
+
+
+def _as_data(series: "Series", change: "Change", labels: list[str]) -> dict[str, Any]:
+    """A change as plain data; the keys are stable."""
+    ends = {"first": change.first, "last": change.last}
+    return {
+        "group": series.group,
+        "channel": series.channel,
+        "series": series.name,
+        "unit": series.unit,
+        "kind": change.kind,
+        **{name: labels[series.rows[place]] for name, place in ends.items()},
+        "before": change.before,
+        "after": change.after,
+        "std_err": change.std_err,
+        "p_value": change.p_value,
+    }
+
+
+def in_words(change: dict[str, Any]) -> str:
+    """A change in a sentence.
+
+    Args:
+        change: as plain data.
+    """
+    place = " ".join(filter(None, (change["group"], change["channel"], change["series"])))
+    before, after = (significant(change[name], change["std_err"]) for name in ("before", "after"))
+    share = f" ({100 * (change['after'] / change['before'] - 1):+.0f} %)" if change["before"] else ""
+    when = (
+        f"at {change['first']}" if change["kind"] == "step" else f"from {change['first']} to {change['last']}"
+    )
+    verb = "steps" if change["kind"] == "step" else "drifts"
+    return f"{place} {verb} from {before} to {after} {change['unit']}{share} {when}"

@@ -1,0 +1,174 @@
+"""`palpate trend`: steps and drifts with known dates, quiet series, dates, exit code and JSON, --follow."""
+
+import json
+import subprocess
+import sys
+import time
+from datetime import date, timedelta
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from palpate.batches.table import head
+from palpate.batches.trend import LEVEL, Series, find_changes, time_axis
+from palpate.robot_io.errors import InputError
+from tests.palpate.cli import ROOT, as_json, assert_refused, run
+from tests.palpate.presses import write_presses
+
+
+def series(values, std_errs):
+    places = np.arange(len(values))
+    return Series("all", "joint_1", "coulomb_friction.torque", "N m", places, places * 1.0, values, std_errs)
+
+
+def nights(rng, truth, scatter=0.03):
+    """Values with a scatter between nights and standard errors, both known."""
+    std_errs = rng.uniform(0.3, 0.7, len(truth)) * scatter
+    between = np.sqrt(scatter**2 - np.mean(std_errs**2))
+    noise = between * rng.standard_normal(len(truth)) + std_errs * rng.standard_normal(len(truth))
+    return series(truth + noise, std_errs)
+
+
+def test_a_step_of_ten_percent_in_sixty_nights_is_dated_within_three():
+    rng = np.random.default_rng(1)
+    dated = 0
+    for _ in range(30):
+        place = int(rng.integers(12, 48))
+        changes = find_changes(nights(rng, 1.0 + 0.1 * (np.arange(60) >= place)), LEVEL / 10)
+        dated += any(change.kind == "step" and abs(change.first - place) <= 3 for change in changes)
+    assert dated >= 27
+
+
+def test_a_drift_is_no_step_and_its_size_is_known():
+    (change,) = find_changes(nights(np.random.default_rng(2), np.linspace(1.0, 1.3, 80)), LEVEL / 10)
+    assert change.kind == "drift"
+    assert change.after - change.before == pytest.approx(0.3, abs=4 * change.std_err)
+    assert change.std_err < 0.03
+
+
+def test_two_steps_are_both_dated():
+    truth = 1.0 + 0.2 * (np.arange(90) >= 30) - 0.3 * (np.arange(90) >= 60)
+    first, second = find_changes(nights(np.random.default_rng(3), truth), LEVEL / 10)
+    assert (first.kind, second.kind) == ("step", "step")
+    assert abs(first.first - 30) <= 1
+    assert abs(second.first - 60) <= 1
+
+
+def test_quiet_series_do_not_change_whatever_their_distribution():
+    rng = np.random.default_rng(4)
+    false = [
+        find_changes(series(1.0 + 0.05 * draw(60), np.zeros(60)), 0.01)
+        for draw in (rng.standard_normal, lambda n: rng.standard_t(3, n), lambda n: rng.exponential(size=n))
+        for _ in range(60)
+    ]
+    assert sum(map(bool, false)) <= 6  # 1.8 expected
+
+
+def test_a_change_within_the_standard_errors_is_none():
+    values = 1.0 + 0.01 * (np.arange(40) >= 20) + 1e-4 * np.random.default_rng(5).standard_normal(40)
+    assert find_changes(series(values, np.full(40, 1e-4)), 0.001)
+    assert not find_changes(series(values, np.full(40, 0.1)), 0.001)
+
+
+def write_table(folder, values, days, std_err=0.01):
+    folder.mkdir(exist_ok=True)
+    count = len(values)
+    table = pa.table(
+        {
+            "measurement": [f"log{number}.csv" for number in range(count)],
+            "group": ["left"] * count,
+            "date": [day.isoformat() for day in days],
+            "channel": ["joint_1"] * count,
+            "times_noise": list(1.0 + 0.01 * np.random.default_rng(9).standard_normal(count)),
+            head("coulomb_friction.torque", "N m"): list(values),
+            head("coulomb_friction.torque", "N m", "std_err"): [std_err] * count,
+        }
+    )
+    pq.write_table(table, folder / "table.parquet")
+
+
+DAYS = [date(2026, 1, 1) + timedelta(days=number) for number in range(40)]
+
+
+def test_the_command_says_what_changes_when_and_by_how_much_and_ends_with_its_code(tmp_path):
+    rng = np.random.default_rng(6)
+    order = rng.permutation(40)  # of the rows in the table
+    values = (0.2 + 0.04 * (np.arange(40) >= 25) + 0.003 * rng.standard_normal(40))[order]
+    write_table(tmp_path / "nightly", values, [DAYS[number] for number in order], 0.001)
+    said = as_json("trend", tmp_path / "nightly")
+    (change,) = said["changes"]
+    assert said["time"] == "date"
+    assert (change["kind"], change["series"], change["group"]) == ("step", "coulomb_friction.torque", "left")
+    assert change["first"] == DAYS[25].isoformat()
+    assert change["after"] - change["before"] == pytest.approx(0.04, abs=0.005)
+    asked = run("trend", tmp_path / "nightly", "--exit-code")
+    assert asked.exit_code == 10
+    assert "steps from 0.2" in asked.stdout
+    assert "(+20 %)" in asked.stdout or "(+19 %)" in asked.stdout or "(+21 %)" in asked.stdout
+    assert "coulomb_friction.torque" in (tmp_path / "nightly" / "trend.html").read_text()
+    quiet = run("trend", tmp_path / "nightly", "--exit-code", "--parameter", "times_noise")
+    assert quiet.exit_code == 0
+    assert "nothing changes" in quiet.stdout
+
+
+def test_what_is_no_table_no_date_or_too_short_is_said(tmp_path):
+    write_table(tmp_path / "few", np.arange(5.0), DAYS[:5])
+    assert "needs at least 10" in run("trend", tmp_path / "few").stdout
+    assert_refused(run("trend", tmp_path), "holds no table of palpate batch")
+    assert_refused(run("trend", tmp_path / "few", "--date", "channel"), "--date channel: give dates")
+    assert_refused(run("trend", tmp_path / "few", "--date", "night"), "no such column")
+    assert_refused(run("trend", tmp_path / "few", "--parameter", "mass"), "--parameter mass")
+    (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    assert_refused(run("trend", tmp_path / "table.csv"), "lacks the columns")
+
+
+def test_without_dates_the_order_counts_and_numbers_are_taken_as_they_are():
+    table = pa.table({"measurement": ["b", "b", "a"], "channel": ["x", "y", "x"], "cycles": [100, 100, 2000]})
+    times, labels, what = time_axis(table)
+    assert (times.tolist(), labels, what) == ([1.0, 1.0, 2.0], ["b", "b", "a"], "count")
+    assert time_axis(table, "cycles")[0].tolist() == [100.0, 100.0, 2000.0]
+    with pytest.raises(InputError, match="such as 2026-11-23"):
+        time_axis(table, "channel")
+
+
+@pytest.mark.slow
+def test_a_folder_of_recordings_is_followed(tmp_path):
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    logs.mkdir()
+
+    def record(number):
+        k = 400.0 if number < 8 else 480.0
+        law = lambda x, v: k * x + 6.0 * v  # noqa: E731
+        path = logs / f"{DAYS[number].isoformat()}.csv"
+        write_presses(path.with_suffix(".tmp"), speeds_m_s=(0.04, 0.08), force_of=law, seed=number)
+        path.with_suffix(".tmp").rename(path)
+
+    for number in range(8):
+        record(number)
+    command = [sys.executable, "-u", "-m", "palpate.main", "trend", str(logs), "--out", str(out)]
+    command += ["--pattern", "{date}.csv", "--follow", "--every-s", "1", "--json"]
+    following = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        first = read_json(following.stdout)
+        assert (first["measurements"], first["tested"], first["changes"]) == (8, 0, [])
+        for number in range(8, 16):
+            record(number)
+        while (said := read_json(following.stdout))["measurements"] < 16:
+            time.sleep(0.1)
+    finally:
+        following.kill()
+        following.communicate()
+    (change,) = (change for change in said["changes"] if change["series"] == "stiffness.k")
+    assert (change["kind"], change["first"]) == ("step", DAYS[8].isoformat())
+
+
+def read_json(stream):
+    """The next JSON document of a stream."""
+    text = ""
+    while line := stream.readline():
+        text += line
+        if line.rstrip() == "}":
+            return json.loads(text)
+    raise AssertionError(text)
