@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from palpate.estimation.arm.base_parameters import BaseParameters
-from palpate.estimation.arm.pseudo_inertia import Divergence, nearest_bodies
+from palpate.estimation.arm.inertial_parameters import BaseParameters, Divergence, nearest_bodies
 from palpate.estimation.channel import Information
 from palpate.robot_io.types import FloatArray
 
@@ -90,7 +89,7 @@ URDF_SPREAD = 1.0  # of its pseudo-inertias, as a share: a link may be wrong by 
 def urdf_information(base: BaseParameters, urdf: FloatArray, at: FloatArray | None = None) -> Information:
     """The pull of the base parameters to the URDF: `URDF_SPREAD`^-2 D, to second order.
 
-    D is the entropic divergence of `palpate.estimation.arm.pseudo_inertia`, whose pull is the same in every
+    D is the entropic divergence, see `Divergence`, whose pull is the same in every
     unit and frame, and as nothing against thousands of samples. The inertial parameters that no torque shows
     are profiled out.
 

@@ -33,11 +33,11 @@ from palpate.estimation.diagnosis.result import ChannelDiagnosis, Diagnosis
 from palpate.estimation.diagnosis.search import Progress, Search, prepare_search, select_effects
 from palpate.estimation.diagnosis.verdict import Evidence, decide_verdict, insufficient_diagnosis
 from palpate.estimation.effect import Effect
-from palpate.estimation.end_workers import end_when_told, end_workers
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.model import Model
 from palpate.estimation.shared_gains import with_shared_gains
+from palpate.estimation.workers import end_when_told, end_workers
 
 _HANDFUL = 12  # different readings in all; with more, an effort crosses so many steps that they average out
 

@@ -10,8 +10,8 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.blocks import LOAD, LUMPED
 from palpate.estimation.fit.fit_problem import FitProblem, Solution
 from palpate.estimation.fit.fit_result import FitResult, fit_model
-from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.signals.cache_by_array import FitCache
+from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray
 
 _MOST_STARTS = 3  # physically plausible starts from which a fit is repeated

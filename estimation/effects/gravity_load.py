@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.estimation.arm.base_parameters import BaseParameters, inertial_name, inertial_unit
+from palpate.estimation.arm.inertial_parameters import BaseParameters, inertial_name, inertial_unit
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effect import AdditiveEffect, Inner, Parameter
 from palpate.estimation.kinds import Kind
@@ -43,7 +43,7 @@ class RigidBodyFitted(AdditiveEffect):
 
     Args:
         chosen: columns of the regressor, ten a link (`palpate.control.arm.rigid_body.RigidBody.regressor`),
-            of the arm's base parameters that the joint feels (`palpate.estimation.arm.base_parameters`).
+            of the arm's base parameters that the joint feels (`palpate.estimation.arm.inertial_parameters`).
         arm: all base parameters of the arm; None where joints are fitted each by itself.
         urdf: inertial parameters of its URDF, shape (10 links,).
     """

@@ -21,9 +21,9 @@ from palpate.estimation.fit.inner_search import optimize_inner
 from palpate.estimation.fit.intervals import estimate_parameters
 from palpate.estimation.fit.measurement_model import identify_measurement_model
 from palpate.estimation.fit.normal_equations import WHITE, estimate_ar_noise
-from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.model import Model
 from palpate.estimation.signals.cache_by_array import FitCache
+from palpate.estimation.workers import single_threaded
 from palpate.robot_io.types import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1e-7  # share of the effort: single precision keeps 6e-8, the fit's own shrinkage leaves some 1e-9

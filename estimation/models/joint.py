@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from palpate.estimation.arm.base_parameters import base_parameters
+from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.base_model import BaseModel, ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.effects.gravity_load import KnownRigidBody, Pendulum, RigidBodyFitted

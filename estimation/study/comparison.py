@@ -13,8 +13,8 @@ from palpate.estimation.estimate import DisplayTable, ParameterEstimate, TableDi
 from palpate.estimation.estimate_channel import UNPHYSICAL
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.fit.measurement_noise import MeasurementNoise
-from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.study.patterns import Part, Pattern, patterns, splits
+from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError, UnknownNameError
 from palpate.robot_io.types import BoolArray, FloatArray
 

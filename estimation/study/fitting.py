@@ -19,8 +19,8 @@ from palpate.estimation.effect import Effect
 from palpate.estimation.fit.fit_problem import solve_gains
 from palpate.estimation.fit.fit_result import FitResult, Validation, fit_model
 from palpate.estimation.fit.inner_search import optimize_inner, search_inner
-from palpate.estimation.fit.threads import single_threaded
 from palpate.estimation.model import Model
+from palpate.estimation.workers import single_threaded
 from palpate.robot_io.errors import InputError
 
 SEED = 1  # of all random draws of a diagnosis

@@ -22,7 +22,7 @@ from palpate.control.loop.tick_record import tick_stream
 from palpate.control.probing.plan import ProbingPlan
 from palpate.control.probing.task import ProbingTask
 from palpate.estimation.design.next_experiment import LONGEST_S
-from palpate.estimation.end_workers import end_when_told, end_workers
+from palpate.estimation.workers import end_when_told, end_workers
 from palpate.robot_io.errors import InputError, PalpateError
 from palpate.robot_io.files.file_model import validate
 from palpate.robot_io.robot_file import RobotFile, parse_robot_file

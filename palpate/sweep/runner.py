@@ -21,7 +21,7 @@ from uuid import uuid4
 
 from threadpoolctl import threadpool_limits
 
-from palpate.estimation.end_workers import end_with_parent
+from palpate.estimation.workers import end_with_parent
 from palpate.robot_io.errors import InputError, PalpateError, describe_error
 from palpate.sweep.case import Case, ResultStore, code_version
 

@@ -12,11 +12,11 @@ from palpate.estimation.channel import ChannelData
 from palpate.estimation.diagnosis import Diagnosis
 from palpate.estimation.diagnosis.extension import PackedFit, fit_extended
 from palpate.estimation.effect import Effect
-from palpate.estimation.end_workers import end_with_parent, end_workers
 from palpate.estimation.fit.fit_result import FitResult
 from palpate.estimation.model import Model
 from palpate.estimation.study import StudyChannel, fitting
 from palpate.estimation.study.fitting import fit_base
+from palpate.estimation.workers import end_with_parent, end_workers
 from palpate.robot_io.errors import PalpateError
 from palpate.study import Study
 

@@ -99,7 +99,7 @@ def test_a_force_with_the_wrong_sign_is_pointed_out_by_every_estimator(tmp_path)
     ("column", "bend", "words"),
     [
         (2, lambda force: np.full(len(force), 3.0), "the effort never changes"),
-        (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is at its end"),
+        (2, lambda force: np.minimum(force, 0.5 * force.max()), "the sensor is saturated"),
         (2, np.abs, "was rectified"),
     ],
 )

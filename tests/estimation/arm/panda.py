@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.estimation.arm.pseudo_inertia import inertial_of, nearest_bodies, pseudo_inertias
+from palpate.estimation.arm.inertial_parameters import inertial_of, nearest_bodies, pseudo_inertias
 
 TIP = "tip"
 JOINTS = 7

@@ -7,9 +7,14 @@ import pytest
 
 from palpate import sim_backend
 from palpate.control.arm.rigid_body import RigidBody
-from palpate.estimation.arm.base_parameters import base_parameters
 from palpate.estimation.arm.consistent_fit import consistent_information, fit_bodies, urdf_information
-from palpate.estimation.arm.pseudo_inertia import Divergence, inertial_of, nearest_bodies, pseudo_inertias
+from palpate.estimation.arm.inertial_parameters import (
+    Divergence,
+    base_parameters,
+    inertial_of,
+    nearest_bodies,
+    pseudo_inertias,
+)
 from palpate.estimation.channel import Information
 from tests.estimation.arm.panda import is_body, minimum, other_bodies, panda
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.arm.base_parameters import base_parameters
+from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.base_model import ModelContext
 from palpate.estimation.channel import ChannelData, ChannelKind
 from palpate.estimation.data_quality import usable

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from palpate.estimation.arm.base_parameters import base_parameters
 from palpate.estimation.arm.consistent_fit import (
     JointMoments,
     arranged,
@@ -12,6 +11,7 @@ from palpate.estimation.arm.consistent_fit import (
     training_sums,
     urdf_information,
 )
+from palpate.estimation.arm.inertial_parameters import base_parameters
 from palpate.estimation.channel import Information
 from tests.estimation.arm.panda import JOINTS, coloured_noise, minimum, motion, other_bodies, panda, regressor
 

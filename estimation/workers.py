@@ -1,10 +1,13 @@
-"""Ends the processes of a pool, whatever they are doing."""
+"""Worker processes, which a signal ends at once, and linear algebra in a single thread."""
 
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
 from multiprocessing import parent_process
 from threading import Thread
+from typing import Any
 
 
 def end_workers(pool: ProcessPoolExecutor) -> None:
@@ -37,3 +40,23 @@ def _outlive_nobody() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+@cache
+def _controller() -> Any:  # noqa: ANN401
+    """Find the loaded BLAS libraries, once: that takes longer than some fits. None without threadpoolctl."""
+    try:
+        from threadpoolctl import ThreadpoolController  # noqa: PLC0415, optional
+    except ImportError:
+        return None
+    return ThreadpoolController()
+
+
+def single_threaded() -> AbstractContextManager[Any]:
+    """Limit BLAS to one thread within the context, which is faster for small matrices.
+
+    Without threadpoolctl nothing changes.
+    """
+    controller = _controller()
+    limit: AbstractContextManager[Any] = nullcontext() if controller is None else controller.limit(limits=1)
+    return limit
