@@ -117,6 +117,18 @@ _CALLED = {  # arrays by the quantity that they hold; an action is what was aske
     "observation.current": "current",
     "action": "action",
 }
+_QUANTITIES = {  # endings of LeRobot's names of elements, and what one of them is called here
+    "pos": "position",
+    "vel": "velocity",
+    "torque": "torque",
+    "effort": "torque",
+    "current": "current",
+}
+_PALPATE_UNITS = {"position": "deg", "velocity": "deg_s", "torque": "Nm", "action": "deg"}
+_PALPATE_UNITS |= {
+    "force": "N",
+    "time": "s",
+}  # which replaces the data set's time: a frame's number over the rate
 _MOST_JOINTS = 64
 _MOST_INFO_BYTES = 1 << 20
 
@@ -133,8 +145,8 @@ def is_lerobot(table: pa.Table) -> bool:
 def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     """Each array's elements as columns of their own, time and run by palpate's names, and words on it.
 
-    The data set says no units: of positions and torques the user does. Arrays whose length changes from row
-    to row are left out.
+    The data set says no units: of positions and torques the user does, except where the robot was
+    `lerobot_robot_palpate`. Arrays whose length changes from row to row are left out.
 
     Args:
         table: as the Parquet file holds it, n rows.
@@ -143,11 +155,15 @@ def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     Returns:
         A table of n rows, one number a cell; and words on it for people.
     """
+    info = _info(path)
+    names = _element_names(info, _STATE)
+    joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")] or names
+    units = _PALPATE_UNITS if info.get("robot_type") == "palpate" else {}
     columns: dict[str, Any] = {"time_s": table.column(_TIME)}
     if _EPISODE in table.column_names:
         columns["run"] = table.column(_EPISODE)
-    for name in table.column_names:
-        column = table.column(name)
+    for array in table.column_names:
+        column = table.column(array)
         checks = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
         if not any(is_list(column.type) for is_list in checks):
             continue
@@ -156,24 +172,52 @@ def flat_table(table: pa.Table, path: Path) -> tuple[pa.Table, tuple[str, ...]]:
         if len(widths) != 1 or widths[0] is None or not 0 < widths[0] <= _MOST_JOINTS:
             continue
         values = np.asarray(rows.flatten()).reshape(-1, widths[0])
-        called = _CALLED.get(name, name)
-        columns |= {f"{called}_{joint + 1}": values[:, joint] for joint in range(widths[0])}
-    names = _joint_names(path)
-    words = ("LeRobot data set", *([f"joints {', '.join(names)}"] if names else []))
+        called = _column_names(_CALLED.get(array, array), _element_names(info, array), widths[0], units)
+        columns |= dict(zip(called, values.T, strict=True))
+    words = ("LeRobot data set", *([f"joints {', '.join(joints)}"] if joints else []))
     return pa.table(columns), words
 
 
-def _joint_names(path: Path) -> list[str]:
-    """What the data set calls its joints; empty where its description is not there or says nothing."""
+def _info(path: Path) -> Mapping[str, Any]:
+    """The description of the data set around a file; empty where none is there or it says nothing."""
     for folder in path.absolute().parents[:4]:
         info = folder / "meta" / "info.json"
         if info.is_file() and info.stat().st_size < _MOST_INFO_BYTES:
             try:
                 said = json.loads(info.read_text(encoding="utf-8"))
-                names = said["features"][_STATE]["names"]
-            except (OSError, ValueError, KeyError, TypeError, RecursionError):
-                return []
-            if isinstance(names, Mapping):
-                names = next(iter(names.values()), [])
-            return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []
-    return []
+            except (OSError, ValueError, RecursionError):
+                return {}
+            return said if isinstance(said, Mapping) else {}
+    return {}
+
+
+def _element_names(info: Mapping[str, Any], array: str) -> list[str]:
+    """What the data set calls an array's elements; empty where it says nothing."""
+    try:
+        names = info["features"][array]["names"]
+    except (KeyError, TypeError):
+        return []
+    if isinstance(names, Mapping):
+        names = next(iter(names.values()), [])
+    return [str(name)[:60] for name in names[:_MOST_JOINTS]] if isinstance(names, list) else []
+
+
+def _column_names(array: str, names: list[str], width: int, units: Mapping[str, str]) -> list[str]:
+    """Columns for an array's elements: position_1 for the first joint, or what its element's name says.
+
+    LeRobot 0.6 puts all numbers of an observation into one array, as in shoulder.pos, shoulder.vel,
+    shoulder.torque, force; a joint is what has a position. What no joint has keeps its name.
+    """
+    joints = [name.removesuffix(".pos") for name in names if name.endswith(".pos")]
+    if len(names) != width or not joints:
+        return [f"{array}_{joint + 1}" for joint in range(width)]
+    columns = []
+    for name in names:
+        joint, _, ending = name.rpartition(".")
+        called, quantity = name, _QUANTITIES.get(ending, "")
+        if joint in joints and quantity:
+            quantity = array if quantity == "position" else quantity
+            called = f"{quantity}_{joints.index(joint) + 1}"
+        unit = units.get(quantity or name, "")
+        columns.append(f"{called}_{unit}" if unit else called)
+    return columns

@@ -270,3 +270,26 @@ def test_a_folder_of_a_data_set_is_its_episodes(episode):
     options = ImportOptions(units={"position": "deg", "torque": "Nm"})
     source = open_source(episode.parents[2], options)
     np.testing.assert_array_equal(source.channels[1].effort, import_file(episode, options).channels[1].effort)
+
+
+def test_an_observation_of_all_quantities_is_told_apart_by_its_names(tmp_path):
+    """LeRobot 0.6 records one array; the arm is palpate's own, whose units and sample times are known."""
+    folder, meta = tmp_path / "data" / "chunk-000", tmp_path / "meta"
+    folder.mkdir(parents=True)
+    meta.mkdir()
+    v = np.gradient(Q, T, axis=0)
+    names = ["b.pos", "a.pos", "b.vel", "a.vel", "b.torque", "a.torque", "force", "time", "base.vel"]
+    features = {"observation.state": {"names": names}, "action": {"names": ["b.pos", "a.pos"]}}
+    info = {"robot_type": "palpate", "features": features}
+    (meta / "info.json").write_text(json.dumps(info))
+    force, base = np.zeros((len(T), 1)), np.ones((len(T), 1))
+    state = np.hstack([np.degrees(Q), np.degrees(v), TORQUE, force, T[:, None], base])
+    columns = {"timestamp": 1.1 * T, "observation.state": state.tolist(), "action": np.degrees(Q).tolist()}
+    pa.parquet.write_table(pa.table(columns), folder / "file-000.parquet")
+    imported = import_file(folder / "file-000.parquet")
+    assert_are_the_joints(imported.channels, T)
+    assert imported.channels[0].velocity[5:-5] == pytest.approx(v[5:-5, 0], abs=1e-3)
+    info["robot_type"] = "so_follower"
+    (meta / "info.json").write_text(json.dumps(info))
+    with pytest.raises(InputError, match="units"):
+        import_file(folder / "file-000.parquet")
