@@ -120,11 +120,8 @@ class OnlineContactEstimator:
         if len(window) > 1 and time_s - window[-1][0] > _GAP * (window[-1][0] - window[-2][0]):
             window.clear()
         window.append((time_s, along_m - self._first_touch_m, above_n))
-        if len(window) == window.maxlen:
-            self._learn()
-
-    def _learn(self) -> None:
-        window = self._window
+        if len(window) < 2 * self._half + 1:
+            return
         step_s = (window[-1][0] - window[0][0]) / (len(window) - 1)
         _, depth_m, force_n = window[self._half]
         moved_m = sum([slope * depth_m for slope, (_, depth_m, _) in zip(self._slope, window, strict=True)])

@@ -282,16 +282,14 @@ class Search:
             count: of candidates that are fitted.
         """
         count = count if self.coarse is None else min(count, FITTED_IN_FULL)
-        made = (self.with_candidate(candidate) for candidate in self._promising(fit)[:count])
-        return self.ordered([extension for extension in made if self.is_sensible(extension)])
-
-    def _promising(self, fit: FitResult) -> list[Candidate]:
-        """Candidates that lower the error once the model's other parameters follow, the best first."""
+        # Candidates that lower the error once the model's other parameters follow, the best first.
         possible = [candidate for candidate in self.screen(fit) if candidate.possible][:LOOKED_AT]
         follow = bool(fit.solution.model.inner)
         left = [candidate.followed(fit.problem) if follow else candidate.held_out for candidate in possible]
         order = sorted(range(len(possible)), key=lambda number: left[number])
-        return [possible[i] for i in order if left[i] < (1.0 - TIE) * fit.solution.held_out]
+        limit = (1.0 - TIE) * fit.solution.held_out
+        made = (self.with_candidate(possible[i]) for i in [i for i in order if left[i] < limit][:count])
+        return self.ordered([extension for extension in made if self.is_sensible(extension)])
 
     def is_sensible(self, fit: FitResult) -> bool:
         """Whether added effects are what their names say.

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.estimation.budget.budget import error_budget
 from palpate.estimation.channel import ChannelData
-from palpate.estimation.design.next_experiment import NextExperiment, exploring, separating, sufficient
+from palpate.estimation.design.next_experiment import exploring, separating, sufficient
 from palpate.estimation.diagnosis.acceptance import (
     indistinguishable_models,
     models_by_importance,
@@ -156,6 +156,11 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
     )
     base, last = evidence.stages[0], evidence.stages[-1]
     times = last.rmse / noise.value if noise.value > 0.0 else 1.0
+    following = None if evidence.complete else exploring(evidence.signals, search.data)
+    confused = next((entry.effect for entry in accepted if entry.confused_with), None)
+    if confused is not None:
+        effect = next(known for known in search.effects if known.name == confused)
+        following = separating(effect, {confused: evidence.end, **others[confused]}, search.data)
     diagnosis = ChannelDiagnosis(
         channel=search.data.name,
         verdict=verdict,
@@ -178,7 +183,7 @@ def decide_verdict(evidence: Evidence) -> ChannelDiagnosis:
         complete=evidence.complete,
         remaining=Remaining(rmse=last.rmse, times_floor=times, depends_on=evidence.signals),
         depends_on=evidence.signals,
-        next_experiment=_next(evidence, accepted, others),
+        next_experiment=following,
     )
     added = [entry.effect for entry in accepted]
     chains = {tuple(added[:count]): fit for count, fit in enumerate(evidence.stages)}
@@ -297,7 +302,12 @@ def _reason(
             "no effect of the library lowers the error in held-out runs by more than chance, and a flexible "
             f"regression explains no more of it than of data simulated from the model{beside}"
         )
-    left = _left(evidence)
+    signals, noise = ", ".join(evidence.signals) or "a mix of signals", evidence.noise.value
+    left = f"the residual depends on {signals}"
+    if last > noise > 0.0:
+        left = f"the residual is {last / noise:.2g} times the noise, and depends on {signals}"
+    if evidence.objection:
+        left = evidence.objection.reason
     if verdict is Verdict.MISSING:
         decrease = error_decrease(accepted, evidence.stages[0].rmse, last, unit)
         nothing = f"only noise is left{_steps(evidence)}{_hum(end)}{_peaks(end)}"
@@ -336,25 +346,3 @@ def _peaks(end: FitResult) -> str:
     squares = np.sort(end.solution.residual[end.problem.used] ** 2)
     share = float(squares[int(0.95 * len(squares)) :].sum() / max(squares.sum(), 1e-300))
     return f"; 5 % of the samples hold {100 * share:.0f} % of the squared error" if share > _PEAKED else ""
-
-
-def _left(evidence: Evidence) -> str:
-    if evidence.objection:
-        return evidence.objection.reason
-    signals, noise, rmse = (
-        ", ".join(evidence.signals) or "a mix of signals",
-        evidence.noise,
-        evidence.stages[-1].rmse,
-    )
-    if rmse <= noise.value or not noise.value > 0.0:
-        return f"the residual depends on {signals}"
-    return f"the residual is {rmse / noise.value:.2g} times the noise, and depends on {signals}"
-
-
-def _next(evidence: Evidence, accepted: Sequence[Accepted], others: _Rivals) -> NextExperiment | None:
-    search = evidence.search
-    for entry in accepted:
-        if entry.confused_with:
-            effect = next(known for known in search.effects if known.name == entry.effect)
-            return separating(effect, {entry.effect: evidence.end, **others[entry.effect]}, search.data)
-    return None if evidence.complete else exploring(evidence.signals, search.data)

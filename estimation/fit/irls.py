@@ -96,7 +96,9 @@ def irls(
     predicted, slopes = evaluate(values)
     inside = np.ones(len(effort), dtype=np.bool_)
     for _ in range(_LEVELS):
-        level = known or _level(effort - predicted, predicted, inside)
+        if np.count_nonzero(inside) < _FEWEST_SHARE * len(inside):  # too few to tell the noise
+            inside = np.ones_like(inside)
+        level = known or fit_noise_level((effort - predicted)[inside], predicted[inside])
         sigma = level.sigma(predicted)
         for _ in range(_STEPS):
             weights = np.clip(1.0 - ((effort - predicted) / (CUT * sigma)) ** 2, 0.0, None) / sigma
@@ -108,10 +110,3 @@ def irls(
                 break
         inside = np.abs(effort - predicted) < _INSIDE * sigma
     return IrlsResult(values, slopes, effort - predicted, sigma, level)
-
-
-def _level(residuals: FloatArray, predicted: FloatArray, inside: BoolArray) -> NoiseLevel:
-    """Noise of the samples inside; of all where too few are."""
-    if np.count_nonzero(inside) < _FEWEST_SHARE * len(inside):
-        inside = np.ones_like(inside)
-    return fit_noise_level(residuals[inside], predicted[inside])

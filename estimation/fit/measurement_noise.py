@@ -111,21 +111,17 @@ def _fast_noise(data: ChannelData) -> float | None:
 
     P. Hall, J. W. Kay, D. M. Titterington, Biometrika 77 (1990).
     """
-    near, far = (_third_differences(data, distance) for distance in (1, 2))
-    if not near or not far or far > _WHITE * near:
-        return None
-    return near
-
-
-def _third_differences(data: ChannelData, distance: int) -> float:
-    """Root mean square of third differences of readings so many samples apart, of unit gain for noise."""
-    parts = []
-    for rows in rows_of_runs(data.run):
-        effort, count = data.effort[rows], len(rows) - 3 * distance
-        if count > 0:
-            shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
-            parts.append(np.array(_DIFFERENCES) @ shifted)
-    return rmse(np.concatenate(parts)) / float(np.linalg.norm(_DIFFERENCES)) if parts else 0.0
+    sizes = []  # root mean square of third differences of readings so far apart, of unit gain for noise
+    for distance in (1, 2):
+        parts = []
+        for rows in rows_of_runs(data.run):
+            effort, count = data.effort[rows], len(rows) - 3 * distance
+            if count > 0:
+                shifted = np.stack([effort[k * distance : k * distance + count] for k in range(4)])
+                parts.append(np.array(_DIFFERENCES) @ shifted)
+        sizes.append(rmse(np.concatenate(parts)) / float(np.linalg.norm(_DIFFERENCES)) if parts else 0.0)
+    near, far = sizes
+    return near if 0.0 < far <= _WHITE * near else None
 
 
 def _differences(base: FitResult) -> Iterator[FloatArray]:

@@ -1,6 +1,5 @@
 """Noise of residuals: its level, and its correlation in time."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -84,22 +83,24 @@ def sum_covariance(terms: FloatArray, run: IntArray | None = None) -> SumCovaria
         terms: shape (n, p), in order of time within each run.
         run: shape (n,), number of each row's run; terms of different runs are uncorrelated. None for one run.
     """
-    pieces = [terms[rows] for rows in _runs(run, len(terms))]
+    pieces = [terms]
+    if run is not None:
+        order = np.argsort(run, kind="stable")
+        pieces = [terms[order[rows]] for rows in blocks(run[order])]
     ar1 = _ar1(pieces)
-    whitened = [_whiten(piece, ar1) for piece in pieces]
-    lag_count = _bandwidth(_ar1(whitened), len(terms), max(map(len, pieces)))
+    # Without their AR(1) part; the first term of a run is scaled to the variance of the others.
+    firsts = [piece[:1] * np.sqrt(1 - ar1**2) for piece in pieces]
+    rests = [piece[1:] - ar1 * piece[:-1] for piece in pieces]
+    whitened = [np.concatenate(both) for both in zip(firsts, rests, strict=True)]
+    # The number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4).
+    left = _ar1(whitened)
+    alpha = float((4 * left**2 / ((1 - left) ** 2 * (1 + left) ** 2)).max(initial=0.0))
+    lags = np.ceil(1.1447 * (alpha * len(terms)) ** (1 / 3))
+    lag_count = int(np.clip(lags, 1, max(1, max(map(len, pieces)) // 2)))
     matrix = sum(_bartlett(piece, lag_count) for piece in whitened) / np.outer(1 - ar1, 1 - ar1)
     independent = np.einsum("ij,ij->j", terms, terms)
     inflation = np.divide(np.diag(matrix), independent, out=np.ones(len(ar1)), where=independent > 0)
     return SumCovariance(matrix, len(terms) / max(1.0, float(inflation.max(initial=1.0))))
-
-
-def _runs(run: IntArray | None, count: int) -> Iterator[IntArray]:
-    if run is None:
-        yield np.arange(count)
-        return
-    order = np.argsort(run, kind="stable")
-    yield from (order[rows] for rows in blocks(run[order]))
 
 
 def _ar1(pieces: list[FloatArray]) -> FloatArray:
@@ -108,19 +109,6 @@ def _ar1(pieces: list[FloatArray]) -> FloatArray:
     power = sum(np.einsum("ij,ij->j", piece, piece) for piece in pieces)
     ar1 = np.divide(product, power, out=np.zeros_like(power), where=power > 0)
     return np.asarray(np.clip(ar1, -_MAX_AR1, _MAX_AR1))
-
-
-def _whiten(piece: FloatArray, ar1: FloatArray) -> FloatArray:
-    """Remove the AR(1) part; the first term is scaled to the variance of the others."""
-    first = piece[:1] * np.sqrt(1 - ar1**2)
-    return np.concatenate([first, piece[1:] - ar1 * piece[:-1]])
-
-
-def _bandwidth(ar1: FloatArray, count: int, longest: int) -> int:
-    """Number of lags that balances bias and variance (Andrews 1991, eq. 6.2 and 6.4)."""
-    alpha = 4 * ar1**2 / ((1 - ar1) ** 2 * (1 + ar1) ** 2)
-    lags = 1.1447 * (float(alpha.max(initial=0.0)) * count) ** (1 / 3)
-    return int(np.clip(np.ceil(lags), 1, max(1, longest // 2)))
 
 
 def _bartlett(piece: FloatArray, lag_count: int) -> FloatArray:

@@ -80,7 +80,15 @@ class StudyFits(TableDisplay):
         self._comparisons: dict[_FitKey, Comparison] = {}
         self._noise: dict[ChannelKey, MeasurementNoise] = {}
         measured = self.source.channels if model is None else described_by(self.source, model)
-        self.channels = self._with_shared_gains(tuple(self._channel(data, model) for data in measured))
+        channels = [self._channel(data, model) for data in measured]
+        # Add to each joint whose masses are fitted what the other joints say of the same masses.
+        joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
+        shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
+        prepared = {
+            member.name: replace(member, prepared=data) for member, data in zip(joints, shared, strict=True)
+        }
+        self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
+        self.channels = tuple(prepared.get(member.name, member) for member in channels)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -323,16 +331,6 @@ class StudyFits(TableDisplay):
             held_out = self.source.runs_of(data, self.held_out)
             self._channels[data.name, name] = channel_of(data, name, self.source.arm, held_out)
         return self._channels[data.name, name]
-
-    def _with_shared_gains(self, channels: tuple[StudyChannel, ...]) -> tuple[StudyChannel, ...]:
-        """Add to each joint whose masses are fitted what the other joints say of the same masses."""
-        joints = [member for member in channels if member.model.name == FITTED_ARM_MODEL]
-        shared = with_shared_gains([member.data for member in joints], [member.model for member in joints])
-        prepared = {
-            member.name: replace(member, prepared=data) for member, data in zip(joints, shared, strict=True)
-        }
-        self._channels.update({(member.name, member.model.name): member for member in prepared.values()})
-        return tuple(prepared.get(member.name, member) for member in channels)
 
     def _remember(self, key: _FitKey, fit: FitResult) -> None:
         """Put a fit last in the cache, and drop the least recently used fits."""

@@ -116,7 +116,7 @@ def test_a_session_that_was_cut_off_is_repeated_to_where_the_arm_last_stood(prob
 
 def test_without_a_whole_run_nothing_is_repeated(probed, tmp_path):
     short = cut(probed[0], tmp_path / "short.mcap", 0.1)
-    assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no whole run")
+    assert_refused(run("replay", short, "-o", tmp_path / "t.mcap"), "no complete run")
 
 
 def references(**changes):
