@@ -207,10 +207,10 @@ def compare_command(
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Put a model beside the measurement: how far off it is, and where it fails first.
+    """Compare a model with the measurement: how far off it is, and where it fails most.
 
-    Compares the base model; use --revision N for a later one. All errors are on runs that the fit has not
-    seen; the noise level is the error that a complete model would leave.
+    Compares the base model; use --revision N for a later one. All errors are on runs that were not used for
+    the fit; the noise level is the error of a complete model.
 
     With OTHER, compares two measurements: how well each model describes the other measurement (fit in %), how
     parameters differ, and the residuals of each model.

@@ -57,10 +57,10 @@ def diagnose_command(
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Say whether anything is missing in a model, which physical effect it is, and how sure that is.
+    """Say whether a model lacks a physical effect, which one, and how certain that is.
 
     Verdicts: adequate, missing, unexplained (structure that no known effect explains), or insufficient (this
-    data cannot say). All errors are on runs that the fit has not seen. Overwrites earlier results in the
+    data cannot say). All errors are on runs that were not used for the fit. Overwrites earlier results in the
     session's folder.
     """
     from palpate.render.progress import diagnosis_progress  # noqa: PLC0415, loads what moves an arm

@@ -79,7 +79,7 @@ def print_diagnosis(console: Console, view: StudyView) -> None:
             parts.append(parameter_table(channel.parameters, width))
         if channel.ranking:
             error, falls = "held-out\n" + safe(f"error [{channel.axes.effort_unit}]"), "error\nfalls by"
-            made = table("", "alone beside the base model", error, falls, "", right=(error, falls))
+            made = table("", "base model and one effect", error, falls, "", right=(error, falls))
             for rank in channel.ranking[:_MOST_RANKED]:
                 bar, share = _bar(rank.score, "blue", width), f"{100 * rank.score:z.0f} %"
                 made.add_row(safe(rank.effect), f"{rank.rmse_held_out:.4g}", share, bar)

@@ -160,8 +160,8 @@ CURVES = (
 STATE = "The same curves over position and over velocity: loops are damping or friction, bends are stiffness."
 MAP = "Mean of measured minus model over position and velocity: red above, blue below; a good model is pale."
 BUDGET = (
-    "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from what only "
-    "this kind explains to what it explains alone."
+    "Shares of the base model's squared error in held-out runs, by kind of effect. Ranges: from the share "
+    "that only this kind explains to the share that it explains alone."
 )
 EVIDENCE = (
     "Share of the held-out error that this effect removes, or removed, beside the other ticked effects."

@@ -27,7 +27,7 @@ def test_the_report_after_adding_keeps_the_verdict_and_tells_what_was_added(tmp_
     for words in (
         "MISSING",
         "cubic_stiffness is missing",
-        "alone beside the base model",
+        "base model and one effect",
         "contact with layered_stiffness: the error in held-out runs",
         f"palpate diagnose {data} --out {folder} --channel contact",
         "layered_stiffness --fresh",

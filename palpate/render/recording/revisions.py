@@ -170,8 +170,8 @@ def log_budget(recording: rr.RecordingStream, entity: str, budget: BudgetView) -
         cells = part.word, part.share_text, interval, part.range_text, part.form, part.effects_text
         lines.append(f"| {' | '.join(cells)} |")
     lines += [
-        "\nShares of the base model's squared error in held-out runs. The line below a bar goes from "
-        "what only this kind explains to what it explains alone."
+        "\nShares of the base model's squared error in held-out runs. The line below a bar goes from the "
+        "share that only this kind explains to the share that it explains alone."
     ]
     lines += [f"\n{confusion}" for confusion in budget.confusions]
     words = rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN)

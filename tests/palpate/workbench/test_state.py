@@ -266,7 +266,7 @@ def test_the_checklist_says_what_refuse_says(press):
     large = {name: 1e3 * getattr(data, name) for name in ("position", "velocity", "acceleration")}
     assert "millimetres" in checklist(replace(data, **large))["units"]
     flat = np.minimum(data.effort, 0.5 * data.effort.max())
-    assert "at its end" in checklist(replace(data, effort=flat))["saturation"]
+    assert "is saturated" in checklist(replace(data, effort=flat))["saturation"]
     assert list(checklist(data.select(np.arange(50)))) == ["enough"]
 
 
