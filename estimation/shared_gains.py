@@ -40,7 +40,7 @@ def with_shared_gains(channels: Sequence[ChannelData], models: Sequence[Model]) 
     of_arm = [
         number
         for number, (data, model) in enumerate(zip(channels, models, strict=True))
-        if _body_of(model) is not None and reject_reason(data, model) is None
+        if _body_of(model) is not None and reject_reason(data) is None
     ]
     effect = _body_of(models[of_arm[0]]) if of_arm else None
     if effect is None or effect.arm is None or effect.urdf is None:

@@ -73,12 +73,11 @@ def usable(data: ChannelData) -> BoolArray:
     return good & ~np.isin(data.run, list(copied_runs(data))) & ~at_lower_end(data) & ~folded_in_contact(data)
 
 
-def reject_reason(data: ChannelData, model: Model | None = None) -> str | None:
+def reject_reason(data: ChannelData) -> str | None:
     """Say why a channel cannot be judged, and the remedy.
 
     Args:
         data: the channel.
-        model: what is to explain it; None where no model is known yet.
 
     Returns:
         One sentence, or None if the channel can be judged.

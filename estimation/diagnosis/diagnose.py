@@ -123,7 +123,7 @@ def diagnose_channel(
         rng: for draws.
         progress: called with the current step and the share of it that is done.
     """
-    if reason := reject_reason(data, model):
+    if reason := reject_reason(data):
         return insufficient_diagnosis(data, reason)
     search = prepare_search(data, model, usable(data), effects, rng, progress)
     checks = _Completeness(search)

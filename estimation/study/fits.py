@@ -160,7 +160,7 @@ class StudyFits(TableDisplay):
         Args:
             channel: the channel with its base model.
         """
-        return reject_reason(channel.to_fit, channel.model) or ""
+        return reject_reason(channel.to_fit) or ""
 
     def fit(self, channel: StudyChannel | str, effects: Sequence[str] = ()) -> FitResult:
         """Fit the base model of a channel with added effects; from the cache if it was fitted before.

@@ -41,7 +41,7 @@ def fit_base(data: ChannelData, model: Model, whole: ChannelData | None = None) 
     Raises:
         InputError: the channel cannot be judged; the message says why.
     """
-    if reason := reject_reason(data, model):
+    if reason := reject_reason(data):
         raise InputError(f"channel '{data.name}': {reason}")
     with single_threaded():
         fit = fit_model(data, model, {}, usable(data))

@@ -81,6 +81,17 @@ class FittedJoint:
         """Of the joint, from 1."""
         return int(self.name.removeprefix("joint_"))
 
+    @property
+    def by_effect(self) -> dict[str, dict[str, ParameterEstimate]]:
+        """Fitted parameters by effect and their own names; none for an effect that is known."""
+        effects: dict[str, dict[str, ParameterEstimate]] = {
+            effect.name: {} for effect in self.fit.model.effects
+        }
+        for name, parameter in self.fit.parameters.items():
+            effect, _, own = name.partition(".")
+            effects.setdefault(effect, {})[own] = parameter
+        return effects
+
 
 @dataclass(frozen=True)
 class Feedforward:
@@ -158,16 +169,10 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
     terms, used, left_out = [], list[str](), list[str]()
     for joint in ordered:
         values = asdict(JointTerms())
-        by_effect: dict[str, dict[str, ParameterEstimate]] = {
-            effect.name: {} for effect in joint.fit.model.effects
-        }
-        for name, parameter in joint.fit.parameters.items():
-            effect, _, own = name.partition(".")
-            by_effect.setdefault(effect, {})[own] = parameter
-        for effect, parameters in by_effect.items():
+        for effect, parameters in joint.by_effect.items():
             fields = _FIELDS.get(effect)
             if fields is None or (effect == "gravity_tilt" and parameters["tilt"].unit == "rad"):
-                left_out.append(f"{joint.name}: '{effect}' {_reason(effect)}")
+                left_out.append(f"{joint.name}: '{effect}' {reason_left_out(effect, _REASONS, 'table')}")
                 continue
             for own, parameter in parameters.items():
                 if fields[own].endswith(("transition", "speed")):
@@ -187,17 +192,24 @@ def make_feedforward(joints: Sequence[FittedJoint]) -> Feedforward:
     return Feedforward(tuple(ordered), tuple(terms), tuple(used), tuple(left_out))
 
 
-def _reason(effect: str) -> str:
-    if effect in _REASONS:
-        return _REASONS[effect]
+def reason_left_out(effect: str, reasons: Mapping[str, str], target: str) -> str:
+    """Say why a target has no term for an effect.
+
+    Args:
+        effect: its name.
+        reasons: of effects with a reason of their own.
+        target: what is written, such as "table".
+    """
+    if effect in reasons:
+        return reasons[effect]
     if effect not in EFFECTS:
-        return "is your own effect, for which the table has no term"
+        return f"is your own effect, for which the {target} has no term"
     kind = EFFECTS[effect].kind
     if kind in _OF_READING:
-        return "is an error of the reading, which needs no feedforward"
+        return "is an error of the reading, not of the joint"
     if kind is Kind.RUN_DIFFERENCES:
         return "differs from run to run"
-    return f"has no term in the table ({EFFECTS[effect].equation})"
+    return f"has no term in the {target} ({EFFECTS[effect].equation})"
 
 
 def _position_unit(joint: FittedJoint) -> str:

@@ -75,7 +75,11 @@ def write_simulator(
             raise InputError(f"--patch {patch}: Isaac Lab's actuators are written as a file of their own")
         texts = {path: _isaaclab_text(arm)}
     else:
-        mounting = Mounting(mounted.tip_frame, *_tip_and_axis(body), np.array(mounted.gravity_m_s2))
+        tip, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
+        if body is not None:  # the axis of the first joint, pointing along world x or y
+            tip, axis = body.tip_in_last_link, body.joint_axes()[0].axis_world
+            axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+        mounting = Mounting(mounted.tip_frame, tip, axis, np.array(mounted.gravity_m_s2))
         if patch is None and (target is SimulatorFormat.MJCF or not mounted.urdf):
             raise InputError(f"--format {target} patches a file of yours: name it with --patch FILE")
         text, place = (mounted.urdf, mounted.origin) if patch is None else (read_text(patch), str(patch))
@@ -91,14 +95,6 @@ def write_simulator(
     for file, text in texts.items():
         write_text(file, text)
     return Written(tuple(texts), tuple(used), arm.left_out)
-
-
-def _tip_and_axis(body: RigidBody | None) -> tuple[np.ndarray, np.ndarray]:
-    """The tip in the last link, and the axis of the first joint, pointing along world x or y."""
-    if body is None:
-        return np.zeros(3), np.array([0.0, 1.0, 0.0])
-    axis = body.joint_axes()[0].axis_world
-    return body.tip_in_last_link, axis * np.sign(axis[np.argmax(np.abs(axis))])
 
 
 def _isaaclab_text(arm: TargetArm) -> str:

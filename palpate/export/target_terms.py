@@ -6,10 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from math import isfinite
 
-from palpate.estimation.effects import EFFECTS
 from palpate.estimation.estimate import ParameterEstimate
-from palpate.estimation.kinds import Kind
-from palpate.export.feedforward import FittedJoint
+from palpate.export.feedforward import FittedJoint, reason_left_out
 
 
 class SimulatorFormat(StrEnum):
@@ -162,7 +160,6 @@ TABLE: Mapping[SimulatorFormat, Mapping[str, TargetTerm | str]] = {
     },
 }
 OF_ARM = frozenset({"tilt_rad", "payload_kg"})  # values that belong to no single joint
-_OF_READING = {Kind.SENSOR_DYNAMICS, Kind.SENSOR_STATICS, Kind.DRIFT}
 
 
 @dataclass(frozen=True)
@@ -229,8 +226,8 @@ def express(
         rotor = rotors[joint.number - 1] if joint.number <= len(rotors) else 0.0
         if rotor and isinstance(TABLE[target].get("armature"), TargetTerm):
             own["armature"] = Value(rotor, (f"rotor of the robot file {rotor:.5g} kg m^2",))
-        for effect, parameters in _by_effect(joint).items():
-            term = TABLE[target].get(effect, _reason(effect))
+        for effect, parameters in joint.by_effect.items():
+            term = TABLE[target].get(effect, reason_left_out(effect, REASONS, "file"))
             fitted = tuple(f"{effect}.{name} {_shown(each)}" for name, each in parameters.items())
             if isinstance(term, str) or any(parameters[p].unit != u for p, u in term.units.items()):
                 if effect not in SILENT:
@@ -266,31 +263,10 @@ def express(
     return TargetArm(source, tuple(told), whole, tuple(left_out))
 
 
-def _by_effect(joint: FittedJoint) -> Mapping[str, dict[str, ParameterEstimate]]:
-    effects: dict[str, dict[str, ParameterEstimate]] = {each.name: {} for each in joint.fit.model.effects}
-    for name, parameter in joint.fit.parameters.items():
-        effect, _, own = name.partition(".")
-        effects.setdefault(effect, {})[own] = parameter
-    return effects
-
-
 def _shown(parameter: ParameterEstimate) -> str:
     low, high = parameter.interval
     known = f"95 %: {low:.4g} to {high:.4g}" if isfinite(low) and isfinite(high) else "no interval"
     return f"{parameter.value:.5g} {parameter.unit} ({known})"
-
-
-def _reason(effect: str) -> str:
-    if effect in REASONS:
-        return REASONS[effect]
-    if effect not in EFFECTS:
-        return "is your own effect, for which the file has no term"
-    kind = EFFECTS[effect].kind
-    if kind in _OF_READING:
-        return "is an error of the reading, which a simulated joint does not have"
-    if kind is Kind.RUN_DIFFERENCES:
-        return "differs from run to run"
-    return f"has no term in the file (equation: {EFFECTS[effect].equation})"
 
 
 def as_comment(text: str) -> str:

@@ -168,7 +168,8 @@ class _Mjcf:
         """Write one joint's values."""
         number = {key: value.number for key, value in joint.values.items()}
         is_hinge = self.value(element, "type", "hinge") == "hinge"
-        in_file = degrees if is_hinge and self._in_degrees() else float
+        angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
+        in_file = degrees if is_hinge and (not angles or angles[-1] == "degree") else float
         texts: dict[str, str] = {
             key: f"{number[key]:.9g}" for key in ("armature", "frictionloss") if key in number
         }
@@ -206,10 +207,6 @@ class _Mjcf:
     def _step_s(self) -> float:
         steps = [each.get("timestep") for each in self._root.findall("option")]
         return float(next((step for step in reversed(steps) if step), "0.002"))
-
-    def _in_degrees(self) -> bool:
-        angles = [each.get("angle") for each in self._root.findall("compiler") if each.get("angle")]
-        return not angles or angles[-1] == "degree"
 
     def _add_gap(self, element: Element, joint: TargetJoint, half: float) -> None:
         name = f"{element.get('name') or joint.channel}_backlash"

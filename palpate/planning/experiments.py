@@ -128,7 +128,10 @@ def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple
     lightly = {"speeds_m_s": [0.05], "force_limit_n": before.force_limit_n / 3, "hold_s": 0.3, "repeats": 2}
     lightly |= {"travel_speed_m_s": 0.08}
     for angle in (-2.0 * _TILT_RAD, -_TILT_RAD, _TILT_RAD, 2.0 * _TILT_RAD):
-        tilted = {"press_direction_world": _tilted(before.press_direction_world, angle)}
+        # Turned in the vertical plane of the world's x axis, in which the shipped arms move.
+        x, y, z = before.press_direction_world
+        cosine, sine = math.cos(angle), math.sin(angle)
+        tilted = {"press_direction_world": [cosine * x - sine * z, y, sine * x + cosine * z]}
         yield f"press with the tool tilted by {math.degrees(angle):.0f} degrees", {**tilted, **lightly}
     push = np.array(before.press_direction_world)
     out = np.array([*place_world_m[:2], 0.0])  # the arm's base is the origin
@@ -141,13 +144,6 @@ def _elsewhere(before: ProbingPlan, place_world_m: FloatArray) -> Iterator[tuple
         words = f"press {100.0 * abs(steps) * _BESIDE_M:.0f} cm {'further out' if steps > 0 else 'nearer'}"
         searched = {"search_depth_m": before.approach_clearance_m + _ROOM_M}
         yield words, {"targets_world_m": [target], **searched, **lightly}
-
-
-def _tilted(direction: tuple[float, float, float], angle_rad: float) -> list[float]:
-    """A direction turned in the vertical plane of the world's x axis, in which the shipped arms move."""
-    x, y, z = direction
-    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    return [cosine * x - sine * z, y, sine * x + cosine * z]
 
 
 _KEPT = 64  # rehearsals that are kept: those asked for longest ago would come out the same again

@@ -241,7 +241,7 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     drawn.append(_text(place, _TOP - 8, "necessary to sufficient", ink, 11, anchor, 0.7))
     y = float(_TOP)
     for part, own in zip(budget.parts, heights, strict=True):
-        drawn += _row(part, y, names, track, ink, width, is_narrow=is_narrow)
+        drawn += _row(part, y, track, ink, width, is_narrow=is_narrow)
         y += own
     label = escape(budget.sentence, quote=True)
     return (
@@ -251,8 +251,8 @@ def budget_picture(budget: BudgetView, width: int, ink: str = "currentColor") ->
     )
 
 
-def _row(  # noqa: PLR0917, where it is drawn
-    part: BudgetPart, y: float, names: int, track: tuple[int, int], ink: str, width: int, *, is_narrow: bool
+def _row(
+    part: BudgetPart, y: float, track: tuple[int, int], ink: str, width: int, *, is_narrow: bool
 ) -> list[str]:
     base, left, right = y + 15, *track
     drawn = [

@@ -257,15 +257,16 @@ def _agree(rows: Sequence[Row], others: Sequence[Row]) -> bool:
     """Whether two results of one case are the same; they may have taken different times."""
     pairs = zip(rows, others, strict=False)
     return len(rows) == len(others) and all(
-        row.keys() == saved.keys() and all(_equal(row[name], saved[name]) for name in row.keys() - {_SECONDS})
+        row.keys() == saved.keys()
+        and all(
+            math.isnan(value) or math.isclose(value, saved[name], rel_tol=_ROUNDING)
+            if isinstance(value, float) and isinstance(saved[name], float)
+            else value == saved[name]
+            for name, value in row.items()
+            if name != _SECONDS
+        )
         for row, saved in pairs
     )
-
-
-def _equal(value: object, other: object) -> bool:
-    if isinstance(value, float) and isinstance(other, float):
-        return math.isnan(value) or math.isclose(value, other, rel_tol=_ROUNDING)
-    return value == other
 
 
 TRUE, BOUND, LOW, HIGH = "true ", "bound ", "low ", "high "

@@ -366,7 +366,7 @@ TURNS = {
 def test_degrees_are_told_from_radians_by_the_weight_that_comes_back(name):
     base, made, is_told = TURNS[name]
     data = made()
-    assert reject_reason(data, model(base)) is None
+    assert reject_reason(data) is None
     assert ["if the angle is in degrees" in words for words in quality_warnings(data, model(base))] == (
         [True] if is_told else []
     )
