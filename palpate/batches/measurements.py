@@ -23,7 +23,7 @@ from palpate.sweep.case import Row
 
 FILE = "file"  # column of a list or metadata table that names a file
 _FIELD = re.compile(r"\{(\w*)\}")
-_MOST_LINES = 1_000_000  # of a list
+_MOST_BYTES = 65_536  # of a header
 _TEXTS = (".csv", ".tsv")
 
 
@@ -85,10 +85,12 @@ def find_measurements(
     listed: dict[Path, dict[str, str]] = {}
     for place in map(str, places):
         path = Path(place)
-        if path.suffix.lower() in _TEXTS and path.is_file() and (lines := _lines(path, FILE)):
-            listed |= {path.parent / line.pop(FILE): line for line in lines}
+        if _is_list(path):
+            listed |= {path.parent / line.pop(FILE): line for line in _lines(path)}
         else:
             listed |= {file: {} for file in _files(place)}
+    if not listed:
+        raise InputError(f"{', '.join(map(str, places)) or 'no file'}: there is nothing to measure")
     if pattern is not None:
         matcher = _matcher(pattern)
         for file in listed:
@@ -102,9 +104,10 @@ def find_measurements(
         raise InputError(f"--join {join} and --split {split}: give one of them")
     if join is not None:
         return _joined(listed, join)
-    if split is not None:
-        return [part for file, fields in listed.items() for part in _parts(file, fields, split)]
     names = _short_names(listed)
+    if split is not None:
+        named = zip(names, listed.items(), strict=True)
+        return [part for name, (file, fields) in named for part in _parts(name, file, fields, split)]
     return [Measurement(name, (file,), listed[file]) for file, name in zip(listed, names, strict=True)]
 
 
@@ -161,27 +164,36 @@ def _is_data(path: Path) -> bool:
     return path.name.lower().removesuffix(".gz").endswith(ENDINGS) and not path.name.startswith(".")
 
 
-def _lines(path: Path, needed: str | None = None) -> list[dict[str, str]]:
-    """Lines of a CSV file by the names in its header; none if it lacks the column that is needed."""
+def _is_list(path: Path) -> bool:
+    """Whether a text file has a column `file`; it may as well be a long data file of any encoding."""
+    if path.suffix.lower() not in _TEXTS or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return FILE in _header(file.readline(_MOST_BYTES).decode("utf-8-sig", "replace"))[1]
+
+
+def _header(line: str) -> tuple[str, list[str]]:
+    """The mark between cells, and the names."""
+    mark = max(",;\t", key=line.count)
+    return mark, [name.strip() for name in line.split(mark)]
+
+
+def _lines(path: Path) -> list[dict[str, str]]:
+    """Lines of a CSV file by the names in its header."""
     try:
         text = read_text(path).lstrip("\ufeff")
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})") from error
-    header = text.partition("\n")[0]
-    mark = max(",;\t", key=header.count)
-    names = [name.strip() for name in header.split(mark)]
-    if needed is not None and needed not in names:
-        return []
-    reader = csv.DictReader(text.splitlines()[1:], names, restval="", delimiter=mark)
+    mark, names = _header(text.partition("\n")[0])
     lines = []
-    for number, line in enumerate(reader, 2):
-        if None in line or number > _MOST_LINES:
-            raise InputError(
-                f"{path}: line {number}: more cells than the header, or more than a million lines"
-            )
+    for number, line in enumerate(
+        csv.DictReader(text.splitlines()[1:], names, restval="", delimiter=mark), 2
+    ):
+        if None in line:
+            raise InputError(f"{path}: line {number}: has more cells than the header")
+        if not line.get(FILE, "-"):
+            raise InputError(f"{path}: line {number}: its column '{FILE}' is empty")
         lines.append({name: cell.strip() for name, cell in line.items()})
-    if needed is not None and (empty := next((n for n, line in enumerate(lines, 2) if not line[needed]), 0)):
-        raise InputError(f"{path}: line {empty}: its column '{needed}' is empty")
     return lines
 
 
@@ -240,17 +252,17 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[Measuremen
     ]
 
 
-def _parts(file: Path, fields: Mapping[str, str], split: str) -> list[Measurement]:
+def _parts(name: str, file: Path, fields: Mapping[str, str], split: str) -> list[Measurement]:
     """One measurement for each text in a column of a file; the file alone where it cannot be read."""
     try:
         table = read_table(file)
         texts = _texts(table.columns[split]) if split in table.names else None
     except InputError:  # its row in the table says why
-        return [Measurement(file.name, (file,), fields)]
+        return [Measurement(name, (file,), fields)]
     if texts is None:
         raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
     return [
-        Measurement(f"{file.name} {split}={text}", (file,), {**fields, split: text}, {split: text})
+        Measurement(f"{name} {split}={text}", (file,), {**fields, split: text}, {split: text})
         for text in texts
     ]
 

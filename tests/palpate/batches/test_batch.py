@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -19,6 +18,7 @@ from palpate.study import Study
 from palpate.sweep import ResultStore
 from tests.palpate.cli import ROOT, as_json, assert_refused, done, run
 from tests.palpate.presses import write_presses
+from tests.palpate.sweep.test_killed import dask_on  # noqa: F401, a fixture
 
 SPEEDS = (0.04, 0.08, 0.06)
 
@@ -169,6 +169,32 @@ def test_files_are_joined_split_listed_and_described(tmp_path, specimens):
     assert {each.fields["animal"] for each in described if each.fields["specimen"] == "s1"} == {"cow"}
 
 
+def test_names_tell_files_of_one_name_apart_and_a_file_of_any_bytes_is_no_list(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        write_presses(tmp_path / folder / "press.csv", speeds_m_s=(0.04, 0.08))
+    (tmp_path / "a" / "binary.csv").write_bytes(b"\xff\x00\x9f" * 100)
+    found = find_measurements([f"{tmp_path}/*/press.csv"], split="run")
+    names = ["a/press.csv run=0", "a/press.csv run=1", "b/press.csv run=0", "b/press.csv run=1"]
+    assert sorted(each.name for each in found) == names
+    assert [each.name for each in find_measurements([tmp_path / "a" / "binary.csv"])] == ["binary.csv"]
+    (tmp_path / "list.csv").write_text("file,arm\n")
+    with pytest.raises(InputError, match="there is nothing to measure"):
+        find_measurements([tmp_path / "list.csv"])
+
+
+def test_sessions_and_a_damaged_one_are_measurements_as_well(probed, tmp_path):
+    (tmp_path / "whole.mcap").write_bytes(probed[0].read_bytes())
+    (tmp_path / "damaged.mcap").write_bytes(probed[0].read_bytes()[:200])
+    result = palpate.batch(tmp_path, out=tmp_path / "out", workers=2)
+    whole = [row for row in result.table.to_pylist() if row["measurement"] == "whole.mcap"]
+    assert {"contact", "joint_1"} <= {row["channel"] for row in whole}
+    contact = next(row for row in whole if row["channel"] == "contact")
+    stiffness = Study(probed[0], keep=False).estimate()[0].best["stiffness.k"]
+    assert contact["stiffness.k [N/m]"] == stiffness.value
+    assert "damaged.mcap" in result.errors["damaged.mcap"]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -212,6 +238,14 @@ def numbers(folder):
 
 
 @pytest.mark.slow
+def test_workers_of_a_scheduler_give_the_same_table(specimens, out, tmp_path, dask_on):  # noqa: F811
+    _, address = dask_on()
+    done("batch", f"{specimens}/s*.csv", "--out", tmp_path / "out", "--scheduler", address)
+    there = {row["measurement"]: row["stiffness.k [N/m]"] for row in rows(out)}
+    assert {row["measurement"]: row["stiffness.k [N/m]"] for row in rows(tmp_path / "out")} == there
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_table(tmp_path, number):
     folder = write_specimens(tmp_path / "recordings", 8)
@@ -228,9 +262,7 @@ def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_
         assert "the same command goes on from there" in " ".join(errors.split())
         assert len(rows(out)) == len(finished)
         assert f"{len(finished)} of 16 done" in (out / "index.html").read_text()
-    written = {path: path.stat().st_mtime_ns for path in Path(out / "results").glob("*.parquet")}
     _, errors = process(folder, out).communicate(timeout=300)
     assert numbers(out) == numbers(whole), errors
     assert ResultStore(out / "results").finished() >= finished
     assert len(ResultStore(out / "results").finished()) == 16
-    assert written
