@@ -28,7 +28,7 @@ _TEXTS = (".csv", ".tsv")
 
 
 @dataclass(frozen=True, slots=True)
-class Measurement:
+class BatchMeasurement:
     """Files that are one measurement."""
 
     name: str  # what the table calls it
@@ -69,7 +69,7 @@ def find_measurements(
     metadata: Path | str | None = None,
     join: str | None = None,
     split: str | None = None,
-) -> list[Measurement]:
+) -> list[BatchMeasurement]:
     """List the measurements of a batch, in the order in which people count.
 
     Args:
@@ -108,10 +108,10 @@ def find_measurements(
     if split is not None:
         named = zip(names, listed.items(), strict=True)
         return [part for name, (file, fields) in named for part in _parts(name, file, fields, split)]
-    return [Measurement(name, (file,), listed[file]) for file, name in zip(listed, names, strict=True)]
+    return [BatchMeasurement(name, (file,), listed[file]) for file, name in zip(listed, names, strict=True)]
 
 
-def case_of(measurement: Measurement, options: Mapping[str, Any]) -> MeasurementCase:
+def case_of(measurement: BatchMeasurement, options: Mapping[str, Any]) -> MeasurementCase:
     """The case of a measurement. OSError: a file cannot be read.
 
     Args:
@@ -145,7 +145,13 @@ def _files(place: str) -> list[Path]:
     if path.is_dir() and not is_bag(path):
         lerobot = (path / "meta" / "info.json").is_file()
         there = path.glob("data/**/*.parquet") if lerobot else path.iterdir()
-        files = [file for file in there if file.is_file() and _is_data(file)]
+        files = [
+            file
+            for file in there
+            if file.name.lower().removesuffix(".gz").endswith(ENDINGS)
+            and not file.name.startswith(".")
+            and file.is_file()
+        ]
         if not files:
             raise InputError(
                 f"{place}: no session or data file in it ({', '.join(ENDINGS)}); name those of subfolders by "
@@ -158,10 +164,6 @@ def _files(place: str) -> list[Path]:
         if not files:
             raise InputError(f"{place}: no file has such a name")
     return sorted(files, key=counted)
-
-
-def _is_data(path: Path) -> bool:
-    return path.name.lower().removesuffix(".gz").endswith(ENDINGS) and not path.name.startswith(".")
 
 
 def _is_list(path: Path) -> bool:
@@ -230,7 +232,7 @@ def _add_metadata(listed: Mapping[Path, dict[str, str]], table: Path) -> None:
         fields |= {name: cell for name, cell in described[0].items() if name != FILE}
 
 
-def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[Measurement]:
+def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[BatchMeasurement]:
     """One measurement for each text in a field, with the fields that all its files share."""
     groups: dict[str, list[Path]] = {}
     for file, fields in listed.items():
@@ -239,7 +241,7 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[Measuremen
             raise InputError(f"--join {join}: {file} has no such field. There are: {there}")
         groups.setdefault(fields[join], []).append(file)
     return [
-        Measurement(
+        BatchMeasurement(
             name,
             tuple(files),
             {
@@ -252,17 +254,17 @@ def _joined(listed: Mapping[Path, dict[str, str]], join: str) -> list[Measuremen
     ]
 
 
-def _parts(name: str, file: Path, fields: Mapping[str, str], split: str) -> list[Measurement]:
+def _parts(name: str, file: Path, fields: Mapping[str, str], split: str) -> list[BatchMeasurement]:
     """One measurement for each text in a column of a file; the file alone where it cannot be read."""
     try:
         table = read_table(file)
         texts = _texts(table.columns[split]) if split in table.names else None
     except InputError:  # its row in the table says why
-        return [Measurement(name, (file,), fields)]
+        return [BatchMeasurement(name, (file,), fields)]
     if texts is None:
         raise InputError(f"--split {split}: {file} has no such column. There are: {table.listed_names}")
     return [
-        Measurement(f"{name} {split}={text}", (file,), {**fields, split: text}, {split: text})
+        BatchMeasurement(f"{name} {split}={text}", (file,), {**fields, split: text}, {split: text})
         for text in texts
     ]
 

@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from palpate.batches.pooling import BatchResult
 from palpate.batches.table import BUDGET, floats, parameter_columns, texts
-from palpate.batches.trend import Change, Series
+from palpate.batches.trend import Series, TrendChange
 from palpate.common.console import as_shell_word, count, duration, significant
 from palpate.common.files import write_text
 from palpate.estimation.fit.intervals import SIGMAS_95
@@ -74,7 +74,7 @@ def write_page(batch: BatchResult) -> None:
     _write(batch.page, f"Batch {batch.folder.name}", facts, sections)
 
 
-def write_trend(folder: Path, tested: Sequence[tuple[Series, Sequence[Change]]], what: str) -> Path:
+def write_trend(folder: Path, tested: Sequence[tuple[Series, Sequence[TrendChange]]], what: str) -> Path:
     """Write the page of all series over time, those that change first; returns it.
 
     Args:

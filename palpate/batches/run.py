@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from palpate.batches.common_effects import CommonEffect, find_common_effects
 from palpate.batches.measurements import (
-    Measurement,
+    BatchMeasurement,
     MeasurementCase,
     case_of,
     content_hash,
@@ -166,7 +166,7 @@ def _run(
 
 
 def _cases(
-    measurements: Sequence[Measurement], options: Mapping[str, Any], failures: dict[str, str]
+    measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], failures: dict[str, str]
 ) -> dict[str, MeasurementCase]:
     """Cases by the measurement's name; those whose files cannot be read go to the failures."""
     cases = {}
@@ -179,7 +179,7 @@ def _cases(
 
 
 def _suggested_model(
-    measurements: Sequence[Measurement], options: Mapping[str, Any], store: ResultStore, cluster: Cluster
+    measurements: Sequence[BatchMeasurement], options: Mapping[str, Any], store: ResultStore, cluster: Cluster
 ) -> str | None:
     """The base model that most of a sample of measurements suggest; None where they do not agree."""
     places = np.unique(np.linspace(0, len(measurements) - 1, _SAMPLE).round().astype(int))

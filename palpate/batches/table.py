@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from palpate.batches.measurements import Measurement
+from palpate.batches.measurements import BatchMeasurement
 from palpate.common.files import whole_file
 from palpate.estimation.kinds import Kind
 from palpate.robot_io.errors import InputError
@@ -58,7 +58,7 @@ def head(name: str, unit: str, end: str = "") -> str:
 
 
 def make_table(
-    measurements: Sequence[Measurement],
+    measurements: Sequence[BatchMeasurement],
     addresses: Sequence[str | None],
     results: pa.Table,
     failures: Mapping[str, str],

@@ -38,7 +38,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Change:
+class TrendChange:
     """A step or a drift of a series."""
 
     kind: str  # "step" or "drift"
@@ -111,7 +111,7 @@ def all_series(table: pa.Table, times: FloatArray) -> Iterator[Series]:
                 yield Series(part, item, name, unit, at, times[at], values[own], std_errs[own])
 
 
-def find_changes(series: Series, level: float) -> list[Change]:
+def find_changes(series: Series, level: float) -> list[TrendChange]:
     """Steps and drifts of a series, in order of time.
 
     The largest step and the slope are tested together by permutation of the values; where that is
@@ -124,7 +124,7 @@ def find_changes(series: Series, level: float) -> list[Change]:
         level: chance of a change where there is none.
     """
     rng = np.random.default_rng(1)
-    changes: list[Change] = []
+    changes: list[TrendChange] = []
     parts = [(0, len(series.values))]
     while parts and len(changes) < _MOST_CHANGES:
         begin, end = parts.pop()
@@ -141,7 +141,7 @@ def find_changes(series: Series, level: float) -> list[Change]:
 
 def _largest_change(
     series: Series, begin: int, end: int, level: float, rng: np.random.Generator
-) -> Change | None:
+) -> TrendChange | None:
     part = slice(begin, end)
     times, values, std_errs = series.times[part], series.values[part], series.std_errs[part]
     weights = 1.0 / (_spread_squared(values[None], std_errs) + std_errs**2)[0]
@@ -162,14 +162,14 @@ def _largest_change(
         sides = (slice(0, place), slice(place, None))
         before, after = (float(weights[side] @ values[side] / weights[side].sum()) for side in sides)
         std_err = float(np.sqrt(sum(1.0 / weights[side].sum() for side in sides)))
-        change = Change("step", begin + place, end - 1, before, after, std_err, p_value)
+        change = TrendChange("step", begin + place, end - 1, before, after, std_err, p_value)
     else:
         away = times - weights @ times / weights.sum()
         slope = float((weights * away) @ values / (weights @ away**2))
         rise = slope * float(np.ptp(times))
         std_err = float(np.ptp(times) / np.sqrt(weights @ away**2))
         start = float(mean + slope * away[0])
-        change = Change("drift", begin, end - 1, start, start + rise, std_err, p_value)
+        change = TrendChange("drift", begin, end - 1, start, start + rise, std_err, p_value)
     return change if abs(change.after - change.before) > SIGMAS_95 * change.std_err else None
 
 
@@ -213,7 +213,7 @@ def _days(text: str) -> float:
 
 def changes_of(
     table: pa.Table, times: FloatArray, names: Sequence[str] = ()
-) -> list[tuple[Series, list[Change]]]:
+) -> list[tuple[Series, list[TrendChange]]]:
     """Changes of all series of a table, at a level for the table as a whole.
 
     Args:

@@ -10,7 +10,6 @@ import typer
 from palpate.common import console
 from palpate.common.console import count, safe, shown, significant
 from palpate.common.options import effect_names, model_names, takes
-from palpate.render.progress import sweep_progress
 from palpate.workflows.data_options import JsonOption, ReadOptions
 
 if TYPE_CHECKING:
@@ -116,6 +115,7 @@ def batch_command(
     palpate batch spots.csv --split run --out result
     """
     from palpate.batches.run import batch  # noqa: PLC0415, its libraries take a second
+    from palpate.render.progress import sweep_progress  # noqa: PLC0415, as above
 
     counted = [0, 0]
     try:
@@ -149,7 +149,7 @@ def batch_command(
     except KeyboardInterrupt:
         console.stderr().print(
             f"{counted[0]} of {counted[1]} measurements are done and in {shown(out)}; "
-            "the same command goes on from there"
+            "the same command continues from there"
         )
         raise
     console.present(result.as_data(), lambda: _print(result), as_json=as_json)

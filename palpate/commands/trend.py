@@ -13,7 +13,7 @@ from palpate.robot_io.errors import InputError
 from palpate.workflows.data_options import JsonOption
 
 if TYPE_CHECKING:
-    from palpate.batches.trend import Change, Series
+    from palpate.batches.trend import Series, TrendChange
 
 CHANGED = 10  # exit code, as of a diagnosis that finds something missing
 
@@ -140,7 +140,7 @@ def _look(  # noqa: PLR0917, what was typed
     return bool(changes)
 
 
-def _as_data(series: "Series", change: "Change", labels: list[str]) -> dict[str, Any]:
+def _as_data(series: "Series", change: "TrendChange", labels: list[str]) -> dict[str, Any]:
     """A change as plain data; the keys are stable."""
     ends = {"first": change.first, "last": change.last}
     return {

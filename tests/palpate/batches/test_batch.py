@@ -259,7 +259,7 @@ def test_after_a_kill_or_ctrl_c_the_same_command_goes_on_and_ends_with_the_same_
     assert 4 <= len(finished) < 16
     if number == signal.SIGINT:
         assert running.returncode == 130
-        assert "the same command goes on from there" in " ".join(errors.split())
+        assert "the same command continues from there" in " ".join(errors.split())
         assert len(rows(out)) == len(finished)
         assert f"{len(finished)} of 16 done" in (out / "index.html").read_text()
     _, errors = process(folder, out).communicate(timeout=300)
